@@ -1,0 +1,54 @@
+"""Read-only arrays: what every value type of the package stores."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike, DTypeLike, NDArray
+
+from legsim.errors import LegsimError
+
+FloatArray = NDArray[np.float64]
+Float32Array = NDArray[np.float32]
+
+
+def frozen(name: str, values: ArrayLike, shape: Sequence[int | None], dtype: DTypeLike = np.float64) -> NDArray:
+    """Returns ``values`` as a C-ordered, read-only array of ``dtype``; copies unless it already is one.
+
+    ``shape`` lists the expected lengths, None for any.
+
+    Raises:
+        LegsimError: the number of axes or a length differs.
+    """
+    source = np.asarray(values, dtype=dtype)
+    if source.ndim != len(shape) or any(n is not None and n != m for n, m in zip(shape, source.shape, strict=True)):
+        expected = tuple("any" if n is None else n for n in shape)
+        raise LegsimError(f"{name} has shape {source.shape}; expected {expected}")
+    if not source.flags.writeable and source.flags.c_contiguous and (source.base is None or not source.base.flags.writeable):
+        return source
+    array = np.array(source, order="C")
+    array.flags.writeable = False
+    return array
+
+
+def frozen_owned(array: NDArray) -> NDArray:
+    """Marks a freshly made array read-only without copying it, for volumes and projections that are large."""
+    array.flags.writeable = False
+    return array
+
+
+def increasing_times(name: str, values: ArrayLike) -> FloatArray:
+    """Returns times (n,) in seconds, finite and strictly increasing, read-only.
+
+    Raises:
+        LegsimError: a time is not finite or does not come after the one before it.
+    """
+    times = frozen(name, values, (None,))
+    if not np.isfinite(times).all():
+        raise LegsimError(f"{name} holds a time that is not a number at index {int(np.flatnonzero(~np.isfinite(times))[0])}")
+    steps = np.diff(times)
+    if (steps <= 0).any():
+        k = int(np.flatnonzero(steps <= 0)[0])
+        raise LegsimError(
+            f"{name} must increase strictly; sample {k + 1} ({times[k + 1]:g} s) does not come after sample {k} ({times[k]:g} s)"
+        )
+    return times

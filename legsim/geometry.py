@@ -1,0 +1,194 @@
+"""Cone-beam geometry, projections, volume grids and volumes.
+
+Every view is one 3x4 matrix from world metres to pixel coordinates (column u, row v), pixel centres at integers, the first
+pixel at 0. Rows count upwards along world y in a circular scan, as in RTK, so that files exchange without a flip.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from legsim.arrays import Float32Array, FloatArray, frozen, frozen_owned, increasing_times
+from legsim.errors import LegsimError
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ConeBeamGeometry:
+    """Where source and detector are, view by view."""
+
+    times: FloatArray
+    """(v,) s, acquisition time of each view"""
+    matrices: FloatArray
+    """(v, 3, 4): (u w, v w, w) = matrix @ (x, y, z, 1) in world metres. Stored with a third row of unit normal, so that w is the
+    depth in metres along the principal ray, and with the sign that puts the scanned region at positive depth."""
+    shape_vu: tuple[int, int]
+    """(rows, columns)"""
+    pixel_pitch: float = 1e-3
+    """m between neighbouring columns on the detector. Rays do not depend on it: it only says how far away the detector is."""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "times", increasing_times("ConeBeamGeometry.times", self.times))
+        matrices = np.array(self.matrices, float)
+        if matrices.shape != (len(self.times), 3, 4) or not np.isfinite(matrices).all():
+            raise LegsimError(f"ConeBeamGeometry.matrices has shape {matrices.shape}; expected {(len(self.times), 3, 4)}, all finite")
+        determinants = np.abs(np.linalg.det(matrices[:, :, :3]))
+        scale = np.linalg.norm(matrices[:, 2, :3], axis=-1)
+        if (determinants <= 1e-12 * scale**3).any():
+            raise LegsimError(f"ConeBeamGeometry.matrices[{int(np.argmin(determinants))}] is singular: it has no source position")
+        matrices /= scale[:, None, None]
+        depth = matrices[:, 2, :3] @ _nearest_point_to_principal_rays(matrices) + matrices[:, 2, 3]
+        matrices *= np.where(depth < 0, -1.0, 1.0)[:, None, None]
+        object.__setattr__(self, "matrices", frozen("matrices", matrices, matrices.shape))
+        rows, columns = self.shape_vu
+        if rows < 1 or columns < 1:
+            raise LegsimError(f"ConeBeamGeometry.shape_vu is {self.shape_vu}; both counts must be positive")
+        object.__setattr__(self, "shape_vu", (int(rows), int(columns)))
+        if not self.pixel_pitch > 0:
+            raise LegsimError(f"ConeBeamGeometry.pixel_pitch is {self.pixel_pitch}; it must be positive")
+
+    @classmethod
+    def circular(
+        cls,
+        *,
+        times: ArrayLike,
+        angles: ArrayLike,
+        source_isocenter: float,
+        source_detector: float,
+        shape_vu: tuple[int, int],
+        pixel_pitch: float,
+        isocenter: ArrayLike = (0.0, 0.0, 0.0),
+    ) -> "ConeBeamGeometry":
+        """A C-arm turning about the vertical (world y) through ``isocenter``.
+
+        At angle a (rad) the source stands at isocenter + source_isocenter (sin a, 0, cos a); columns run along
+        (cos a, 0, -sin a), rows along +y; the principal ray hits the middle of the detector. Distances in m.
+        """
+        angles, isocenter = np.atleast_1d(np.asarray(angles, float)), np.asarray(isocenter, float)
+        sine, cosine, zero, one = np.sin(angles), np.cos(angles), np.zeros_like(angles), np.ones_like(angles)
+        toward_source = np.stack([sine, zero, cosine], -1)
+        axis_u, axis_v = np.stack([cosine, zero, -sine], -1), np.stack([zero, one, zero], -1)
+        focal = source_detector / pixel_pitch
+        rows, columns = shape_vu
+        camera = np.array([[focal, 0, (columns - 1) / 2], [0, focal, (rows - 1) / 2], [0, 0, 1.0]])
+        rotation = np.stack([axis_u, axis_v, -toward_source], -2)
+        source = isocenter + source_isocenter * toward_source
+        shift = -np.einsum("vij,vj->vi", rotation, source)
+        matrices = camera @ np.concatenate([rotation, shift[..., None]], -1)
+        return cls(np.asarray(times, float), matrices, shape_vu, pixel_pitch)
+
+    def __len__(self) -> int:
+        return len(self.times)
+
+    def __getitem__(self, views: slice) -> "ConeBeamGeometry":
+        """The geometry of a slice of the views."""
+        return replace(self, times=self.times[views], matrices=self.matrices[views])
+
+    def sources(self) -> FloatArray:
+        """(v, 3) source positions in world."""
+        return _source_positions(self.matrices)
+
+    def ray_directions(self, u: ArrayLike, v: ArrayLike) -> FloatArray:
+        """(views, *pixels, 3) world vectors from the source through pixel (u, v), of unit depth (not unit length)."""
+        u, v = np.broadcast_arrays(np.asarray(u, float), np.asarray(v, float))
+        pixels = np.stack([u, v, np.ones_like(u)], -1)
+        return np.einsum("vij,...j->v...i", np.linalg.inv(self.matrices[:, :, :3]), pixels)
+
+    def project(self, points_world: ArrayLike) -> tuple[FloatArray, FloatArray]:
+        """((v, p, 2) pixel coordinates (u, v), (v, p) depths in m) of points (p, 3), or of (v, p, 3) that move."""
+        points = np.asarray(points_world, float)
+        homogeneous = points @ np.swapaxes(self.matrices[:, :, :3], -1, -2) + self.matrices[:, None, :, 3]
+        return homogeneous[..., :2] / homogeneous[..., 2:], homogeneous[..., 2]
+
+    def moved(self, moved_from_reference: ArrayLike) -> "ConeBeamGeometry":
+        """P(i) M(i): the scanner that sees the resting object as this one sees it moved by (v, 4, 4) or (4, 4)."""
+        return replace(self, matrices=self.matrices @ np.asarray(moved_from_reference, float))
+
+    def rotation_center(self) -> FloatArray:
+        """(3,) point nearest to all principal rays: the isocentre of a circular scan."""
+        return _nearest_point_to_principal_rays(self.matrices)
+
+
+def _source_positions(matrices: FloatArray) -> FloatArray:
+    """(v, 3): the point that each matrix maps to nothing."""
+    return np.asarray(-np.linalg.solve(matrices[:, :, :3], matrices[:, :, 3:])[..., 0], np.float64)
+
+
+def _nearest_point_to_principal_rays(matrices: FloatArray) -> FloatArray:
+    """Least-squares point (3,) of the lines through each source along the third row's normal; the best-conditioned part only."""
+    sources = _source_positions(matrices)
+    normals = matrices[:, 2, :3] / np.linalg.norm(matrices[:, 2, :3], axis=-1, keepdims=True)
+    across = np.eye(3) - normals[:, :, None] * normals[:, None, :]
+    # a single view (or parallel ones) leaves the place along the ray open: pinv then picks the point nearest to the origin
+    return np.linalg.pinv(across.sum(0), rcond=1e-9) @ np.einsum("vij,vj->i", across, sources)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Projections:
+    """Line integrals of attenuation, one image a view."""
+
+    geometry: ConeBeamGeometry
+    line_integrals: Float32Array
+    """(v, rows, columns) float32, dimensionless"""
+
+    def __post_init__(self) -> None:
+        expected = (len(self.geometry), *self.geometry.shape_vu)
+        images = np.ascontiguousarray(self.line_integrals, np.float32)
+        if images.shape != expected:
+            raise LegsimError(f"Projections.line_integrals has shape {images.shape}; the geometry says {expected} (views, rows, columns)")
+        object.__setattr__(self, "line_integrals", frozen_owned(images))
+
+
+@dataclass(frozen=True, slots=True)
+class VolumeGrid:
+    """Voxel centres along the world axes."""
+
+    shape_zyx: tuple[int, int, int]
+    spacing_xyz: tuple[float, float, float]
+    """m between voxel centres along world x, y, z"""
+    center: tuple[float, float, float]
+    """(x, y, z) m in world of the middle of the grid"""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "shape_zyx", tuple(int(n) for n in self.shape_zyx))
+        object.__setattr__(self, "spacing_xyz", tuple(float(s) for s in self.spacing_xyz))
+        object.__setattr__(self, "center", tuple(float(c) for c in self.center))
+        if len(self.shape_zyx) != 3 or min(self.shape_zyx) < 1:
+            raise LegsimError(f"VolumeGrid.shape_zyx is {self.shape_zyx}; expected three positive counts")
+        if len(self.spacing_xyz) != 3 or not all(np.isfinite(s) and s > 0 for s in self.spacing_xyz):
+            raise LegsimError(f"VolumeGrid.spacing_xyz is {self.spacing_xyz}; expected three positive lengths")
+        if len(self.center) != 3 or not np.isfinite(self.center).all():
+            raise LegsimError(f"VolumeGrid.center is {self.center}; expected three finite coordinates")
+
+    @classmethod
+    def cubic(cls, count: int, spacing: float, center: Sequence[float]) -> "VolumeGrid":
+        """``count``^3 voxels of edge ``spacing`` (m) around ``center`` (m)."""
+        return cls((count, count, count), (spacing, spacing, spacing), (center[0], center[1], center[2]))
+
+    @property
+    def origin(self) -> FloatArray:
+        """(3,) world position of voxel (0, 0, 0)'s centre."""
+        counts_xyz = np.array(self.shape_zyx[::-1])
+        return np.array(self.center) - 0.5 * (counts_xyz - 1) * np.array(self.spacing_xyz)
+
+    def axes(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """World x (nx,), y (ny,) and z (nz,) of the voxel centres."""
+        nz, ny, nx = self.shape_zyx
+        x, y, z = (o + s * np.arange(n) for o, s, n in zip(self.origin, self.spacing_xyz, (nx, ny, nz), strict=True))
+        return x, y, z
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Volume:
+    """Linear attenuation on a grid."""
+
+    grid: VolumeGrid
+    attenuation: Float32Array
+    """(z, y, x) float32, 1/m"""
+
+    def __post_init__(self) -> None:
+        values = np.ascontiguousarray(self.attenuation, np.float32)
+        if values.shape != self.grid.shape_zyx:
+            raise LegsimError(f"Volume.attenuation has shape {values.shape}; the grid says {self.grid.shape_zyx} (z, y, x)")
+        object.__setattr__(self, "attenuation", frozen_owned(values))

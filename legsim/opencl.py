@@ -1,0 +1,215 @@
+"""OpenCL devices: found inside the environment, probed by running a kernel, the fastest one taken. The only module that imports pyopencl.
+
+Runtimes from PyPI register themselves badly: Intel's ``.icd`` files hold a dummy path and nothing points the loader at the
+environment's folder. ``_register_runtimes`` therefore writes a folder of correct ``.icd`` files (the environment's runtimes and
+the system's) and names it in ``OCL_ICD_VENDORS`` before the loader reads it, once, at the first platform query.
+"""
+
+import hashlib
+import os
+import sys
+import tempfile
+import time
+import warnings
+from dataclasses import dataclass, field
+from functools import cache
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyopencl as cl
+
+from legsim.errors import LegsimError
+
+_PROBE = """
+__kernel void probe(__global const float *table, __global float *out, const int steps)
+{
+    const int i = get_global_id(0);
+    float position = (float)(i & 1023), sum = 0.0f;
+    for (int k = 0; k < steps; ++k) {
+        const int j = (int)position & 4095;
+        sum += table[j] + (position - floor(position)) * (table[j + 1] - table[j]);
+        position = fmod(position * 1.0001f + 7.25f, 4096.0f);
+    }
+    out[i] = sum;
+}
+"""
+
+
+@dataclass(frozen=True, slots=True)
+class Candidate:
+    """One OpenCL device and what the probe found."""
+
+    platform: str
+    name: str
+    kind: str
+    """"gpu", "cpu" or "other" """
+    memory_bytes: int
+    compute_units: int
+    seconds: float | None
+    """time of the probe kernel, None where it failed"""
+    failure: str
+    """first line of why the probe failed, empty where it passed"""
+    handle: Any = field(repr=False, compare=False)
+
+    @property
+    def label(self) -> str:
+        """What a user sees and may name in LEGSIM_DEVICE."""
+        return f"{self.name.strip()} [{self.platform.strip()}]"
+
+
+@dataclass(frozen=True, eq=False)
+class Device:
+    """A device in use: context, queue and compiled kernels. Made by :func:`open_device`, passed to every stage that computes."""
+
+    candidate: Candidate
+    context: cl.Context
+    queue: cl.CommandQueue
+    _programs: dict[str, cl.Program] = field(default_factory=dict, repr=False)
+
+    @property
+    def label(self) -> str:
+        return self.candidate.label
+
+    @property
+    def is_cpu(self) -> bool:
+        return self.candidate.kind == "cpu"
+
+    def program(self, *kernel_files: str, **defines: int | str) -> cl.Program:
+        """Builds (once) ``legsim/kernels/<file>`` one after the other with ``-D`` for each of ``defines``."""
+        source = "\n".join(resources.files("legsim").joinpath("kernels", name).read_text("utf-8") for name in kernel_files)
+        options = [f"-D{key}={value}" for key, value in sorted(defines.items())]
+        key = hashlib.sha256("\0".join([source, *options]).encode()).hexdigest()
+        if key not in self._programs:
+            self._programs[key] = _build(self.context, source, options)
+        return self._programs[key]
+
+    def upload(self, array: np.ndarray) -> cl.Buffer:
+        """A read-only device copy of a C-contiguous array."""
+        flags = cl.mem_flags.READ_ONLY | cl.mem_flags.COPY_HOST_PTR
+        return cl.Buffer(self.context, flags, hostbuf=np.ascontiguousarray(array))
+
+    def zeros(self, count: int, dtype: type = np.float32) -> cl.Buffer:
+        """A read-write buffer of ``count`` zeros."""
+        buffer = cl.Buffer(self.context, cl.mem_flags.READ_WRITE, int(count) * np.dtype(dtype).itemsize)
+        cl.enqueue_fill_buffer(self.queue, buffer, np.zeros(1, dtype), 0, int(count) * np.dtype(dtype).itemsize)
+        return buffer
+
+    def download(self, buffer: cl.Buffer, array: np.ndarray) -> np.ndarray:
+        """Fills ``array`` from ``buffer``, waiting for all that was queued before."""
+        cl.enqueue_copy(self.queue, array, buffer)
+        return array
+
+
+def _build(context: cl.Context, source: str, options: list[str]) -> cl.Program:
+    with warnings.catch_warnings():
+        # Intel's compiler reports vectorisation remarks as output, which pyopencl turns into this warning
+        warnings.simplefilter("ignore", cl.CompilerWarning)
+        return cl.Program(context, source).build(options=options)
+
+
+@cache
+def _register_runtimes() -> str:
+    """Points the ICD loader at this environment's runtimes and the system's; returns what was set. A user's own setting stays."""
+    if "OCL_ICD_VENDORS" in os.environ:
+        return os.environ["OCL_ICD_VENDORS"]
+    libraries = [p for p in (Path(sys.prefix, "lib", "libintelocl.so"), Path(sys.prefix, "Library", "bin", "intelocl64.dll")) if p.exists()]
+    system = sorted(Path("/etc/OpenCL/vendors").glob("*.icd"))
+    if not libraries:
+        return ""
+    folder = Path(tempfile.gettempdir(), f"legsim-icd-{os.getuid()}-{hashlib.sha256(str(libraries).encode()).hexdigest()[:12]}")
+    folder.mkdir(mode=0o700, exist_ok=True)
+    entries = {f"env-{k}.icd": f"{library}\n" for k, library in enumerate(libraries)}
+    entries |= {path.name: path.read_text() for path in system}
+    for name, content in entries.items():
+        if not (folder / name).exists() or (folder / name).read_text() != content:
+            partial = folder / f".{name}.{os.getpid()}"
+            partial.write_text(content)
+            partial.replace(folder / name)
+    for stale in {p.name for p in folder.glob("*.icd")} - set(entries):
+        (folder / stale).unlink(missing_ok=True)
+    os.environ["OCL_ICD_VENDORS"] = str(folder)
+    return str(folder)
+
+
+@cache
+def candidates() -> tuple[Candidate, ...]:
+    """Every OpenCL device that the loader lists, each probed by building and running a kernel; the fastest first."""
+    _register_runtimes()
+    try:
+        platforms = cl.get_platforms()
+    except cl.Error:
+        return ()
+    found = []
+    for platform in platforms:
+        try:
+            devices = platform.get_devices()
+        except cl.Error:
+            continue
+        found += [_probe(platform, device) for device in devices]
+    return tuple(sorted(found, key=lambda c: (c.seconds is None, c.seconds or 0.0)))
+
+
+def _probe(platform: cl.Platform, device: cl.Device) -> Candidate:
+    kind = "gpu" if device.type & cl.device_type.GPU else "cpu" if device.type & cl.device_type.CPU else "other"
+    seconds, failure = None, ""
+    try:
+        context = cl.Context([device])
+        queue = cl.CommandQueue(context)
+        kernel = _build(context, _PROBE, []).probe
+        count, table = 1 << 16, np.arange(4097, dtype=np.float32)
+        source = cl.Buffer(context, cl.mem_flags.READ_ONLY | cl.mem_flags.COPY_HOST_PTR, hostbuf=table)
+        target = cl.Buffer(context, cl.mem_flags.WRITE_ONLY, 4 * count)
+        out = np.empty(count, np.float32)
+        for _ in range(3):
+            start = time.perf_counter()
+            kernel(queue, (count,), None, source, target, np.int32(64))
+            cl.enqueue_copy(queue, out, target)
+            lap = time.perf_counter() - start
+            seconds = lap if seconds is None else min(seconds, lap)
+        expected = _probe_reference(table, 64)
+        if not np.allclose(out[:1024], expected, rtol=1e-3):
+            seconds, failure = None, "the probe kernel returned wrong numbers"
+    except (cl.Error, RuntimeError) as error:
+        seconds, failure = None, (str(error).strip().splitlines() or [type(error).__name__])[0]
+    return Candidate(platform.name, device.name, kind, device.global_mem_size, device.max_compute_units, seconds, failure, device)
+
+
+def _probe_reference(table: np.ndarray, steps: int) -> np.ndarray:
+    position, total = np.arange(1024, dtype=np.float32), np.zeros(1024, np.float32)
+    for _ in range(steps):
+        j = position.astype(np.int32) & 4095
+        total += table[j] + (position - np.floor(position)) * (table[j + 1] - table[j])
+        position = np.fmod(position * np.float32(1.0001) + np.float32(7.25), np.float32(4096))
+    return total
+
+
+def open_device(wanted: str | None = None) -> Device:
+    """The fastest device that passes the probe, or the one that ``wanted`` (else LEGSIM_DEVICE) names.
+
+    ``wanted`` is part of a label, whatever its case, or "gpu" or "cpu".
+
+    Raises:
+        LegsimError: no device works, or none matches; the line lists what there is.
+    """
+    wanted = wanted if wanted is not None else os.environ.get("LEGSIM_DEVICE", "")
+    everything = candidates()
+    working = [c for c in everything if c.seconds is not None]
+    if not working:
+        seen = "; ".join(f"{c.label}: {c.failure}" for c in everything) or "the OpenCL loader lists no device"
+        raise LegsimError(
+            f"no OpenCL device works ({seen}); install one with `pip install intel-opencl-rt intel-cmplr-lib-rt`, then see `legsim doctor`"
+        )
+    matching = [c for c in working if wanted.lower() in (c.kind, "") or wanted.lower() in c.label.lower()]
+    if not matching:
+        raise LegsimError(
+            f"no working OpenCL device matches {wanted!r} (LEGSIM_DEVICE or --device); there are: {', '.join(c.label for c in working)}"
+        )
+    return _opened(matching[0])
+
+
+@cache
+def _opened(candidate: Candidate) -> Device:
+    context = cl.Context([candidate.handle])
+    return Device(candidate, context, cl.CommandQueue(context))
