@@ -1,0 +1,191 @@
+"""The run folder: every file appears whole or not at all, and a manifest vouches for what is done.
+
+A stage has a key, a hash of all that decides its output. Where the manifest holds the same key and the files still have the
+recorded sha256, the stage is skipped.
+"""
+
+import csv
+import hashlib
+import io
+import json
+import os
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from legsim.arrays import FloatArray
+from legsim.errors import LegsimError, at
+from legsim.signals import ImuSignals, RigidMotion, SegmentPoses
+
+SCHEMA = 1
+
+
+@contextmanager
+def whole(path: Path) -> Iterator[Path]:
+    """Yields a partial name beside ``path`` (same suffix), renamed to it at the end, or removed if anything went wrong."""
+    partial = path.with_name(f".partial-{os.getpid()}-{path.name}")
+    try:
+        yield partial
+        os.replace(partial, path)
+    finally:
+        partial.unlink(missing_ok=True)
+
+
+def write_text(path: Path, text: str) -> None:
+    """Writes a whole UTF-8 text file."""
+    with whole(path) as partial:
+        partial.write_text(text, "utf-8")
+
+
+def sha256(path: Path) -> str:
+    """Hex digest of a file's content."""
+    with path.open("rb") as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest()
+
+
+def key_of(*parts: Any) -> str:
+    """A hash of JSON-able parts: the key of a stage."""
+    return hashlib.sha256(json.dumps(parts, sort_keys=True, default=str).encode()).hexdigest()
+
+
+class RunFolder:
+    """A folder of results with its manifest."""
+
+    def __init__(self, path: Path, about: dict[str, Any]) -> None:
+        """Opens or makes the folder; ``about`` (version, device, config hash ...) heads the manifest.
+
+        Raises:
+            LegsimError: the folder cannot be made or written to.
+        """
+        self.path = path
+        try:
+            path.mkdir(parents=True, exist_ok=True)
+            with whole(path / "write-test") as partial:
+                partial.write_bytes(b"")
+            (path / "write-test").unlink()
+        except OSError as error:
+            raise at(path, f"cannot be written to ({error.strerror})", "choose another folder with --out") from error
+        for leftover in path.glob(".partial-*"):
+            leftover.unlink(missing_ok=True)
+        self._stages: dict[str, Any] = self._read().get("stages", {})
+        self._about = about
+
+    def _read(self) -> dict[str, Any]:
+        manifest = self.path / "manifest.json"
+        if not manifest.exists():
+            return {}
+        try:
+            content = json.loads(manifest.read_text("utf-8"))
+        except (OSError, ValueError) as error:
+            raise at(manifest, f"is not a manifest ({error})", "delete the file, or choose another folder with --out") from error
+        return content if isinstance(content, dict) and content.get("schema") == SCHEMA else {}
+
+    def done(self, stage: str, key: str) -> bool:
+        """Whether the manifest vouches for the stage: same key, all its files there and unchanged."""
+        entry = self._stages.get(stage)
+        if entry is None or entry["key"] != key:
+            return False
+        return all((self.path / name).is_file() and sha256(self.path / name) == f["sha256"] for name, f in entry["files"].items())
+
+    @contextmanager
+    def stage(self, stage: str, key: str, files: Sequence[str]) -> Iterator[None]:
+        """Runs a stage that writes ``files`` and then enters them in the manifest with their time and hash."""
+        start = time.perf_counter()
+        yield
+        seconds = round(time.perf_counter() - start, 3)
+        entries = {name: {"sha256": sha256(self.path / name), "bytes": (self.path / name).stat().st_size} for name in files}
+        self._stages[stage] = {"key": key, "seconds": seconds, "files": entries}
+        self.write_manifest()
+
+    def seconds(self, stage: str) -> float:
+        """How long the stage took when it was computed."""
+        return float(self._stages[stage]["seconds"])
+
+    def write_manifest(self) -> None:
+        """Writes manifest.json as things stand."""
+        content = {"schema": SCHEMA, **self._about, "stages": self._stages}
+        write_text(self.path / "manifest.json", json.dumps(content, indent=1) + "\n")
+
+
+def _csv_text(header: Sequence[str], rows: FloatArray) -> str:
+    stream = io.StringIO()
+    writer = csv.writer(stream, lineterminator="\n")
+    writer.writerow(header)
+    writer.writerows([repr(float(v)) for v in row] for row in rows)
+    return stream.getvalue()
+
+
+def save_joint_centers(path: Path, times: FloatArray, names: Sequence[str], positions: FloatArray) -> None:
+    """``time_s, hip_l_x_m, …`` in world; positions (n, j, 3)."""
+    header = ["time_s", *(f"{name}_{axis}_m" for name in names for axis in "xyz")]
+    write_text(path, _csv_text(header, np.column_stack([times, positions.reshape(len(times), -1)])))
+
+
+_IMU_COLUMNS = ("ax_m_s2", "ay_m_s2", "az_m_s2", "gx_rad_s", "gy_rad_s", "gz_rad_s")
+
+
+def save_imu(path: Path, signals: ImuSignals) -> None:
+    """``time_s, <sensor>_ax_m_s2 … <sensor>_gz_rad_s``: specific force and angular velocity in the sensor frame."""
+    header = ["time_s", *(f"{name}_{column}" for name in signals.sensor_names for column in _IMU_COLUMNS)]
+    values = np.concatenate([signals.specific_force, signals.angular_velocity], -1).reshape(len(signals.times), -1)
+    write_text(path, _csv_text(header, np.column_stack([signals.times, values])))
+
+
+def load_imu(path: Path) -> ImuSignals:
+    """The inverse of :func:`save_imu`."""
+    with path.open(encoding="utf-8", newline="") as stream:
+        header, *rows = list(csv.reader(stream))
+    suffix = f"_{_IMU_COLUMNS[0]}"
+    names = tuple(column.removesuffix(suffix) for column in header[1::6])
+    if header != ["time_s", *(f"{name}_{column}" for name in names for column in _IMU_COLUMNS)] or not rows:
+        raise at(
+            path,
+            "is not an IMU table",
+            f"expected the columns time_s, <sensor>_{_IMU_COLUMNS[0]} … <sensor>_{_IMU_COLUMNS[-1]}",
+            place="line 1",
+        )
+    values = np.array(rows, float)
+    signals = values[:, 1:].reshape(len(values), len(names), 2, 3)
+    return ImuSignals(values[:, 0], names, signals[:, :, 1], signals[:, :, 0])
+
+
+def save_poses(path: Path, poses: SegmentPoses) -> None:
+    """poses.npz: times, segment_names, world_from_segment."""
+    _save_npz(path, times=poses.times, segment_names=np.array(poses.segment_names), world_from_segment=poses.world_from_segment)
+
+
+def load_poses(path: Path) -> SegmentPoses:
+    """The inverse of :func:`save_poses`."""
+    with np.load(path, allow_pickle=False) as data:
+        return SegmentPoses(data["times"], tuple(data["segment_names"].tolist()), data["world_from_segment"])
+
+
+def save_motion(path: Path, motion: RigidMotion) -> None:
+    """motion-<method>.npz: times, moved_from_reference."""
+    _save_npz(path, times=motion.times, moved_from_reference=motion.moved_from_reference)
+
+
+def load_motion(path: Path) -> RigidMotion:
+    """The inverse of :func:`save_motion`.
+
+    Raises:
+        LegsimError: not such a file.
+    """
+    try:
+        with np.load(path, allow_pickle=False) as data:
+            return RigidMotion(data["times"], data["moved_from_reference"])
+    except FileNotFoundError:
+        raise at(path, "no such file", "give a motion-<method>.npz") from None
+    except (OSError, KeyError, ValueError) as error:
+        raise at(path, f"is not a motion file ({error})", "expected an .npz with times (v,) and moved_from_reference (v, 4, 4)") from None
+    except LegsimError as error:
+        raise at(path, str(error), "mend the file") from None
+
+
+def _save_npz(path: Path, **arrays: np.ndarray) -> None:
+    with whole(path) as partial, partial.open("wb") as stream:
+        np.savez(stream, **arrays)

@@ -1,0 +1,205 @@
+"""What a run is told: one frozen tree, read strictly from TOML. Lengths in mm, angles in degrees, with the unit in the name."""
+
+import tomllib
+from pathlib import Path
+from typing import Any, Literal
+
+import tomli_w
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from legsim.errors import LegsimError, at
+
+
+class _Section(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+
+class MotionConfig(_Section):
+    """The recording and how it is cleaned."""
+
+    file: str = "subject01/squat_30.trc"
+    """a path, or one of the project's own recordings by its name under motions/"""
+    marker_map: str = "auto"
+    """a TOML file, the name of a shipped marker set, or "auto" for the shipped one that covers the file"""
+    unit: Literal["file", "m", "cm", "mm"] = "file"
+    """"file" believes the header"""
+    up: Literal["file", "x", "y", "z"] = "file"
+    filter_hz: float = Field(6.0, ge=0)
+    """cut-off of the 2nd-order zero-phase Butterworth filter; 0 leaves the markers as they are"""
+    scaling_file: str = ""
+    """recording that the model is scaled from; empty: the same one"""
+
+
+class SensorConfig(_Section):
+    """One inertial sensor on a segment."""
+
+    name: str
+    segment: str
+    distance_mm: float
+    """from the segment's proximal joint (its origin) down the segment"""
+    offset_mm: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """further offset along the segment's x, y, z"""
+    rotation_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """rotation vector of the sensor's axes against the segment's"""
+
+
+class ImuConfig(_Section):
+    """The sensors; defaults are the paper's."""
+
+    rate_hz: float = Field(120.0, gt=0)
+    sensors: tuple[SensorConfig, ...] = (
+        SensorConfig(name="shank_l", segment="tibia_l", distance_mm=140),
+        SensorConfig(name="thigh_l", segment="femur_l", distance_mm=250),
+    )
+
+
+class PhantomConfig(_Section):
+    """The scanned legs."""
+
+    detail: Literal["coarse", "fine"] = "coarse"
+    energy_kev: float = Field(60.0, gt=10, le=500)
+
+
+class ScanConfig(_Section):
+    """The C-arm; defaults are the paper's."""
+
+    start_s: float | None = None
+    """time of the first view in the recording; none: the scan sits in the recording's middle"""
+    views: int = Field(248, ge=2)
+    increment_deg: float = 0.8
+    rate_hz: float = Field(31.0, gt=0)
+    first_angle_deg: float = -8.8
+    """of the source about the vertical; 0 is the subject's right (+z), 90 the front (+x)"""
+    source_detector_mm: float = Field(1198.0, gt=0)
+    source_isocenter_mm: float = Field(780.0, gt=0)
+    columns: int = Field(620, ge=8)
+    rows: int = Field(480, ge=8)
+    pixel_mm: float = Field(0.616, gt=0)
+
+
+class GridConfig(_Section):
+    """The reconstructed cube around the isocenter."""
+
+    voxels: int = Field(512, ge=16)
+    voxel_mm: float = Field(0.5, gt=0)
+
+
+class MethodsConfig(_Section):
+    """Which corrections are compared, and from what."""
+
+    run: tuple[str, ...] = ("static", "uncorrected", "oracle", "rigid")
+    scheme: Literal["accurate", "printed"] = "accurate"
+    """how poses are integrated from the IMU signals"""
+    sensor: str = "shank_l"
+    """the sensor that the rigid correction follows"""
+
+
+class EvaluationConfig(_Section):
+    """How volumes are compared."""
+
+    register_volumes: bool = True
+    air_margin_mm: float = Field(5.0, ge=0)
+
+
+class RunConfig(_Section):
+    """One scan, whole."""
+
+    motion: MotionConfig = MotionConfig()
+    imu: ImuConfig = ImuConfig()
+    phantom: PhantomConfig = PhantomConfig()
+    scan: ScanConfig = ScanConfig()
+    grid: GridConfig = GridConfig()
+    methods: MethodsConfig = MethodsConfig()
+    evaluation: EvaluationConfig = EvaluationConfig()
+    seed: int = 0
+
+
+PRESETS: dict[str, dict[str, dict[str, Any]]] = {
+    "paper": {},
+    "half": {
+        "scan": {"columns": 310, "rows": 240, "pixel_mm": 1.232},
+        "grid": {"voxels": 256, "voxel_mm": 1.0},
+    },
+    "demo": {
+        "scan": {"columns": 310, "rows": 240, "pixel_mm": 1.232},
+        "grid": {"voxels": 160, "voxel_mm": 1.6},
+    },
+}
+
+
+def load(path: Path | None = None, *, preset: str = "paper", overrides: tuple[str, ...] = ()) -> RunConfig:
+    """The preset, overlaid by the TOML file, overlaid by ``section.key=value`` overrides (values in TOML's notation, or bare text).
+
+    Raises:
+        LegsimError: no such preset or file, not TOML, or a key or value that is not allowed; the line names the key.
+    """
+    if preset not in PRESETS:
+        raise LegsimError(f"--preset {preset}: there is no such preset; choose one of {', '.join(PRESETS)}")
+    tree: dict[str, Any] = _merged({}, PRESETS[preset])
+    if path is not None:
+        tree = _merged(tree, _read(path))
+    for override in overrides:
+        tree = _merged(tree, _parse_override(override))
+    try:
+        return RunConfig.model_validate(tree)
+    except ValidationError as error:
+        raise LegsimError(_explain(error, path)) from error
+
+
+def dump(config: RunConfig) -> str:
+    """The whole tree as TOML; :func:`load` gives it back."""
+    return tomli_w.dumps(config.model_dump(mode="json", exclude_none=True))
+
+
+def _read(path: Path) -> dict[str, Any]:
+    try:
+        return tomllib.loads(path.read_text("utf-8"))
+    except FileNotFoundError:
+        raise at(path, "no such file", "give the path of a TOML file") from None
+    except (OSError, UnicodeDecodeError) as error:
+        raise at(path, f"cannot be read ({error})", "give the path of a TOML file") from None
+    except tomllib.TOMLDecodeError as error:
+        raise at(path, f"is not TOML: {error}", "mend that place") from None
+
+
+def _parse_override(text: str) -> dict[str, Any]:
+    key, separator, value = text.partition("=")
+    parts = key.strip().split(".")
+    if not separator or not all(parts):
+        raise LegsimError(f"--set {text}: expected section.key=value, as in --set scan.views=124")
+    try:
+        parsed: Any = tomllib.loads(f"v = {value.strip()}")["v"]
+    except tomllib.TOMLDecodeError:
+        parsed = value.strip()
+    for part in reversed(parts):
+        parsed = {part: parsed}
+    return parsed
+
+
+def _merged(base: dict[str, Any], over: dict[str, Any]) -> dict[str, Any]:
+    result = dict(base)
+    for key, value in over.items():
+        nested = isinstance(value, dict) and isinstance(result.get(key), dict)
+        result[key] = _merged(result[key], value) if nested else value
+    return result
+
+
+def _explain(error: ValidationError, path: Path | None) -> str:
+    first = error.errors()[0]
+    place = ".".join(str(part) for part in first["loc"])
+    where = f"{path or 'configuration'} ({place})"
+    if first["type"] == "extra_forbidden":
+        return f"{where}: there is no such key; {_valid_keys(first['loc'])}"
+    more = f" (and {error.error_count() - 1} more)" if error.error_count() > 1 else ""
+    return f"{where}: {first['msg']}, not {first['input']!r}{more}; mend the value in the file or with --set {place}=..."
+
+
+def _valid_keys(location: tuple[int | str, ...]) -> str:
+    section: type[BaseModel] = RunConfig
+    for part in location[:-1]:
+        annotation = section.model_fields[str(part)].annotation if str(part) in section.model_fields else None
+        if not (isinstance(annotation, type) and issubclass(annotation, BaseModel)):
+            section = SensorConfig
+            break
+        section = annotation
+    return f"valid here: {', '.join(section.model_fields)}"

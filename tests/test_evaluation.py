@@ -1,0 +1,98 @@
+import numpy as np
+import pytest
+from skimage.metrics import structural_similarity
+
+from legsim import evaluation, transforms
+from legsim.errors import LegsimError
+from legsim.geometry import Volume, VolumeGrid
+
+GRID = VolumeGrid.cubic(48, 0.002, (0.1, 0.5, -0.2))
+
+
+def blob(grid: VolumeGrid, moved: np.ndarray | None = None) -> Volume:
+    """A lopsided smooth body, seen after a rigid motion of it."""
+    x, y, z = grid.axes()
+    points = np.stack(np.meshgrid(z, y, x, indexing="ij"), -1)[..., ::-1]
+    if moved is not None:
+        points = transforms.apply(transforms.inverse(moved), points.reshape(-1, 3)).reshape(points.shape)
+    offsets = points - np.array(grid.center)
+    body = np.exp(-np.sum((offsets / [0.02, 0.03, 0.015]) ** 2, -1))
+    bump = np.exp(-np.sum(((offsets - [0.015, 0.01, 0.02]) / 0.008) ** 2, -1))
+    return Volume(grid, (20 * (body + bump)).astype(np.float32))
+
+
+def regions(grid: VolumeGrid) -> tuple[evaluation.Region, ...]:
+    return evaluation.leg_regions(blob(grid).attenuation > 2, grid, 0.5, 0.045)
+
+
+def test_a_volume_agrees_with_itself():
+    metrics = evaluation.evaluate(blob(GRID), blob(GRID), regions(GRID))
+    assert metrics.registration is None
+    assert all(m.ssim == pytest.approx(1) and m.rmse == 0 for m in metrics.regions)
+
+
+def test_scale_and_offset_of_attenuation_do_not_matter():
+    other = Volume(GRID, 3 * blob(GRID).attenuation + 7)
+    metrics = evaluation.evaluate(other, blob(GRID), regions(GRID), register=False)
+    assert metrics.of("whole leg").rmse < 1e-6
+
+
+def test_registration_undoes_a_rigid_motion():
+    center = transforms.translation(GRID.center)
+    turned = transforms.rigid(transforms.rotation_from_vector([0.02, -0.05, 0.03]), [0.003, -0.002, 0.001])
+    moved = blob(GRID, center @ turned @ transforms.inverse(center))
+    loose = evaluation.evaluate(moved, blob(GRID), regions(GRID), register=False)
+    tight = evaluation.evaluate(moved, blob(GRID), regions(GRID))
+    assert tight.registration is not None
+    assert tight.registration.applied
+    assert tight.registration.translation_mm == pytest.approx(np.sqrt(14), abs=0.1)
+    assert tight.registration.rotation_deg == pytest.approx(np.degrees(np.linalg.norm([0.02, 0.05, 0.03])), abs=0.2)
+    assert tight.of("whole leg").rmse < 0.1 * loose.of("whole leg").rmse
+
+
+def test_registration_never_makes_a_volume_worse(rng):
+    reference = blob(GRID)
+    noisy = Volume(GRID, reference.attenuation + rng.normal(0, 0.3, GRID.shape_zyx).astype(np.float32))
+    loose = evaluation.evaluate(noisy, reference, regions(GRID), register=False)
+    tight = evaluation.evaluate(noisy, reference, regions(GRID))
+    assert tight.of("whole leg").rmse <= loose.of("whole leg").rmse * 1.001
+
+
+def test_ssim_in_slabs_is_ssim_in_one_piece(rng):
+    a, b = rng.random((2, 75, 20, 21), dtype=np.float32)
+    whole = structural_similarity(a, b, data_range=1.0, win_size=7, full=True)[1][3:-3, 3:-3, 3:-3]
+    np.testing.assert_allclose(evaluation.ssim_map(a, b)[3:-3, 3:-3, 3:-3], whole, atol=1e-5)
+
+
+def test_shank_lies_below_the_knee_and_thigh_above():
+    whole, shank, thigh = regions(GRID)
+    y = GRID.axes()[1]
+    assert not shank.mask[:, y >= 0.5].any()
+    assert not thigh.mask[:, y < 0.5].any()
+    assert (whole.mask == (shank.mask | thigh.mask)).all()
+    assert not (whole.mask & ~evaluation.cylinder(GRID, 0.045)).any()
+
+
+def test_residual_is_the_motion_that_was_not_undone():
+    true = transforms.translation([[0.001, 0, 0], [0, 0.004, 0]])
+    points = np.array([[0.0, 0, 0], [0.1, 0.2, 0.3]])
+    np.testing.assert_allclose(evaluation.residual_displacement(true, true, points), 0, atol=1e-15)
+    np.testing.assert_allclose(evaluation.residual_displacement(np.tile(np.eye(4), (2, 1, 1)), true, points), [[0.001] * 2, [0.004] * 2])
+
+
+@pytest.mark.parametrize(
+    ("volume", "message"),
+    [
+        (Volume(VolumeGrid.cubic(48, 0.001, (0, 0, 0)), np.zeros((48, 48, 48), np.float32)), "different grids"),
+        (Volume(GRID, np.full((48, 48, 48), np.nan, np.float32)), "not numbers"),
+        (Volume(GRID, np.zeros((48, 48, 48), np.float32)), "everywhere inside"),
+    ],
+)
+def test_what_cannot_be_compared_is_refused(volume, message):
+    with pytest.raises(LegsimError, match=message):
+        evaluation.evaluate(volume, blob(GRID), regions(GRID))
+
+
+def test_an_empty_region_is_refused():
+    with pytest.raises(LegsimError, match="holds no voxel"):
+        evaluation.evaluate(blob(GRID), blob(GRID), [evaluation.Region("nothing", np.zeros((48, 48, 48), bool))])
