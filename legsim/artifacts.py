@@ -10,6 +10,7 @@ import io
 import json
 import os
 import time
+import zipfile
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -176,11 +177,11 @@ def load_motion(path: Path) -> RigidMotion:
         LegsimError: not such a file.
     """
     try:
-        with np.load(path, allow_pickle=False) as data:
+        with path.open("rb") as stream, np.load(stream, allow_pickle=False) as data:
             return RigidMotion(data["times"], data["moved_from_reference"])
     except FileNotFoundError:
         raise at(path, "no such file", "give a motion-<method>.npz") from None
-    except (OSError, KeyError, ValueError) as error:
+    except (OSError, EOFError, KeyError, ValueError, zipfile.BadZipFile) as error:
         raise at(path, f"is not a motion file ({error})", "expected an .npz with times (v,) and moved_from_reference (v, 4, 4)") from None
     except LegsimError as error:
         raise at(path, str(error), "mend the file") from None
@@ -188,4 +189,4 @@ def load_motion(path: Path) -> RigidMotion:
 
 def _save_npz(path: Path, **arrays: np.ndarray) -> None:
     with whole(path) as partial, partial.open("wb") as stream:
-        np.savez(stream, **arrays)
+        np.savez(stream, allow_pickle=False, **arrays)

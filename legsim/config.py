@@ -24,7 +24,7 @@ class MotionConfig(_Section):
     unit: Literal["file", "m", "cm", "mm"] = "file"
     """"file" believes the header"""
     up: Literal["file", "x", "y", "z"] = "file"
-    filter_hz: float = Field(6.0, ge=0)
+    filter_hz: float = Field(default=6.0, ge=0)
     """cut-off of the 2nd-order zero-phase Butterworth filter; 0 leaves the markers as they are"""
     scaling_file: str = ""
     """recording that the model is scaled from; empty: the same one"""
@@ -46,7 +46,7 @@ class SensorConfig(_Section):
 class ImuConfig(_Section):
     """The sensors; defaults are the paper's."""
 
-    rate_hz: float = Field(120.0, gt=0)
+    rate_hz: float = Field(default=120.0, gt=0)
     sensors: tuple[SensorConfig, ...] = (
         SensorConfig(name="shank_l", segment="tibia_l", distance_mm=140),
         SensorConfig(name="thigh_l", segment="femur_l", distance_mm=250),
@@ -57,7 +57,7 @@ class PhantomConfig(_Section):
     """The scanned legs."""
 
     detail: Literal["coarse", "fine"] = "coarse"
-    energy_kev: float = Field(60.0, gt=10, le=500)
+    energy_kev: float = Field(default=60.0, gt=10, le=500)
 
 
 class ScanConfig(_Section):
@@ -65,23 +65,23 @@ class ScanConfig(_Section):
 
     start_s: float | None = None
     """time of the first view in the recording; none: the scan sits in the recording's middle"""
-    views: int = Field(248, ge=2)
+    views: int = Field(default=248, ge=2)
     increment_deg: float = 0.8
-    rate_hz: float = Field(31.0, gt=0)
+    rate_hz: float = Field(default=31.0, gt=0)
     first_angle_deg: float = -8.8
     """of the source about the vertical; 0 is the subject's right (+z), 90 the front (+x)"""
-    source_detector_mm: float = Field(1198.0, gt=0)
-    source_isocenter_mm: float = Field(780.0, gt=0)
-    columns: int = Field(620, ge=8)
-    rows: int = Field(480, ge=8)
-    pixel_mm: float = Field(0.616, gt=0)
+    source_detector_mm: float = Field(default=1198.0, gt=0)
+    source_isocenter_mm: float = Field(default=780.0, gt=0)
+    columns: int = Field(default=620, ge=8)
+    rows: int = Field(default=480, ge=8)
+    pixel_mm: float = Field(default=0.616, gt=0)
 
 
 class GridConfig(_Section):
     """The reconstructed cube around the isocenter."""
 
-    voxels: int = Field(512, ge=16)
-    voxel_mm: float = Field(0.5, gt=0)
+    voxels: int = Field(default=512, ge=16)
+    voxel_mm: float = Field(default=0.5, gt=0)
 
 
 class MethodsConfig(_Section):
@@ -98,7 +98,7 @@ class EvaluationConfig(_Section):
     """How volumes are compared."""
 
     register_volumes: bool = True
-    air_margin_mm: float = Field(5.0, ge=0)
+    air_margin_mm: float = Field(default=5.0, ge=0)
 
 
 class RunConfig(_Section):
@@ -185,7 +185,8 @@ def _merged(base: dict[str, Any], over: dict[str, Any]) -> dict[str, Any]:
 
 
 def _explain(error: ValidationError, path: Path | None) -> str:
-    first = error.errors()[0]
+    # a misspelt key comes with a missing one: the misspelling is what to tell
+    first = min(error.errors(), key=lambda e: e["type"] != "extra_forbidden")
     place = ".".join(str(part) for part in first["loc"])
     where = f"{path or 'configuration'} ({place})"
     if first["type"] == "extra_forbidden":

@@ -1,0 +1,95 @@
+import json
+import os
+
+import numpy as np
+import pytest
+
+from legsim import artifacts
+from legsim.errors import LegsimError
+from legsim.signals import ImuSignals, RigidMotion, SegmentPoses
+
+
+def test_a_stage_is_done_only_while_key_and_files_are_as_recorded(tmp_path):
+    folder = artifacts.RunFolder(tmp_path, {"version": "x"})
+    assert not folder.done("one", "k")
+    with folder.stage("one", "k", ["a.txt"]):
+        artifacts.write_text(tmp_path / "a.txt", "hello")
+    again = artifacts.RunFolder(tmp_path, {"version": "x"})
+    assert again.done("one", "k")
+    assert not again.done("one", "other key")
+    (tmp_path / "a.txt").write_text("tampered")
+    assert not again.done("one", "k")
+
+
+def test_a_stage_that_fails_leaves_no_file_and_no_entry(tmp_path):
+    folder = artifacts.RunFolder(tmp_path, {})
+    with pytest.raises(RuntimeError), folder.stage("one", "k", ["a.txt"]), artifacts.whole(tmp_path / "a.txt") as partial:
+        partial.write_text("half")
+        raise RuntimeError
+    assert sorted(p.name for p in tmp_path.iterdir()) == []
+    assert not folder.done("one", "k")
+
+
+def test_manifest_tells_hash_size_and_seconds(tmp_path):
+    folder = artifacts.RunFolder(tmp_path, {"seed": 3})
+    with folder.stage("one", "k", ["a.txt"]):
+        artifacts.write_text(tmp_path / "a.txt", "hello")
+    manifest = json.loads((tmp_path / "manifest.json").read_text())
+    assert manifest["seed"] == 3
+    assert manifest["stages"]["one"]["files"]["a.txt"] == {"sha256": artifacts.sha256(tmp_path / "a.txt"), "bytes": 5}
+
+
+def test_an_unwritable_folder_is_refused(tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(LegsimError, match=r"cannot be written to .*--out"):
+        artifacts.RunFolder(tmp_path / "file" / "below", {})
+
+
+@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="no /dev/full here")
+def test_a_full_disk_leaves_the_old_file(tmp_path):
+    artifacts.write_text(tmp_path / "a.txt", "old")
+    with pytest.raises(OSError, match="No space left"), artifacts.whole(tmp_path / "a.txt") as partial:
+        partial.symlink_to("/dev/full")
+        with partial.open("w") as stream:
+            stream.write("new" * 10000)
+    assert (tmp_path / "a.txt").read_text() == "old"
+    assert [p.name for p in tmp_path.iterdir()] == ["a.txt"]
+
+
+def test_a_broken_manifest_is_named(tmp_path):
+    (tmp_path / "manifest.json").write_text("{")
+    with pytest.raises(LegsimError, match=r"manifest\.json: is not a manifest"):
+        artifacts.RunFolder(tmp_path, {})
+
+
+def test_imu_signals_survive_the_file_to_the_last_bit(tmp_path, rng):
+    signals = ImuSignals(np.sort(rng.random(20)), ("shank_l", "thigh_l"), rng.normal(size=(20, 2, 3)), rng.normal(size=(20, 2, 3)))
+    artifacts.save_imu(tmp_path / "imu.csv", signals)
+    loaded = artifacts.load_imu(tmp_path / "imu.csv")
+    assert loaded.sensor_names == signals.sensor_names
+    for name in ("times", "angular_velocity", "specific_force"):
+        np.testing.assert_array_equal(getattr(loaded, name), getattr(signals, name))
+
+
+def test_imu_table_has_the_columns_that_were_promised(tmp_path):
+    signals = ImuSignals(np.arange(2.0), ("s",), np.zeros((2, 1, 3)), np.ones((2, 1, 3)))
+    artifacts.save_imu(tmp_path / "imu.csv", signals)
+    first, second, _ = (tmp_path / "imu.csv").read_text().splitlines()
+    assert first == "time_s,s_ax_m_s2,s_ay_m_s2,s_az_m_s2,s_gx_rad_s,s_gy_rad_s,s_gz_rad_s"
+    assert second == "0.0,1.0,1.0,1.0,0.0,0.0,0.0"
+
+
+def test_poses_and_motion_survive_the_file(tmp_path, rng):
+    poses = SegmentPoses(np.arange(3.0), ("a", "b"), rng.normal(size=(3, 2, 4, 4)))
+    artifacts.save_poses(tmp_path / "p.npz", poses)
+    np.testing.assert_array_equal(artifacts.load_poses(tmp_path / "p.npz").world_from_segment, poses.world_from_segment)
+    motion = RigidMotion(np.arange(3.0), rng.normal(size=(3, 4, 4)))
+    artifacts.save_motion(tmp_path / "m.npz", motion)
+    np.testing.assert_array_equal(artifacts.load_motion(tmp_path / "m.npz").moved_from_reference, motion.moved_from_reference)
+
+
+@pytest.mark.parametrize("content", [b"", b"not a zip", b"PK\x03\x04 broken"])
+def test_what_is_no_motion_file_is_refused(tmp_path, content):
+    (tmp_path / "m.npz").write_bytes(content)
+    with pytest.raises(LegsimError, match=r"m\.npz: is not a motion file"):
+        artifacts.load_motion(tmp_path / "m.npz")

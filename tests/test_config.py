@@ -1,0 +1,66 @@
+import pytest
+
+from legsim import config
+from legsim.errors import LegsimError
+
+
+def test_dumping_and_loading_gives_the_same_tree(tmp_path):
+    original = config.load(preset="half", overrides=("scan.start_s=2.5", "motion.file=my walk.trc", "seed=7"))
+    (tmp_path / "c.toml").write_text(config.dump(original))
+    assert config.load(tmp_path / "c.toml") == original
+
+
+def test_paper_preset_is_the_papers_scan():
+    scan, grid = config.load(preset="paper").scan, config.load(preset="paper").grid
+    assert (scan.views, scan.increment_deg, scan.rate_hz) == (248, 0.8, 31.0)
+    assert (scan.source_detector_mm, scan.source_isocenter_mm, scan.pixel_mm) == (1198.0, 780.0, 0.616)
+    assert (scan.columns, scan.rows, grid.voxels, grid.voxel_mm) == (620, 480, 512, 0.5)
+
+
+@pytest.mark.parametrize("preset", ["demo", "half"])
+def test_presets_see_the_same_field_as_the_paper(preset):
+    ours, paper = config.load(preset=preset), config.load(preset="paper")
+    assert ours.scan.columns * ours.scan.pixel_mm == pytest.approx(paper.scan.columns * paper.scan.pixel_mm)
+    assert ours.grid.voxels * ours.grid.voxel_mm == pytest.approx(paper.grid.voxels * paper.grid.voxel_mm)
+
+
+def test_file_beats_preset_and_override_beats_file(tmp_path):
+    (tmp_path / "c.toml").write_text("[scan]\nviews = 10\nrows = 20\n")
+    loaded = config.load(tmp_path / "c.toml", preset="half", overrides=("scan.rows=30",))
+    assert (loaded.scan.views, loaded.scan.rows, loaded.scan.columns) == (10, 30, 310)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("[scan]\nview = 3\n", r"scan\.view\): there is no such key; valid here: start_s, views"),
+        ("[[imu.sensors]]\nname = 'a'\nsegment = 'b'\ndistance = 3\n", "valid here: name, segment, distance_mm"),
+        ("[scan]\nviews = 'many'\n", r"scan\.views\): Input should be a valid integer.*'many'"),
+        ("[grid]\nvoxel_mm = -1\n", r"grid\.voxel_mm\): Input should be greater than 0"),
+        ("[grid\n", "is not TOML.*line 1"),
+    ],
+)
+def test_a_bad_file_is_refused_in_one_line_that_names_the_place(tmp_path, text, message):
+    (tmp_path / "c.toml").write_text(text)
+    with pytest.raises(LegsimError, match=message) as caught:
+        config.load(tmp_path / "c.toml")
+    assert "\n" not in str(caught.value)
+    assert "c.toml" in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"preset": "tiny"}, "choose one of paper, half, demo"),
+        ({"overrides": ("scan.views",)}, "expected section.key=value"),
+        ({"overrides": ("scan.speed=3",)}, "no such key"),
+    ],
+)
+def test_bad_arguments_are_refused(arguments, message):
+    with pytest.raises(LegsimError, match=message):
+        config.load(**arguments)
+
+
+def test_a_missing_file_is_named(tmp_path):
+    with pytest.raises(LegsimError, match=r"nowhere\.toml: no such file"):
+        config.load(tmp_path / "nowhere.toml")

@@ -1,0 +1,106 @@
+import numpy as np
+import pytest
+
+from legsim import transforms
+from legsim.errors import LegsimError
+from legsim.geometry import ConeBeamGeometry, Projections, Volume, VolumeGrid
+
+
+def scan(**changes) -> ConeBeamGeometry:
+    values = {
+        "times": np.arange(10) / 31,
+        "angles": np.radians(20 * np.arange(10)),
+        "source_isocenter": 0.78,
+        "source_detector": 1.198,
+        "shape_vu": (480, 620),
+        "pixel_pitch": 0.616e-3,
+        "isocenter": (0.1, 0.5, -0.2),
+    } | changes
+    return ConeBeamGeometry.circular(**values)
+
+
+def test_isocenter_projects_to_the_middle_of_the_detector():
+    pixels, depth = scan().project(np.array([[0.1, 0.5, -0.2]]))
+    np.testing.assert_allclose(pixels[:, 0], [[309.5, 239.5]] * 10, atol=1e-9)
+    np.testing.assert_allclose(depth, 0.78)
+
+
+def test_sources_stand_where_the_angle_says():
+    sources = scan(angles=np.radians([0, 90]), times=[0, 1]).sources() - [0.1, 0.5, -0.2]
+    np.testing.assert_allclose(sources, [[0, 0, 0.78], [0.78, 0, 0]], atol=1e-12)
+
+
+def test_rows_count_upwards_and_columns_along_the_stated_axis():
+    geometry = scan(angles=np.radians([0, 90]), times=[0, 1])
+    middle = geometry.project(np.array([[0.1, 0.5, -0.2]]))[0]
+    up = geometry.project(np.array([[0.1, 0.51, -0.2]]))[0] - middle
+    np.testing.assert_allclose(up[:, 0], [[0, 10 * 1.198 / 0.78 / 0.616]] * 2, atol=1e-9)
+    forward = geometry.project(np.array([[0.11, 0.5, -0.2]]))[0] - middle
+    assert forward[0, 0, 0] > 20
+    assert abs(forward[1, 0, 0]) < 1e-9
+
+
+def test_rays_go_through_the_points_that_project_there(rng):
+    geometry, points = scan(), np.array([0.1, 0.5, -0.2]) + 0.05 * rng.normal(size=(4, 3))
+    pixels, depth = geometry.project(points)
+    for view in (0, 7):
+        rays = geometry.ray_directions(pixels[view, :, 0], pixels[view, :, 1])[view]
+        np.testing.assert_allclose(geometry.sources()[view] + depth[view, :, None] * rays, points, atol=1e-12)
+
+
+def test_moving_the_object_is_moving_the_scanner_back(rng):
+    geometry, points = scan(), np.array([0.1, 0.5, -0.2]) + 0.05 * rng.normal(size=(4, 3))
+    motion = transforms.rigid(transforms.rotation_from_vector(0.1 * rng.normal(size=(10, 3))), 0.01 * rng.normal(size=(10, 3)))
+    moved_points = transforms.apply(motion, points)
+    np.testing.assert_allclose(geometry.project(moved_points)[0], geometry.moved(motion).project(points)[0], atol=1e-8)
+    np.testing.assert_allclose(geometry.moved(motion).moved(transforms.inverse(motion)).matrices, geometry.matrices, atol=1e-9)
+
+
+def test_scale_and_sign_of_a_matrix_do_not_matter():
+    geometry = scan()
+    for factor in (-1.0, 1e-3, -250.0):
+        same = ConeBeamGeometry(geometry.times, factor * geometry.matrices, geometry.shape_vu, geometry.pixel_pitch)
+        np.testing.assert_allclose(same.matrices, geometry.matrices, rtol=1e-12, atol=1e-12)
+
+
+def test_rotation_center_is_the_isocenter():
+    np.testing.assert_allclose(scan().rotation_center(), [0.1, 0.5, -0.2], atol=1e-12)
+
+
+def test_a_slice_of_views_is_a_geometry_of_those_views():
+    part = scan()[3:6]
+    assert len(part) == 3
+    np.testing.assert_array_equal(part.matrices, scan().matrices[3:6])
+
+
+def test_arrays_inside_values_are_read_only():
+    with pytest.raises(ValueError, match="read-only"):
+        scan().matrices[0, 0, 0] = 1
+    volume = Volume(VolumeGrid.cubic(4, 0.001, (0, 0, 0)), np.zeros((4, 4, 4), np.float32))
+    with pytest.raises(ValueError, match="read-only"):
+        volume.attenuation[0, 0, 0] = 1
+
+
+def test_grid_is_centered_and_steps_by_its_spacing():
+    x, y, z = VolumeGrid((2, 3, 4), (0.1, 0.2, 0.3), (1, 2, 3)).axes()
+    np.testing.assert_allclose(x, [0.85, 0.95, 1.05, 1.15])
+    np.testing.assert_allclose(y, [1.8, 2.0, 2.2])
+    np.testing.assert_allclose(z, [2.85, 3.15])
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: ConeBeamGeometry([0, 1], np.zeros((2, 3, 3)), (2, 2)), r"shape \(2, 3, 3\); expected \(2, 3, 4\)"),
+        (lambda: ConeBeamGeometry([0], np.ones((1, 3, 4)), (2, 2)), "singular"),
+        (lambda: ConeBeamGeometry([1, 0], scan().matrices[:2], (2, 2)), "must increase strictly; sample 1"),
+        (lambda: ConeBeamGeometry([0, 1], scan().matrices[:2], (0, 2)), "must be positive"),
+        (lambda: Projections(scan(), np.zeros((10, 620, 480), np.float32)), r"\(10, 480, 620\) \(views, rows, columns\)"),
+        (lambda: VolumeGrid((1, 2, 0), (1, 1, 1), (0, 0, 0)), "three positive counts"),
+        (lambda: VolumeGrid((1, 2, 3), (1, -1, 1), (0, 0, 0)), "three positive lengths"),
+        (lambda: Volume(VolumeGrid.cubic(4, 1, (0, 0, 0)), np.zeros((4, 4, 5), np.float32)), "the grid says"),
+    ],
+)
+def test_impossible_values_are_refused(make, message):
+    with pytest.raises(LegsimError, match=message):
+        make()
