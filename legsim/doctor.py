@@ -1,0 +1,121 @@
+"""What works on this machine: OpenCL devices, memory, disk, rerun, file formats."""
+
+import importlib.metadata
+import os
+import platform
+import shutil
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+from legsim import opencl, resources
+from legsim.errors import LegsimError
+
+_PACKAGES = (
+    "legsim",
+    "numpy",
+    "scipy",
+    "mujoco",
+    "trimesh",
+    "pyopencl",
+    "scikit-image",
+    "SimpleITK",
+    "ezc3d",
+    "rerun-sdk",
+    "intel-opencl-rt",
+)
+_NEEDED_MEMORY = 8 * 2**30
+_NEEDED_DISK = 4 * 2**30
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """One thing that was looked at."""
+
+    topic: str
+    good: bool
+    detail: str
+    cure: str = ""
+    """what to do where it is not good"""
+
+
+def examine(folder: Path) -> tuple[Finding, ...]:
+    """Everything a run needs; ``folder`` is where results would go."""
+    return (_python(), *_packages(), *_devices(), _memory(), _disk(folder), _models(), _viewer())
+
+
+def _python() -> Finding:
+    return Finding(
+        "python",
+        sys.version_info >= (3, 11),
+        f"{platform.python_version()} on {platform.system()} {platform.machine()}",
+        "use Python 3.11 or newer",
+    )
+
+
+def _packages() -> list[Finding]:
+    findings = []
+    for name in _PACKAGES:
+        try:
+            findings.append(Finding(f"package {name}", True, importlib.metadata.version(name)))
+        except importlib.metadata.PackageNotFoundError:
+            optional = name == "intel-opencl-rt" and platform.machine() not in ("x86_64", "AMD64")
+            findings.append(Finding(f"package {name}", optional, "not installed", f"pip install {name}"))
+    return findings
+
+
+def _devices() -> list[Finding]:
+    chosen = next((c for c in opencl.candidates() if c.seconds is not None), None)
+    findings = []
+    for candidate in opencl.candidates():
+        size = f"{candidate.kind}, {candidate.compute_units} compute units, {candidate.memory_bytes / 2**30:.0f} GiB"
+        if candidate.seconds is None:
+            findings.append(
+                Finding(
+                    f"opencl {candidate.label}",
+                    chosen is not None,
+                    f"{size}; probe failed: {candidate.failure}",
+                    "another device is needed",
+                )
+            )
+        else:
+            taken = "; taken by default" if candidate is chosen else ""
+            findings.append(Finding(f"opencl {candidate.label}", True, f"{size}; probe kernel {1e3 * candidate.seconds:.1f} ms{taken}"))
+    if chosen is None:
+        findings.append(
+            Finding(
+                "opencl", False, "no device works", "pip install intel-opencl-rt intel-cmplr-lib-rt (x86-64) or pocl-binary-distribution"
+            )
+        )
+    return findings
+
+
+def _memory() -> Finding:
+    total = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") if hasattr(os, "sysconf") else 0
+    detail = f"{total / 2**30:.1f} GiB; the paper preset wants {_NEEDED_MEMORY / 2**30:.0f} GiB" if total else "unknown here"
+    return Finding("memory", not total or total >= _NEEDED_MEMORY, detail, "use --preset demo or half")
+
+
+def _disk(folder: Path) -> Finding:
+    place = folder.resolve()
+    while not place.exists():
+        place = place.parent
+    free = shutil.disk_usage(place).free
+    writable = os.access(place, os.W_OK)
+    detail = f"{free / 2**30:.0f} GiB free at {place}{'' if writable else ', not writable'}; a run at paper size writes {_NEEDED_DISK / 2**30:.0f} GiB"
+    return Finding("disk", writable and free >= _NEEDED_DISK, detail, "choose another folder with --out, or a smaller preset")
+
+
+def _models() -> Finding:
+    try:
+        found = [resources.model_file("lower_body"), resources.motion_file("README.md").parent]
+    except LegsimError as error:
+        return Finding("models and motions", False, str(error), "install legsim again")
+    return Finding("models and motions", True, ", ".join(map(str, found)))
+
+
+def _viewer() -> Finding:
+    found = shutil.which("rerun") or shutil.which("rerun", path=str(Path(sys.executable).parent))
+    shown = bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY") or sys.platform in ("darwin", "win32"))
+    where = "a display is there" if shown else "no display: recordings can be written and checked, but `legsim view` needs a screen"
+    return Finding("rerun viewer", found is not None, f"{found or 'not found'}; {where}", "pip install rerun-sdk")
