@@ -67,6 +67,7 @@ class Device:
     context: cl.Context
     queue: cl.CommandQueue
     _programs: dict[str, cl.Program] = field(default_factory=dict, repr=False)
+    _kernels: dict[tuple[int, str], cl.Kernel] = field(default_factory=dict, repr=False)
 
     @property
     def label(self) -> str:
@@ -84,6 +85,13 @@ class Device:
         if key not in self._programs:
             self._programs[key] = _build(self.context, source, options)
         return self._programs[key]
+
+    def kernel(self, name: str, *kernel_files: str, **defines: int | str) -> cl.Kernel:
+        """The kernel ``name`` of that program, retrieved once: each retrieval would make a new kernel object, and warn."""
+        program = self.program(*kernel_files, **defines)
+        if (id(program), name) not in self._kernels:
+            self._kernels[id(program), name] = cl.Kernel(program, name)
+        return self._kernels[id(program), name]
 
     def upload(self, array: np.ndarray) -> cl.Buffer:
         """A read-only device copy of a C-contiguous array."""
