@@ -1,10 +1,10 @@
 """From poses over time to what the reconstruction needs: the seam behind which all correction methods, and a user's own, compete.
 
 A method is a function from a :class:`Scan` (everything a real scanner would have recorded) to a :class:`Correction` (projections
-with their possibly moved geometry, and a deformation for the back-projection where there is one).
+and the motion that the back-projection follows).
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Literal, Protocol
 
 import numpy as np
@@ -103,9 +103,20 @@ class Correction:
 
     method: str
     projections: Projections
-    """images, warped or as recorded, with a geometry that may have been moved view by view"""
-    deformation: ControlPointMotion | None
-    """how each voxel moves before it is projected; None where it stays (every method but dynamic reconstruction)"""
+    """images, warped or as recorded, under the nominal geometry: filter weights belong to the scanner as it really turned"""
+    motion: RigidMotion | ControlPointMotion | None
+    """how the object moved against its reference pose, for the back-projection to follow: M(i) in P(i) M(i), or moving least
+    squares; None where voxels stay (uncorrected scans and warped images)"""
+
+    def __post_init__(self) -> None:
+        if self.motion is None:
+            return
+        views = self.projections.geometry.times
+        if len(self.motion.times) != len(views) or np.abs(self.motion.times - views).max() > 1e-6:
+            raise LegsimError(
+                f"the motion has {len(self.motion.times)} times from {self.motion.times[0]:g} s, the projections {len(views)} from {views[0]:g} s; "
+                "estimate the motion at the projections' own times"
+            )
 
 
 class MotionEstimator(Protocol):
@@ -126,10 +137,10 @@ def uncorrected(scan: Scan, /) -> Correction:
 
 
 def rigidly(method: str, estimator: MotionEstimator) -> CorrectionMethod:
-    """The correction that moves the scanner against the object's rigid motion: matrices P(i) M(i), images as recorded."""
+    """The correction that lets the back-projection follow a rigid motion: matrices P(i) M(i), images as recorded."""
 
     def correct(scan: Scan, /) -> Correction:
-        return Correction(method, moved_projections(scan.projections, estimator(scan)), None)
+        return Correction(method, scan.projections, estimator(scan))
 
     return correct
 
@@ -141,18 +152,3 @@ def known(motion: RigidMotion) -> MotionEstimator:
         return motion
 
     return estimate
-
-
-def moved_projections(projections: Projections, motion: RigidMotion) -> Projections:
-    """The same images under the geometry P(i) M(i), in which the object rests at its reference pose.
-
-    Raises:
-        LegsimError: the motion is not given at the times of the views.
-    """
-    views = projections.geometry.times
-    if len(motion.times) != len(views) or np.abs(motion.times - views).max() > 1e-6:
-        raise LegsimError(
-            f"the motion has {len(motion.times)} times from {motion.times[0]:g} s, the projections {len(views)} from {views[0]:g} s; "
-            "estimate the motion at the projections' own times"
-        )
-    return replace(projections, geometry=projections.geometry.moved(motion.moved_from_reference))
