@@ -1,0 +1,132 @@
+"""Image files: positions, units, refusals, atomic writes."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import SimpleITK as sitk
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from legsim import images
+from legsim.errors import LegsimError
+from legsim.geometry import ConeBeamGeometry, Projections, Volume, VolumeGrid
+
+
+def some_volume(rng: np.random.Generator) -> Volume:
+    grid = VolumeGrid((3, 4, 5), (0.001, 0.002, 0.0005), (0.1, -0.2, 0.03))
+    return Volume(grid, rng.uniform(0, 40, grid.shape_zyx).astype(np.float32))
+
+
+@pytest.mark.parametrize("ending", images.WRITABLE)
+def test_volume_comes_back(tmp_path: Path, rng: np.random.Generator, ending: str) -> None:
+    volume = some_volume(rng)
+    images.save_volume(tmp_path / f"v{ending}", volume)
+    loaded = images.load_volume(tmp_path / f"v{ending}")
+    np.testing.assert_allclose(loaded.attenuation, volume.attenuation, rtol=1e-6)
+    np.testing.assert_allclose(loaded.grid.spacing_xyz, volume.grid.spacing_xyz, rtol=1e-6)
+    np.testing.assert_allclose(loaded.grid.center, volume.grid.center, atol=1e-8)
+    assert [p.name for p in tmp_path.iterdir()] == [f"v{ending}"]
+
+
+def test_itk_finds_each_voxel_at_its_place_in_world_millimetres(tmp_path: Path, rng: np.random.Generator) -> None:
+    volume = some_volume(rng)
+    images.save_volume(tmp_path / "v.mha", volume)
+    image = sitk.ReadImage(str(tmp_path / "v.mha"))
+    x, y, z = volume.grid.axes()
+    index = image.TransformPhysicalPointToIndex((1e3 * x[4], 1e3 * y[1], 1e3 * z[2]))
+    assert index == (4, 1, 2)
+    assert image[index] == pytest.approx(1e-3 * volume.attenuation[2, 1, 4], rel=1e-6)
+    assert image.GetDirection() == (1, 0, 0, 0, 1, 0, 0, 0, 1)
+
+
+@given(axes=st.permutations([0, 1, 2]), flips=st.tuples(st.booleans(), st.booleans(), st.booleans()))
+@settings(max_examples=20, suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_swapped_and_flipped_axes_are_put_in_order(tmp_path: Path, axes: list[int], flips: tuple[bool, bool, bool]) -> None:
+    volume = some_volume(np.random.default_rng(3))
+    images.save_volume(tmp_path / "v.mha", volume)
+    image = sitk.Flip(sitk.PermuteAxes(sitk.ReadImage(str(tmp_path / "v.mha")), axes), flips, False)
+    sitk.WriteImage(image, str(tmp_path / "turned.mha"))
+    loaded = images.load_volume(tmp_path / "turned.mha")
+    np.testing.assert_allclose(loaded.attenuation, volume.attenuation, rtol=1e-6)
+    np.testing.assert_allclose(loaded.grid.center, volume.grid.center, atol=1e-9)
+
+
+def test_projections_come_back_and_are_centered_for_rtk(tmp_path: Path, rng: np.random.Generator) -> None:
+    geometry = circular(views=3)
+    projections = Projections(geometry, rng.normal(size=(3, 4, 6)).astype(np.float32))
+    images.save_projections(tmp_path / "p.mha", projections)
+    np.testing.assert_array_equal(images.load_projections(tmp_path / "p.mha", geometry).line_integrals, projections.line_integrals)
+    header = images.read_header(tmp_path / "p.mha")
+    assert header.size == (6, 4, 3)
+    np.testing.assert_allclose(header.origin_mm, (-2.5 * 0.8, -1.5 * 0.8, 0.0))
+    np.testing.assert_allclose(header.spacing_mm, (0.8, 0.8, 1.0))
+
+
+def circular(views: int) -> ConeBeamGeometry:
+    return ConeBeamGeometry.circular(
+        times=np.arange(views) * 1.0,
+        angles=np.linspace(0, 3, views),
+        source_isocenter=0.8,
+        source_detector=1.2,
+        shape_vu=(4, 6),
+        pixel_pitch=0.8e-3,
+    )
+
+
+def test_refusals_name_the_file_and_the_cure(tmp_path: Path) -> None:
+    flat, color, oblique = tmp_path / "flat.mha", tmp_path / "color.mha", tmp_path / "oblique.mha"
+    sitk.WriteImage(sitk.Image(4, 4, sitk.sitkFloat32), str(flat))
+    sitk.WriteImage(sitk.Image([4, 4, 4], sitk.sitkVectorFloat32, 2), str(color))
+    tilted = sitk.Image(4, 4, 4, sitk.sitkFloat32)
+    tilted.SetDirection([0.8, -0.6, 0, 0.6, 0.8, 0, 0, 0, 1])
+    sitk.WriteImage(tilted, str(oblique))
+    (tmp_path / "text.mha").write_text("no image")
+    for name, reason in (
+        ("flat", "2 dimensions"),
+        ("color", "2 channels"),
+        ("oblique", "oblique"),
+        ("text", "not an image"),
+        ("none", "no such"),
+    ):
+        with pytest.raises(LegsimError, match=rf"{name}\.mha.*{reason}") as caught:
+            images.load_volume(tmp_path / f"{name}.mha")
+        assert "\n" not in str(caught.value)
+
+
+def test_values_that_are_no_numbers_are_refused(tmp_path: Path) -> None:
+    values = np.zeros((3, 4, 6), np.float32)
+    values[1, 2, 3] = np.nan
+    sitk.WriteImage(sitk.GetImageFromArray(values), str(tmp_path / "p.mha"))
+    with pytest.raises(LegsimError, match="view 1"):
+        images.load_projections(tmp_path / "p.mha", circular(3))
+    with pytest.raises(LegsimError, match="not finite"):
+        images.load_volume(tmp_path / "p.mha")
+
+
+def test_projections_of_another_geometry_are_refused(tmp_path: Path) -> None:
+    sitk.WriteImage(sitk.GetImageFromArray(np.zeros((3, 4, 6), np.float32)), str(tmp_path / "p.mha"))
+    with pytest.raises(LegsimError, match=r"\(6, 4, 3\).*\(6, 4, 5\)"):
+        images.load_projections(tmp_path / "p.mha", circular(5))
+
+
+def test_a_failed_write_leaves_the_old_file_and_nothing_else(
+    tmp_path: Path, rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    target = tmp_path / "v.mha"
+    target.write_text("old")
+
+    def half_a_file(_image: sitk.Image, name: str, _compress: bool) -> None:
+        Path(name).write_text("half")
+        raise RuntimeError("disk full")
+
+    monkeypatch.setattr(images.sitk, "WriteImage", half_a_file)
+    with pytest.raises(LegsimError, match="disk full"):
+        images.save_volume(target, some_volume(rng))
+    assert target.read_text() == "old"
+    assert list(tmp_path.iterdir()) == [target]
+
+
+def test_unknown_endings_are_refused(tmp_path: Path, rng: np.random.Generator) -> None:
+    with pytest.raises(LegsimError, match=r"\.mha"):
+        images.save_volume(tmp_path / "v.xyz", some_volume(rng))
