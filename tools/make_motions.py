@@ -1,0 +1,51 @@
+"""Builds everything in motions/ from nothing, bit for bit the same on one machine:  python tools/make_motions.py [SUBJECT ...]
+
+Seven virtual people hold squats of 30 and 60 degrees and squat actively, twenty seconds each. All of it is synthetic; how it is made
+and which published models it rests on is said in motions/README.md and at the head of each tools/posture_*.py.
+"""
+
+import os
+
+os.environ |= {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}  # before numpy: one thread adds up in one order
+
+import sys
+from pathlib import Path
+
+import numpy as np
+from posture_body import Body
+from posture_controller import ControllerParams
+from posture_files import write_trc, write_truth
+from posture_markers import CameraParams, attach, on_skin, recorded
+from posture_simulation import Plan, hold, simulate
+from posture_subjects import SUBJECTS, Subject
+
+MOTIONS = Path(__file__).parents[1] / "motions"
+TRIALS = ("squat_30", "squat_60")
+SEED = 20260
+
+
+def plan(body: Body, trial: str) -> Plan:
+    """What the person is asked to do."""
+    return hold(body, float(trial.removeprefix("squat_")))
+
+
+def make(subject: Subject, number: int, trials: tuple[str, ...] = TRIALS) -> None:
+    """Simulates and records all trials of one subject; each has its own random stream, so that none depends on another."""
+    folder = MOTIONS / subject.name
+    folder.mkdir(parents=True, exist_ok=True)
+    body, camera = Body(subject), CameraParams()
+    attachment = attach(body, camera, np.random.default_rng([SEED, number]))
+    for k, trial in enumerate(trials, start=1):
+        muscles, cameras = (np.random.default_rng([SEED, number, k, stream]) for stream in range(2))
+        performance = simulate(body, plan(body, trial), ControllerParams(), muscles)
+        motion = recorded(on_skin(body, performance, attachment, camera), camera, cameras)
+        write_trc(folder / f"{trial}.trc", motion)
+        write_truth(folder / f"{trial}_truth.npz", body, performance, attachment)
+        print(f"{subject.name} {trial}")
+
+
+if __name__ == "__main__":
+    wanted = sys.argv[1:] or [subject.name for subject in SUBJECTS]
+    for number, subject in enumerate(SUBJECTS, start=1):
+        if subject.name in wanted:
+            make(subject, number)
