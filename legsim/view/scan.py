@@ -1,0 +1,143 @@
+"""The scan: C-arm and projections, the deforming skin, slices of the reconstructions."""
+
+import numpy as np
+import rerun as rr
+
+from legsim import scene
+from legsim.arrays import Float32Array, FloatArray
+from legsim.geometry import ConeBeamGeometry, Projections
+from legsim.scene import MovingSurface, NamedVolume, SlicePlanes
+from legsim.view.motion import vertex_normals
+from legsim.view.stream import Recorder
+
+IMAGE_COLUMNS = 200  # about as many are kept of a projection: a recording is for looking, the .mha file for measuring
+SURFACE_VALUES = 500_000  # vertices times logged times that a surface may take: 6 MB
+SURFACE_VERTICES = 6_000
+
+
+def log_c_arm(recorder: Recorder, projections: Projections) -> None:
+    """Source, its path, and the detector with what it sees, turning with the views."""
+    geometry = projections.geometry
+    binned = _binned(projections.line_integrals, max(1, geometry.shape_vu[1] // IMAGE_COLUMNS))
+    factor = geometry.shape_vu[1] // binned.shape[2]
+    pinhole_from_camera, world_from_camera, mirrored = cameras(geometry)
+    intrinsics = np.diag([1 / factor, 1 / factor, 1.0]) @ pinhole_from_camera
+    images = binned[:, ::-1, ::-1] if mirrored else binned[:, ::-1]
+    recorder.poses("world/c_arm", geometry.times, world_from_camera)
+    count, rows, columns = binned.shape
+    # the viewer wants a pinhole whole: split between static and moving parts it finds no transform
+    pinholes = rr.Pinhole.columns(
+        image_from_camera=intrinsics,
+        resolution=np.tile([columns, rows], (count, 1)),
+        image_plane_distance=intrinsics[:, 0, 0] * factor * geometry.pixel_pitch,
+        color=[(110, 150, 190)] * count,
+    )
+    recorder.columns("world/c_arm/detector", geometry.times, pinholes)
+    recorder.static("world/c_arm/detector", rr.TransformAxes3D(0.0))  # a camera's axes would be as long as the image plane is far
+    _log_images(recorder, "world/c_arm/detector/projection", geometry.times, images)
+    sources = geometry.sources()
+    recorder.static("world/source_path", rr.LineStrips3D([sources], radii=rr.Radius.ui_points(1.0), colors=(110, 150, 190)))
+    recorder.static("world/c_arm", rr.Points3D([[0, 0, 0]], radii=0.02, colors=(255, 220, 80), labels="source", show_labels=False))
+
+
+def cameras(geometry: ConeBeamGeometry) -> tuple[FloatArray, FloatArray, bool]:
+    """Splits the matrices into what rerun wants: intrinsics (v, 3, 3), world_from_camera (v, 4, 4), and whether columns are mirrored.
+
+    Pictures have their first row above, so rows are turned round; rerun's pixel centers lie at halves. The split is an RQ
+    decomposition; where rotation and rows' sense do not make a right-handed camera, the columns are turned round too.
+    """
+    rows, columns = geometry.shape_vu
+    left_handed = bool(np.linalg.det(geometry.matrices[0, :, :3]) > 0)
+    flip = np.array([[1, 0, 0.5], [0, -1, rows - 0.5], [0, 0, 1.0]])
+    if left_handed:
+        flip = np.array([[-1, 0, columns - 0.5], [0, -1, rows - 0.5], [0, 0, 1.0]])
+    matrices = flip @ geometry.matrices
+    intrinsics, rotations = _rq(matrices[:, :, :3])
+    poses = np.tile(np.eye(4), (len(matrices), 1, 1))
+    poses[:, :3, :3], poses[:, :3, 3] = np.swapaxes(rotations, -1, -2), geometry.sources()
+    return intrinsics, poses, left_handed
+
+
+def _rq(matrices: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Upper-triangular with positive diagonal times orthonormal, for (v, 3, 3)."""
+    reverse = np.eye(3)[::-1]
+    q, r = np.linalg.qr(np.swapaxes(reverse @ matrices, -1, -2))
+    upper = reverse @ np.swapaxes(r, -1, -2) @ reverse
+    rotation = reverse @ np.swapaxes(q, -1, -2)
+    signs = np.sign(np.diagonal(upper, axis1=-2, axis2=-1))
+    return upper * signs[:, None, :], rotation * signs[:, :, None]
+
+
+def log_surface(recorder: Recorder, surface: MovingSurface) -> None:
+    """A deforming surface: thinned in space and in time until it fits, with the normals of its first shape."""
+    kept, triangles = thinned(surface.vertices[0], surface.triangles, SURFACE_VERTICES)
+    step = -(-len(surface.times) * len(kept) // SURFACE_VALUES)
+    vertices = surface.vertices[::step, kept]
+    entity = f"world/surfaces/{surface.name}"
+    normals = vertex_normals(vertices[0].astype(float), triangles)
+    style = rr.Mesh3D.from_fields(triangle_indices=triangles, vertex_normals=normals, albedo_factor=(224, 172, 140, 110))
+    recorder.static(entity, style)
+    columns = rr.Mesh3D.columns(vertex_positions=vertices.reshape(-1, 3)).partition(np.full(len(vertices), len(kept)))
+    recorder.columns(entity, surface.times[::step], columns)
+
+
+def thinned(vertices: Float32Array, triangles: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """(indices of kept vertices, triangles among them): one vertex a cell of a grid, coarse enough to keep at most ``count``.
+
+    Vertex clustering (Rossignac and Borrel 1993). Indices, not positions, so that it holds for every shape that the surface takes.
+    """
+    low, high = vertices.min(0), vertices.max(0)
+    cell = float((high - low).max()) / 512
+    kept, group = np.arange(len(vertices)), np.arange(len(vertices))
+    while len(kept) > count:
+        _, kept, group = np.unique(np.floor((vertices - low) / cell).astype(int), axis=0, return_index=True, return_inverse=True)
+        cell *= 1.2
+    merged = group[triangles]
+    whole = (merged[:, 0] != merged[:, 1]) & (merged[:, 1] != merged[:, 2]) & (merged[:, 2] != merged[:, 0])
+    return kept, merged[whole].astype(np.int32)
+
+
+def log_slices(recorder: Recorder, volumes: tuple[NamedVolume, ...], planes: SlicePlanes) -> None:
+    """All methods side by side in one picture: shank, thigh and sagittal slices as rows, one grey window."""
+    rows = [
+        [np.flipud(scene.axial(v.volume, planes.shank_y)) for v in volumes],
+        [np.flipud(scene.axial(v.volume, planes.thigh_y)) for v in volumes],
+        [np.flipud(scene.sagittal(v.volume, planes.sagittal_z)) for v in volumes],
+    ]
+    gap = 6
+    heights = [max(image.shape[0] for image in row) for row in rows]
+    width = max(image.shape[1] for row in rows for image in row)
+    canvas = np.zeros((sum(heights) + 2 * gap, len(volumes) * (width + gap) - gap), np.uint8)
+    top = float(np.percentile(volumes[0].volume.attenuation, 99.8))
+    y = 0
+    for row, height in zip(rows, heights, strict=True):
+        for column, image in enumerate(row):
+            x = column * (width + gap)
+            canvas[y : y + image.shape[0], x : x + image.shape[1]] = _grey(image, top)
+        y += height + gap
+    recorder.static("slices/picture", rr.Image(canvas))
+    places = [(column * (width + gap) + width / 2, -0.03 * canvas.shape[0]) for column in range(len(volumes))]
+    names = [v.name for v in volumes]
+    recorder.static("slices/names", rr.Points2D(places, labels=names, radii=0.0, colors=(230, 230, 230), show_labels=True))
+
+
+def _binned(images: Float32Array, factor: int) -> Float32Array:
+    """Means of ``factor`` x ``factor`` pixels; an incomplete edge is left out."""
+    views, rows, columns = images.shape
+    factor = min(factor, rows)
+    whole = images[:, : rows // factor * factor, : columns // factor * factor]
+    return whole.reshape(views, rows // factor, factor, columns // factor, factor).mean((2, 4))
+
+
+def _grey(image: Float32Array, top: float) -> np.ndarray:
+    return np.clip(image * (255 / max(top, 1e-30)), 0, 255).astype(np.uint8)
+
+
+def _log_images(recorder: Recorder, entity: str, times: FloatArray, images: Float32Array) -> None:
+    """8-bit pictures, dark where nothing is in the way."""
+    top = float(np.percentile(images, 99.9))
+    views, rows, columns = images.shape
+    recorder.static(
+        entity, rr.Image.from_fields(format=rr.components.ImageFormat(width=columns, height=rows, color_model="L", channel_datatype="U8"))
+    )
+    recorder.columns(entity, times, rr.Image.columns(buffer=_grey(images, top).reshape(views, -1)))

@@ -1,0 +1,35 @@
+"""The rerun stream of one recording with its clock: the timelines `time` (seconds) and `frame` (samples of the motion)."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+import rerun as rr
+
+from legsim import transforms
+from legsim.arrays import FloatArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Recorder:
+    """Logs whole columns at once, on both timelines."""
+
+    stream: rr.RecordingStream
+    clock: FloatArray
+    """(n,) s, the times of the motion's frames; anything at other times takes the nearest frame's number"""
+
+    def columns(self, entity: str, times: FloatArray, columns: Iterable[rr.ComponentColumn]) -> None:
+        """Logs one row of ``columns`` a time (n,)."""
+        middles = 0.5 * (self.clock[1:] + self.clock[:-1])
+        frames = np.searchsorted(middles, times)
+        self.stream.send_columns(entity, [rr.TimeColumn("time", duration=times), rr.TimeColumn("frame", sequence=frames)], columns)
+
+    def static(self, entity: str, *content: rr.AsComponents) -> None:
+        """Logs what holds at all times: styles, triangles, pictures that do not change."""
+        self.stream.log(entity, *content, static=True)
+
+    def poses(self, entity: str, times: FloatArray, world_from_entity: FloatArray) -> None:
+        """Places an entity by (n, 4, 4) rigid transforms."""
+        wxyz = transforms.quaternion_from_rotation(world_from_entity[:, :3, :3])
+        xyzw = wxyz[:, [1, 2, 3, 0]]  # rerun's order
+        self.columns(entity, times, rr.Transform3D.columns(translation=world_from_entity[:, :3, 3], quaternion=xyzw))

@@ -1,0 +1,61 @@
+"""The viewer's window, on a screen or as a picture."""
+
+import importlib.util
+import socket
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+from legsim.errors import LegsimError, at
+
+
+def open_viewer(path: Path) -> None:
+    """Opens a recording in the rerun viewer and returns when its window is closed.
+
+    Raises:
+        LegsimError: there is no such file, or the viewer cannot start.
+    """
+    if not path.is_file():
+        raise at(path, "no such recording", "run or replay first, or name the folder that holds recording.rrd")
+    outcome = subprocess.run([sys.executable, "-m", "rerun", str(path)], check=False)
+    if outcome.returncode != 0:
+        raise LegsimError(
+            f"the rerun viewer ended with status {outcome.returncode}; it needs a screen and a graphics driver "
+            f"(without them, copy {path} to a machine that has them, or open it at https://rerun.io/viewer)"
+        )
+
+
+def screenshot(path: Path, picture: Path, *, time_s: float) -> None:
+    """Saves what the viewer first shows of a recording at ``time_s`` as a PNG; needs a Vulkan driver but no screen.
+
+    Raises:
+        LegsimError: the viewer cannot start or draw.
+    """
+    from rerun.experimental import ViewerClient  # slow to import, and experimental
+
+    try:
+        with ViewerClient.spawn(
+            headless=True, port=_free_port(), detach_process=False, hide_welcome_screen=True, executable_path=str(_executable())
+        ) as viewer:
+            viewer.open(str(path.resolve()))
+            viewer.set_time("time", duration=time_s, play_state="paused")
+            time.sleep(2.0)  # the viewer streams the file in; nothing tells when it is done
+            picture.write_bytes(viewer.take_screenshot())
+    except (RuntimeError, OSError) as error:
+        reason = str(error).splitlines()[0]
+        raise at(path, f"the rerun viewer cannot draw it ({reason})", "install a Vulkan driver (Debian: mesa-vulkan-drivers)") from error
+
+
+def _executable() -> Path:
+    """The viewer that comes with rerun-sdk, whether or not the environment's folder of commands is on the PATH."""
+    spec = importlib.util.find_spec("rerun_cli")
+    if spec is None or spec.origin is None:
+        raise LegsimError("this rerun-sdk comes without its viewer; reinstall it with: pip install --force-reinstall rerun-sdk")
+    return Path(spec.origin).with_name("rerun.exe" if sys.platform == "win32" else "rerun")
+
+
+def _free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return probe.getsockname()[1]
