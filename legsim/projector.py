@@ -24,7 +24,7 @@ def project(
     posed: Callable[[int], Sequence[FloatArray]] | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Projections:
-    """Line integrals of attenuation from the source through each pixel's center, through all of the phantom (also what lies beyond the detector).
+    """Line integrals of attenuation from the source through each pixel's center and all of the phantom, also what lies beyond the detector.
 
     At each point the attenuation is that of the last part that contains it, 0 outside all. A part contains a point that its
     surface winds around, in either direction; so inner surfaces that face inward leave hollows.
