@@ -148,7 +148,12 @@ def _labels(header: C3dHeader, notes: list[str]) -> tuple[tuple[str, ...], NDArr
     if len(kept) < header.points:
         notes.append(f"{header.points - len(kept)} trajectories are results of a body model (angles, forces, ...), not markers: left out")
     if kept.size == 0:
-        raise at(header.path, "every point is a result of a body model, none a marker", "export the marker trajectories too", place="POINT:LABELS")
+        raise at(
+            header.path,
+            "every point is a result of a body model, none a marker",
+            "export the marker trajectories too",
+            place="POINT:LABELS",
+        )
     return tuple(named[k] for k in kept), kept
 
 

@@ -74,7 +74,9 @@ def read_header(path: Path, data: bytes) -> C3dHeader:
     if not data:
         raise at(path, "the file is empty", _CURE)
     if len(data) < 2 * BLOCK or data[1] != 0x50:
-        raise at(path, "the first block is not that of a C3D file (byte 2 should be 80)", "check the file's type, or " + _CURE, place="header")
+        raise at(
+            path, "the first block is not that of a C3D file (byte 2 should be 80)", "check the file's type, or " + _CURE, place="header"
+        )
     section = (data[0] - 1) * BLOCK
     if data[0] < 2 or section + 4 > len(data):
         problem = f"the parameter section should start at block {data[0]}, outside the file of {len(data) // BLOCK} blocks"

@@ -46,7 +46,7 @@ def read_markers(path: Path | str) -> RawMarkers:
 
 
 def kind(path: Path | str) -> str:
-    """"trc", "c3d" or "storage": by the first bytes, by the name's ending where they do not tell.
+    """ "trc", "c3d" or "storage": by the first bytes, by the name's ending where they do not tell.
 
     Raises:
         LegsimError: neither tells.

@@ -232,7 +232,9 @@ def _number(path: Path, place: str, text: str, name: str) -> float:
     except ValueError:
         value = math.nan if _WINDOWS_NAN.fullmatch(text) else math.inf
     if math.isinf(value) or "_" in text:
-        raise at(path, f"{text[:40]!r} of marker {name!r} is not a number", "write decimal points, and nothing where it is not seen", place=place)
+        raise at(
+            path, f"{text[:40]!r} of marker {name!r} is not a number", "write decimal points, and nothing where it is not seen", place=place
+        )
     return value
 
 
@@ -246,7 +248,9 @@ def _check_end(path: Path, lines: list[str], header: _Header, rows: _Rows) -> No
 
 def _times(path: Path, header: _Header, rows: _Rows) -> tuple[FloatArray, tuple[str, ...]]:
     """Times (n,) s: the column's, unless they are the even times of the header's rate printed with few digits."""
-    printed = np.array([_number(path, f"line {k}", text, "Time") if text else math.nan for k, text in zip(rows.lines, rows.time_texts, strict=True)])
+    printed = np.array(
+        [_number(path, f"line {k}", text, "Time") if text else math.nan for k, text in zip(rows.lines, rows.time_texts, strict=True)]
+    )
     frames = np.array(rows.frames, float)
     if np.isnan(printed).all():
         return (frames - frames[0]) / header.rate, ("no row has a time: times are from the frame numbers and DataRate",)
