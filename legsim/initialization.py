@@ -160,7 +160,7 @@ def _reprojected(matrix: FloatArray, pixels: FloatArray, start: FloatArray, poin
     for _ in range(_REFINEMENT_ROUNDS):
         jacobian = _jacobian(matrix, pose, points)
         normal = jacobian.T @ jacobian
-        step = np.linalg.solve(normal + damping * np.diag(np.diag(normal)), jacobian.T @ miss)
+        step = np.linalg.lstsq(normal + damping * np.diag(np.diag(normal)), jacobian.T @ miss, rcond=None)[0]
         turned = transforms.rotation_from_vector(step[:3]) @ pose[:3, :3]
         tried = transforms.rigid(turned, pose[:3, 3] + step[3:])
         tried_miss = (pixels - _projected(matrix, tried, points)).ravel()
