@@ -10,6 +10,7 @@ ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / "legsim"
 HOMES = {
     "pyopencl": {"opencl"},
+    "xraylib": {"materials"},
     "mujoco": {"leg"},
     "ezc3d": {"c3d"},
     "rerun": {"view"},

@@ -1,0 +1,152 @@
+"""Draws the leg phantom for the documentation: slices through the knee and the leg at several flexions.
+
+Usage: python tools/draw_phantom.py [--detail fine] [--out docs/images]
+"""
+
+import argparse
+from collections.abc import Sequence
+from pathlib import Path
+
+import matplotlib as mpl
+
+mpl.use("Agg")
+import matplotlib.pyplot as plt
+import numpy as np
+from leg_anatomy_fields import Array
+from leg_anatomy_motion import femur_from_patella, femur_from_tibia
+
+from legsim import leg_phantom, transforms
+from legsim.anatomy import SEGMENTS
+from legsim.leg_phantom import LegPhantom
+
+FOLDER = Path(__file__).parents[1] / "docs/images"
+AXES = "xyz"
+
+
+def flexed(phantom: LegPhantom, degrees: float, *, hip_degrees: float = 0.0) -> Array:
+    """world_from_segment (13, 4, 4) with both knees flexed by ``degrees`` and both hips by ``hip_degrees`` (unscaled leg)."""
+    poses = np.array(phantom.reference_world_from_segment)
+    reference = phantom.reference_world_from_segment
+    angle = np.radians([degrees])
+    for side in leg_phantom.SIDES:
+        index = {name: SEGMENTS.index(f"{name}_{side}") for name in ("femur", "tibia", "patella", "talus", "calcn", "toes")}
+        hip = reference[index["femur"]] @ transforms.rigid(transforms.axis_rotation((0, 0, 1), np.radians(hip_degrees)), np.zeros(3))
+        poses[index["femur"]] = hip
+        poses[index["tibia"]] = hip @ femur_from_tibia(angle)[0]
+        patella = femur_from_patella(angle)[0]
+        patella[2, 3] *= 1 if side == "r" else -1
+        poses[index["patella"]] = hip @ patella
+        for name in ("talus", "calcn", "toes"):
+            poses[index[name]] = poses[index["tibia"]] @ transforms.inverse(reference[index["tibia"]]) @ reference[index[name]]
+    return poses
+
+
+def crossing_segments(vertices: Array, triangles: np.ndarray, axis: int, position: float) -> Array:
+    """Segments (n, 2, 2) in which a plane across ``axis`` cuts a mesh, in the two other coordinates."""
+    side = vertices[:, axis] > position
+    cut = triangles[np.isin(side[triangles].sum(1), (1, 2))]
+    others = [k for k in range(3) if k != axis]
+    alone = side[cut].sum(1) == 1
+    lone = np.argmax(side[cut] == alone[:, None], axis=1)
+    apex = np.take_along_axis(cut, lone[:, None], 1)
+    ends = [np.take_along_axis(cut, ((lone + k) % 3)[:, None], 1) for k in (1, 2)]
+    points = []
+    for end in ends:
+        a, b = vertices[apex[:, 0]], vertices[end[:, 0]]
+        t = (position - a[:, axis]) / (b[:, axis] - a[:, axis])
+        points.append((a + t[:, None] * (b - a))[:, others])
+    return np.stack(points, 1)
+
+
+def inside(segments: Array, columns: Array, rows: Array) -> np.ndarray:
+    """Even-odd inside test (rows, columns) of an outline given as segments (n, 2, 2) of (column, row) positions."""
+    flips = np.zeros((len(rows), len(columns) + 1), int)
+    low, high = segments[..., 1].min(1), segments[..., 1].max(1)
+    for k, row in enumerate(rows):
+        hit = segments[(low <= row) & (high > row)]
+        a, b = hit[:, 0], hit[:, 1]
+        at = a[:, 0] + (row - a[:, 1]) / (b[:, 1] - a[:, 1]) * (b[:, 0] - a[:, 0])
+        flips[k] += np.bincount(np.searchsorted(columns, at), minlength=len(columns) + 1)
+    return np.cumsum(flips, axis=1)[:, :-1] % 2 == 1
+
+
+def slice_image(
+    phantom: LegPhantom, vertices: Sequence[Array], axis: int, position: float, low: Sequence[float], high: Sequence[float], step: float
+) -> Array:
+    """Attenuation in 1/m on a plane across ``axis``; rows are the later of the two other coordinates, upwards."""
+    columns, rows = (np.arange(lo, hi, step) for lo, hi in zip(low, high, strict=True))
+    image = np.zeros((len(rows), len(columns)))
+    for part, moved in zip(phantom.phantom.parts, vertices, strict=True):
+        segments = crossing_segments(np.asarray(moved), part.triangles, axis, position)
+        if len(segments):
+            image[inside(segments, columns, rows)] = part.attenuation
+    return image
+
+
+def draw_slices(phantom: LegPhantom, vertices: Sequence[Array], path: Path, planes: Sequence[tuple[int, float]], around: Array, half: float) -> None:
+    """Pictures of several planes, (axis, offset from ``around``), in gray like a scan."""
+    figure, frames = plt.subplots(2, (len(planes) + 1) // 2, figsize=(4.1 * ((len(planes) + 1) // 2), 8.4))
+    for frame in frames.flat:
+        frame.axis("off")
+    for (axis, offset), frame in zip(planes, frames.flat, strict=False):
+        others = [k for k in range(3) if k != axis]
+        low, high = [around[k] - half for k in others], [around[k] + half for k in others]
+        image = slice_image(phantom, vertices, axis, around[axis] + offset, low, high, 0.0004)
+        if axis == 0:  # rows upwards: transpose so that y is vertical
+            image = image.T
+        frame.imshow(image, cmap="gray", origin="lower", vmin=14, vmax=45, extent=(-half, half, -half, half))
+        name = {0: "coronal", 1: "axial", 2: "sagittal"}[axis]
+        frame.set_title(f"{name}, {AXES[axis]} {offset * 1e3:+.0f} mm", fontsize=10)
+    figure.tight_layout()
+    figure.savefig(path, dpi=75)
+    plt.close(figure)
+
+
+def draw_poses(phantom: LegPhantom, path: Path, angles: Sequence[float]) -> None:
+    """The right leg from its side at several flexions: skin outline with the bones inside, shaded."""
+    figure, frames = plt.subplots(1, len(angles), figsize=(4.2 * len(angles), 7))
+    for angle, frame in zip(angles, frames.flat, strict=True):
+        vertices = phantom.posed(flexed(phantom, angle, hip_degrees=0.5 * angle), SEGMENTS)
+        for part, moved in zip(phantom.phantom.parts, vertices, strict=True):
+            if part.name.endswith("_r") and (part.name.startswith("skin") or part.material in ("cortical_bone", "cartilage")):
+                _shade(frame, np.asarray(moved), part.triangles, 0.25 if part.name.startswith("skin") else 1.0)
+        frame.set_title(f"{angle:g}° of flexion")
+        frame.set_aspect("equal")
+        frame.axis("off")
+    figure.tight_layout()
+    figure.savefig(path, dpi=60)
+    plt.close(figure)
+
+
+def _shade(frame: "plt.Axes", vertices: Array, triangles: np.ndarray, opacity: float) -> None:
+    corners = vertices[triangles]
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True) + 1e-20
+    front = np.flatnonzero(normal[:, 2] > 0)
+    front = front[np.argsort(corners[front, :, 2].mean(1))]
+    shade = 0.35 + 0.6 * np.clip(normal[front] @ np.array([0.4, 0.4, 0.82]), 0, 1)
+    tint = np.array([0.85, 0.65, 0.55]) if opacity < 1 else np.array([1.0, 0.98, 0.9])
+    colors = np.concatenate([shade[:, None] * tint, np.full((len(front), 1), opacity)], 1)
+    frame.add_collection(mpl.collections.PolyCollection(list(corners[front][:, :, :2]), facecolors=colors, edgecolors="none"))
+    frame.autoscale_view()
+
+
+def main() -> None:
+    """Writes phantom_slices.png, phantom_slices_60.png and phantom_poses.png."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--detail", choices=("coarse", "fine"), default="fine")
+    parser.add_argument("--out", type=Path, default=FOLDER)
+    arguments = parser.parse_args()
+    arguments.out.mkdir(parents=True, exist_ok=True)
+    phantom = leg_phantom.load(detail=arguments.detail)
+    planes = [(1, 0.004), (1, -0.018), (1, -0.042), (1, -0.08), (2, 0.0), (2, 0.024), (2, -0.024), (0, -0.012)]
+    for degrees in (0, 60):
+        poses = flexed(phantom, degrees)
+        knee = poses[SEGMENTS.index("tibia_r"), :3, 3] if degrees else phantom.reference_world_from_segment[SEGMENTS.index("tibia_r"), :3, 3]
+        name = "phantom_slices.png" if degrees == 0 else f"phantom_slices_{degrees}.png"
+        draw_slices(phantom, phantom.posed(poses, SEGMENTS), arguments.out / name, planes, knee, 0.085)
+    draw_poses(phantom, arguments.out / "phantom_poses.png", (0, 30, 60, 100))
+
+
+if __name__ == "__main__":
+    main()
