@@ -20,6 +20,7 @@ CAPACITY = 48
 """crossings a pixel that fit in local memory: 24 kB a work-group; fuller tiles are done again with lists in global memory"""
 LOCAL_SIZE = (2 * TILE, TILE // 2)
 _CHUNK = 256
+_SPARE_BYTES = 1 << 28
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -66,7 +67,8 @@ class MeshRaster:
         self._sort = device.kernel("sort_into_tiles", "mesh_hits.cl", TILE=TILE, WORDS=self.words, CAPACITY=CAPACITY)
 
     def move(self, vertices: Sequence[FloatArray] | None) -> None:
-        """World vertices of each part, (p, 3) m; None for the phantom at rest. An array that is the one of the last call is not sent again.
+        """World vertices of each part, (p, 3) m; None for the phantom at rest. A read-only array that is the one of the last call
+        is not sent again.
 
         Raises:
             LegsimError: a wrong number of parts or vertices, or a coordinate that is not finite.
@@ -75,7 +77,7 @@ class MeshRaster:
         if len(vertices) != len(self.parts):
             raise LegsimError(f"posed vertices for {len(vertices)} parts; the phantom has {len(self.parts)}")
         for k, (part, points) in enumerate(zip(self.parts, vertices, strict=True)):
-            if points is self.vertices[k]:
+            if points is self.vertices[k] and not points.flags.writeable:
                 continue
             if points.shape != part.vertices.shape:
                 raise LegsimError(f"posed vertices of part {part.name!r} have shape {points.shape}; expected {part.vertices.shape}")
@@ -116,6 +118,43 @@ class MeshRaster:
         self._sort(
             *(self.device.queue, _padded(self.count), (_CHUNK,), self.triangles, np.uint32(self.count), self.whole, self.rest),
             *(pixels, tiles, slots, starts, np.int32(filling), entries),
+        )
+
+
+class TileKernel:
+    """A kernel that works on a tiled image, one work-group a tile, in two builds: crossings in local memory, or in global memory where more
+    rays of a tile cross than fit."""
+
+    def __init__(self, raster: MeshRaster, name: str, file: str, **defines: int | str) -> None:
+        defines = {"TILE": TILE, "WORDS": raster.words, **defines}
+        self._raster = raster
+        self._fast = raster.device.kernel(name, "mesh_hits.cl", file, CAPACITY=CAPACITY, **defines)
+        self._roomy = raster.device.kernel(name, "mesh_hits.cl", file, LISTS_IN_GLOBAL_MEMORY=1, **defines)
+
+    def run(self, tiled: TiledImage, arguments: Sequence[Any], target: Any) -> None:
+        """Runs over all tiles; ``arguments`` are the kernel's own, ``target`` what it writes."""
+        device = self._raster.device
+        total = len(tiled.listed)
+        needed, nothing = device.zeros(total, np.int32), device.zeros(1)
+        self._launch(self._fast, tiled, tiled.listed, (*arguments, needed, target), CAPACITY, (nothing, nothing))
+        fullest = device.download(needed, np.empty(total, np.int32))
+        full = np.flatnonzero(fullest).astype(np.uint32)
+        if len(full) == 0:
+            return
+        capacity = int(fullest.max())
+        tiles_at_once = max(1, _SPARE_BYTES // (capacity * TILE * TILE * 8))
+        for first in range(0, len(full), tiles_at_once):
+            listed = full[first : first + tiles_at_once]
+            spare = [device.zeros(len(listed) * capacity * TILE * TILE, dtype) for dtype in (np.float32, np.int32)]
+            self._launch(self._roomy, tiled, listed, (*arguments, needed, target), capacity, spare)
+
+    def _launch(self, kernel: Any, tiled: TiledImage, listed: np.ndarray, own: Sequence[Any], capacity: int, spare: Sequence[Any]) -> None:
+        raster = self._raster
+        kernel(
+            *(raster.device.queue, (len(listed) * LOCAL_SIZE[0], LOCAL_SIZE[1]), LOCAL_SIZE),
+            *(raster.triangles, raster.part_numbers, raster.whole, raster.rest),
+            *(tiled.entries, tiled.starts, raster.device.upload(listed), tiled.pixels, tiled.tiles),
+            *(*own, np.int32(capacity), *spare),
         )
 
 
