@@ -1,6 +1,5 @@
 """Which label of a recording plays which role on the body, and how labels are found in spite of prefixes and spelling."""
 
-import os
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -96,9 +95,11 @@ def guess(maps: Sequence[MarkerMap], marker_names: Sequence[str], *, required: S
     """
     scores = [(-len(m.missing_in(marker_names, required)), len(m.found_in(marker_names)), -len(m.roles), -k) for k, m in enumerate(maps)]
     best = maps[max(range(len(maps)), key=lambda k: scores[k])]
-    check_covered(best, marker_names, required)
     if not best.found_in(marker_names):
-        raise LegsimError(f"no marker set knows any of the markers {_listed(marker_names)}; give a marker map (TOML)")
+        raise LegsimError(
+            f"no marker set knows any of the markers {_listed(marker_names)}; give a marker map (TOML) with {', '.join(required)}"
+        )
+    check_covered(best, marker_names, required)
     return best
 
 
@@ -124,8 +125,8 @@ class _Finder:
 
     def __init__(self, marker_names: Sequence[str]) -> None:
         named = [name for name in marker_names if not name.startswith("*")]
-        common = os.path.commonprefix(named) if len(named) > 1 else ""
-        prefix = common[: common.rfind("_") + 1]
+        prefix = named[0].partition("_")[0] + "_" if named else ""
+        prefix = prefix if len(named) > 1 and all(name.startswith(prefix) for name in named) else ""
         bare = {name: name.rpartition(":")[2] for name in named}
         self._stages = [
             _unique({name: name for name in named}),

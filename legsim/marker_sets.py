@@ -3,6 +3,7 @@
 import tomllib
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 from legsim import marker_maps, resources
 from legsim.errors import LegsimError, at
@@ -59,10 +60,16 @@ def _from_table(path: Path, table: dict[str, object]) -> MarkerMap:
         raise at(path, str(error), "correct the name of the role", place="[roles]") from error
 
 
-def _alternatives(path: Path, role: str, entry: object) -> tuple[tuple[str, ...], ...]:
+def _alternatives(path: Path, role: str, entry: Any) -> tuple[tuple[str, ...], ...]:
     """Alternatives of labels to average, from one label, a list of labels, or a list of lists."""
-    lists = entry if isinstance(entry, list) and entry and all(isinstance(part, list) for part in entry) else [entry]
-    result = tuple(tuple(part) if isinstance(part, list) else (part,) for part in lists)
-    if not all(labels and all(isinstance(label, str) and label for label in labels) for labels in result):
+    nested = isinstance(entry, list) and entry and all(isinstance(part, list) for part in entry)
+    result = tuple(_labels(part) for part in entry) if nested else (_labels(entry),)
+    if not all(result):
         raise at(path, f"role {role} is given {entry!r}", "give a label, a list of labels, or a list of lists of labels", place="[roles]")
     return result
+
+
+def _labels(entry: Any) -> tuple[str, ...]:
+    """Labels to average, none where ``entry`` is neither a label nor a list of labels."""
+    labels = entry if isinstance(entry, list) else [entry]
+    return tuple(labels) if all(isinstance(label, str) and label for label in labels) else ()

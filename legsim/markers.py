@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy import signal
 from scipy.interpolate import CubicHermiteSpline, CubicSpline
 
@@ -188,9 +189,9 @@ def _velocity(positions: FloatArray, times: FloatArray, index: int, side: int) -
     return np.polynomial.polynomial.polyfit(times[rows] - times[index], positions[rows], degree)[1]
 
 
-def _gaps(missing: np.ndarray) -> list[tuple[int, int]]:
+def _gaps(missing: ArrayLike) -> list[tuple[int, int]]:
     """(first, last) index of each run of True."""
-    edges = np.flatnonzero(np.diff(np.r_[False, missing, False].astype(int)))
+    edges = np.flatnonzero(np.diff(np.r_[False, np.asarray(missing, bool), False].astype(int)))
     return [(int(a), int(b) - 1) for a, b in edges.reshape(-1, 2)]
 
 
@@ -236,9 +237,9 @@ def _check_person(means: dict[str, FloatArray]) -> None:
 
 def _report(role: str, names: tuple[str, ...], source: dict[str, FloatArray], bridged: dict[str, FloatArray], dt: float) -> RoleReport:
     """Counts over the labels of one role; of several, a sample counts where any is concerned."""
-    raw = np.any([np.isnan(source[name]).any(1) for name in names], axis=0)
-    jumped = np.any([jumps.find(source[name], dt) for name in names], axis=0)
-    left = np.any([np.isnan(bridged[name]).any(1) for name in names], axis=0)
+    raw = np.logical_or.reduce([np.isnan(source[name]).any(1) for name in names])
+    jumped = np.logical_or.reduce([jumps.find(source[name], dt) for name in names])
+    left = np.logical_or.reduce([np.isnan(bridged[name]).any(1) for name in names])
     gaps = _gaps(raw | jumped)
     longest = max((last - first + 1 for first, last in gaps), default=0) * dt
     filled = int(((raw | jumped) & ~left).sum())

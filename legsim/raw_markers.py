@@ -152,15 +152,16 @@ def up_by_names(positions: FloatArray, labels: Sequence[str]) -> str:
 
     Feet, knees, pelvis, trunk and head follow each other upwards in somebody who stands, squats, sits or walks.
     """
-    seen = np.isfinite(positions).all(-1)
-    marked = [(k, rank) for k, label in enumerate(labels) if (rank := level(label)) is not None and seen[:, k].any()]
+    marked = [
+        (k, rank) for k, label in enumerate(labels) if (rank := level(label)) is not None and np.isfinite(positions[:, k]).all(-1).any()
+    ]
     if len(marked) < 4:
         return ""
     ranks = sorted({rank for _, rank in marked})
     centers = np.array([np.median([np.nanmedian(positions[:, k], axis=0) for k, r in marked if r == rank], axis=0) for rank in ranks])
     if len(ranks) < 2:
         return ""
-    rise = np.diff(centers, axis=0).sum(0)
+    rise = centers[-1] - centers[0]
     axis = int(np.abs(rise).argmax())
     others = np.abs(np.delete(rise, axis)).max()
     if abs(rise[axis]) < MIN_HEIGHT or abs(rise[axis]) < 1.3 * others:

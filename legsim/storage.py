@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
+from legsim import text_lines
 from legsim.arrays import FloatArray
 from legsim.errors import LegsimError, at
 from legsim.signals import JointTrajectories
@@ -44,7 +45,7 @@ def load(path: Path | str, *, in_degrees: bool | None = None) -> JointTrajectori
         LegsimError: the file is not storage, does not say its unit, or a row does not fit.
     """
     path = Path(path)
-    lines = _text_lines(path)
+    lines = text_lines.read(path, "storage")
     header = _header(path, lines)
     names, first_row = _column_names(path, lines, header)
     table = _table(path, lines, first_row, len(names), header)
@@ -96,22 +97,6 @@ def _text(trajectories: JointTrajectories, values: FloatArray, in_degrees: bool)
     rows = ["\t".join(("time", *trajectories.coordinate_names))]
     rows += ["\t".join(map(repr, row)) for row in np.column_stack([trajectories.times, values]).tolist()]
     return header + "\n".join(rows) + "\n"
-
-
-def _text_lines(path: Path) -> list[str]:
-    try:
-        data = path.read_bytes()
-    except OSError as error:
-        raise at(path, f"cannot be read ({error.strerror})", "check the path") from error
-    if not data.strip():
-        raise at(path, "the file is empty", _EXPORT_AGAIN)
-    if b"\0" in data:
-        raise at(path, "holds binary data, not the text of a storage file", "check the file's type")
-    try:
-        text = data.decode("utf-8-sig")
-    except UnicodeDecodeError:
-        text = data.decode("latin-1")
-    return re.split(r"\r\n|\n|\r", text)
 
 
 def _header(path: Path, lines: list[str]) -> _Header:

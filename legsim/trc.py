@@ -10,8 +10,9 @@ from pathlib import Path
 
 import numpy as np
 
+from legsim import text_lines
 from legsim.arrays import FloatArray
-from legsim.errors import LegsimError, at
+from legsim.errors import at
 from legsim.raw_markers import RawMarkers
 from legsim.signals import Motion
 
@@ -62,7 +63,7 @@ def read(path: Path | str) -> RawMarkers:
         LegsimError: as :func:`load`.
     """
     path = Path(path)
-    lines = _text_lines(path)
+    lines = text_lines.read(path, "TRC")
     header = _header(path, lines)
     rows = _rows(path, lines, header)
     times, time_note = _times(path, header, rows)
@@ -104,23 +105,6 @@ def _text(name: str, motion: Motion) -> str:
     for k, (time, row) in enumerate(zip(motion.times.tolist(), table, strict=True), start=1):
         lines.append(f"{k}\t{time!r}\t" + "\t".join("NaN" if math.isnan(x) else repr(x) for x in row))
     return "\n".join(lines) + "\n"
-
-
-def _text_lines(path: Path) -> list[str]:
-    """The file's lines without their ends (LF, CRLF or CR); the last is empty where the file ends with a line end."""
-    try:
-        data = path.read_bytes()
-    except OSError as error:
-        raise at(path, f"cannot be read ({error.strerror})", "check the path") from error
-    if not data.strip():
-        raise at(path, "the file is empty", _EXPORT_AGAIN)
-    if b"\0" in data:
-        raise at(path, "holds binary data, not the text of a TRC file", "check the file's type, " + _EXPORT_AGAIN)
-    try:
-        text = data.decode("utf-8-sig")
-    except UnicodeDecodeError:
-        text = data.decode("latin-1")
-    return re.split(r"\r\n|\n|\r", text)
 
 
 def _header(path: Path, lines: list[str]) -> _Header:
