@@ -90,9 +90,11 @@ class Sensor:
             raise LegsimError(f"sensor {self.name!r} has a distance or an offset that is not a finite number")
 
     @classmethod
-    def aligned(cls, name: str, segment: str, distance: float, offset: ArrayLike = (0.0, 0.0, 0.0)) -> "Sensor":
-        """A sensor whose axes are the segment's."""
-        return cls(name, segment, distance, np.asarray(offset, float), np.eye(3))
+    def placed(
+        cls, name: str, segment: str, distance: float, offset: ArrayLike = (0.0, 0.0, 0.0), rotation_vector: ArrayLike = (0.0, 0.0, 0.0)
+    ) -> "Sensor":
+        """A sensor whose axes are the segment's, turned by a rotation vector (3,) in rad."""
+        return cls(name, segment, distance, np.asarray(offset, float), transforms.rotation_from_vector(rotation_vector))
 
     @property
     def segment_from_sensor(self) -> FloatArray:
@@ -102,7 +104,7 @@ class Sensor:
 
 def default_sensors() -> tuple[Sensor, Sensor]:
     """The two of Maier et al. 2022, section 2.1.3: shin 14 cm below the left knee, thigh 25 cm below the left hip, both aligned."""
-    return Sensor.aligned("shank_l", "tibia_l", 0.14), Sensor.aligned("thigh_l", "femur_l", 0.25)
+    return Sensor.placed("shank_l", "tibia_l", 0.14), Sensor.placed("thigh_l", "femur_l", 0.25)
 
 
 def simulate(leg: Leg, splines: JointSplines, sensors: Sequence[Sensor], times: ArrayLike) -> ImuSignals:

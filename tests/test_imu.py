@@ -126,15 +126,15 @@ def test_refuses_motions_too_short_or_with_gaps(leg: Leg):
 def test_refuses_unknown_segments_and_coordinates(leg: Leg):
     splines = JointSplines(swaying(leg))
     with pytest.raises(LegsimError, match="tibia_x"):
-        imu.simulate(leg, splines, [Sensor.aligned("s", "tibia_x", 0.1)], VIEWS)
+        imu.simulate(leg, splines, [Sensor.placed("s", "tibia_x", 0.1)], VIEWS)
     with pytest.raises(LegsimError, match="lacks the coordinates pelvis_ty"):
         JointSplines(JointTrajectories(TIMES, ("a",), np.zeros((len(TIMES), 1)))).at(VIEWS, ("a", "pelvis_ty"))
     with pytest.raises(LegsimError, match="names must differ"):
-        imu.simulate(leg, splines, [Sensor.aligned("s", "tibia_l", 0.1)] * 2, VIEWS)
+        imu.simulate(leg, splines, [Sensor.placed("s", "tibia_l", 0.1)] * 2, VIEWS)
 
 
 def test_refuses_sensors_that_are_no_frames():
     with pytest.raises(LegsimError, match="right-handed"):
         Sensor("s", "tibia_l", 0.1, np.zeros(3), np.diag([1.0, 1.0, -1.0]))
     with pytest.raises(LegsimError, match="finite number"):
-        Sensor.aligned("s", "tibia_l", np.nan)
+        Sensor.placed("s", "tibia_l", np.nan)
