@@ -56,7 +56,7 @@ def test_slices_are_oriented_as_in_radiology():
     values = np.zeros(grid.shape_zyx, np.float32)
     values[1, 4, 5] = 1  # left of the middle (low z), high up, in front
     volume = Volume(grid, values)
-    x, y, z = grid.axes()
+    _, y, z = grid.axes()
     row, column = np.argwhere(scene.axial(volume, y[4] + 0.004))[0]
     assert (row, column) == (5, 3)  # with the origin below: front is above, low z (the left) on the right
     row, column = np.argwhere(scene.sagittal(volume, z[1] - 0.004))[0]

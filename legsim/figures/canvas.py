@@ -1,0 +1,58 @@
+"""What all figures share: an empty one, its axes, and its PNG."""
+
+import io
+
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+COLORS = ("#1f5fa8", "#d1661b", "#2a8a4a", "#b0307f", "#7a5bc0", "#8a6a1f", "#1d8a93", "#6b6b6b")
+"""Told apart in print and by most color-blind readers; used in this order."""
+TEXT = "#1c1c1c"
+
+
+def new_figure(width: float, height: float) -> Figure:
+    """An empty white figure of ``width`` x ``height`` inches, bound to Agg."""
+    figure = Figure(figsize=(width, height), layout="constrained", facecolor="white")
+    FigureCanvasAgg(figure)
+    return figure
+
+
+def plot_axes(figure: Figure, rows: int, columns: int = 1, *, share_x: bool = True) -> list[Axes]:
+    """``rows`` x ``columns`` plots with a light grid, row by row."""
+    axes = figure.subplots(rows, columns, sharex=share_x, squeeze=False).ravel().tolist()
+    for ax in axes:
+        plain(ax)
+    return axes
+
+
+def plain(ax: Axes) -> None:
+    """A light grid behind the curves, no frame, small numbers."""
+    ax.grid(True, color="#dddddd", linewidth=0.6)
+    ax.set_axisbelow(True)
+    ax.spines[["top", "right"]].set_visible(False)
+    ax.tick_params(labelsize=8)
+
+
+def picture_axes(figure: Figure, rows: int, columns: int) -> list[list[Axes]]:
+    """``rows`` x ``columns`` places for pictures, without ticks."""
+    grid = figure.subplots(rows, columns, squeeze=False)
+    for ax in grid.ravel():
+        ax.set_xticks([])
+        ax.set_yticks([])
+    return grid.tolist()
+
+
+def at_least(ax: Axes, span: float) -> None:
+    """Widens the vertical axis to ``span``, so that nothing but rounding does not look like a curve."""
+    low, high = ax.get_ylim()
+    if high - low < span:
+        middle = 0.5 * (low + high)
+        ax.set_ylim(middle - span / 2, middle + span / 2)
+
+
+def png(figure: Figure, *, dpi: int = 130) -> bytes:
+    """The figure as a PNG; the same figure gives the same bytes."""
+    stream = io.BytesIO()
+    figure.savefig(stream, format="png", dpi=dpi, metadata={"Software": None})
+    return stream.getvalue()

@@ -1,0 +1,135 @@
+"""Curves over time."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from legsim import transforms
+from legsim.arrays import FloatArray
+from legsim.figures.canvas import COLORS, at_least, new_figure, plain, plot_axes
+from legsim.scene import JointCenters, ReplayScene
+from legsim.signals import ImuSignals, JointTrajectories, RigidMotion
+
+
+def joint_angles(trajectories: JointTrajectories, names: Sequence[str] = ()) -> Figure:
+    """Coordinates in degrees over time, right and left of a kind in one plot; all rotations, or ``names`` of them."""
+    chosen = [n for n in (names or trajectories.coordinate_names) if not n.startswith("pelvis_t") or n == "pelvis_tilt"]
+    kinds = list(dict.fromkeys(_kind(name) for name in chosen))
+    columns = 2 if len(kinds) > 3 else 1
+    rows = -(-len(kinds) // columns)
+    figure = new_figure(8.0, 0.6 + 1.35 * rows)
+    axes = plot_axes(figure, rows, columns)
+    for ax, kind in zip(axes, kinds, strict=False):
+        for name in (n for n in chosen if _kind(n) == kind):
+            style = (COLORS[1], "--") if name.endswith("_l") else (COLORS[0], "-")
+            values = np.rad2deg(trajectories.coordinate(name))
+            ax.plot(trajectories.times, values, color=style[0], linestyle=style[1], linewidth=1, label=name)
+        ax.set_ylabel("deg", fontsize=8)
+        at_least(ax, 1.0)
+        _legend(ax)
+    for ax in axes[len(kinds) :]:
+        ax.set_axis_off()
+    _time_axis(axes[: len(kinds)][-columns:])
+    return figure
+
+
+def imu_curves(imu: ImuSignals) -> Figure:
+    """Specific force and angular velocity of each sensor, in its own axes."""
+    figure = new_figure(8.0, 0.5 + 1.6 * len(imu.sensor_names))
+    axes = plot_axes(figure, len(imu.sensor_names), 2)
+    for row, name in enumerate(imu.sensor_names):
+        angular_velocity, specific_force = imu.sensor(name)
+        for ax, values, unit in ((axes[2 * row], specific_force, "m/s²"), (axes[2 * row + 1], np.rad2deg(angular_velocity), "deg/s")):
+            for k, axis in enumerate("xyz"):
+                ax.plot(imu.times, values[:, k], color=(COLORS[3], COLORS[2], COLORS[0])[k], linewidth=0.8, label=axis)
+            ax.set_ylabel(f"{name}\n{unit}", fontsize=8)
+            _legend(ax)
+    axes[0].set_title("specific force", fontsize=9)
+    axes[1].set_title("angular velocity", fontsize=9)
+    _time_axis(axes[-2:])
+    return figure
+
+
+def sway(centers: JointCenters, names: Sequence[str] = ()) -> Figure:
+    """How far joint centers stray from their mean: forward, up and to the right, in mm; the way seen from above beside it."""
+    chosen = tuple(names) or tuple(n for n in centers.names if n.startswith(("hip", "knee", "ankle")))
+    figure = new_figure(8.0, 4.6)
+    places = figure.subplot_mosaic([["forward", "above"], ["up", "above"], ["right", "above"]], width_ratios=[3, 2])
+    over_time, above = [places[name] for name in ("forward", "up", "right")], places["above"]
+    for ax in places.values():
+        plain(ax)
+    kinds = list(dict.fromkeys(_kind(name) for name in chosen))
+    for name in chosen:
+        place = centers.positions_world[:, centers.names.index(name)]
+        away = 1e3 * (place - place.mean(0))
+        color, line = COLORS[kinds.index(_kind(name)) % len(COLORS)], "--" if name.endswith("_l") else "-"
+        for ax, values in zip(over_time, away.T, strict=True):
+            ax.plot(centers.times, values, color=color, linestyle=line, linewidth=0.9, label=name)
+        above.plot(away[:, 2], away[:, 0], color=color, linestyle=line, linewidth=0.7, label=name)
+    for ax, label in zip(over_time, ("forward", "up", "to the right"), strict=True):
+        ax.set_ylabel(f"{label} (mm)", fontsize=8)
+        at_least(ax, 1.0)
+    _time_axis(over_time[-1:])
+    above.set_aspect("equal", adjustable="datalim")
+    above.set_xlabel("to the right (mm)", fontsize=8)
+    above.set_ylabel("forward (mm)", fontsize=8)
+    above.set_title("from above", fontsize=9)
+    _legend(above)
+    return figure
+
+
+def marker_residuals(scene: ReplayScene) -> Figure:
+    """Distance between measured and modelled markers: RMS and worst over time, and the spread of each marker."""
+    figure = new_figure(8.0, 4.8)
+    over_time, each = plot_axes(figure, 2, share_x=False)
+    residuals = scene.marker_residuals()
+    if residuals is None or scene.measured is None:
+        over_time.text(0.5, 0.5, "no markers", transform=over_time.transAxes, ha="center")
+        return figure
+    seen = np.isfinite(residuals).any(-1)
+    millimeters = 1e3 * residuals
+    rms = np.sqrt(np.nanmean(millimeters[seen] ** 2, -1))
+    over_time.plot(scene.measured.times[seen], np.nanmax(millimeters[seen], -1), color=COLORS[1], linewidth=0.7, label="worst marker")
+    over_time.plot(scene.measured.times[seen], rms, color=COLORS[0], linewidth=1.0, label="RMS of all markers")
+    over_time.set_ylabel("residual (mm)", fontsize=8)
+    over_time.set_ylim(bottom=0)
+    _legend(over_time)
+    _time_axis([over_time])
+    spread = [column[np.isfinite(column)] for column in millimeters.T]
+    each.boxplot(spread, whis=(5, 95), showfliers=False, medianprops={"color": COLORS[0]})
+    each.set_xticklabels(scene.measured.marker_names, rotation=60, ha="right", fontsize=7)
+    each.set_ylabel("residual (mm)", fontsize=8)
+    each.set_ylim(bottom=0)
+    return figure
+
+
+def motion_errors(truth: RigidMotion, estimates: Sequence[tuple[str, RigidMotion]], point: FloatArray) -> Figure:
+    """Of each (name, estimate): how far off it puts ``point`` (3,) world m, in mm, and by what angle it is turned, in degrees."""
+    figure = new_figure(8.0, 3.8)
+    distance, angle = plot_axes(figure, 2)
+    for k, (name, estimate) in enumerate(estimates):
+        difference = transforms.inverse(truth.moved_from_reference) @ estimate.moved_from_reference
+        moved = (estimate.moved_from_reference - truth.moved_from_reference)[:, :3] @ np.append(point, 1.0)
+        turned = np.rad2deg(transforms.rotation_angle(difference[:, :3, :3]))
+        distance.plot(truth.times, 1e3 * np.linalg.norm(moved, axis=-1), color=COLORS[k % len(COLORS)], linewidth=1, label=name)
+        angle.plot(truth.times, turned, color=COLORS[k % len(COLORS)], linewidth=1)
+    distance.set_ylabel("position error (mm)", fontsize=8)
+    angle.set_ylabel("rotation error (deg)", fontsize=8)
+    _legend(distance)
+    _time_axis([angle])
+    return figure
+
+
+def _kind(name: str) -> str:
+    return name.removesuffix("_r").removesuffix("_l")
+
+
+def _legend(ax: Axes) -> None:
+    ax.legend(fontsize=7, frameon=True, framealpha=0.8, edgecolor="none", loc="best")
+
+
+def _time_axis(axes: Sequence[Axes]) -> None:
+    for ax in axes:
+        ax.set_xlabel("time (s)", fontsize=8)
