@@ -12,7 +12,7 @@ def load() -> MarkerSites:
     """All known sites on the unscaled model: ``sacrum`` and, for each side, ``asis_r``, ``epicondyle_lateral_r``, ``heel_l`` and so on."""
     table = _table()
     entries = [(e["role"], e["segment"], e["position"], e["weight"]) for e in table["midline"]]
-    for e in table["paired"]:
+    for e in [*table["paired"], *_numbered(table)]:
         for side, sign in (("r", 1.0), ("l", -1.0)):
             segment = e["segment"] if e["segment"] == "pelvis" else f"{e['segment']}_{side}"
             entries.append((f"{e['role']}_{side}", segment, np.array(e["position"]) * (1.0, 1.0, sign), e["weight"]))
@@ -22,8 +22,13 @@ def load() -> MarkerSites:
 
 def calibrated_roles() -> frozenset[str]:
     """Roles whose place differs between laboratories and is taken from the recording (:func:`legsim.replay.calibrate`)."""
-    paired = [e["role"] for e in _table()["paired"] if e.get("calibrated", False)]
+    table = _table()
+    paired = [e["role"] for e in [*table["paired"], *_numbered(table)] if e.get("calibrated", False)]
     return frozenset(f"{role}_{side}" for role in paired for side in "rl")
+
+
+def _numbered(table: dict) -> list[dict]:
+    return [{**e, "role": f"{e['role']}_{k}", "calibrated": True} for e in table["clusters"] for k in range(10)]
 
 
 def _table() -> dict:
