@@ -28,12 +28,12 @@ _NEEDS_DETECTOR = "give the detector's rows and columns (and its pixel_mm), whic
 
 
 def load(
-    path: Path | str, *, shape_vu: tuple[int, int] | None = None, pixel_mm: float | None = None, view_rate_hz: float = 31.0
+    path: Path | str, *, columns: int | None = None, rows: int | None = None, pixel_mm: float | None = None, view_rate_hz: float = 31.0
 ) -> ConeBeamGeometry:
     """Reads a geometry; the suffix says which kind: .json (legsim), .xml (RTK), .txt or .npy (a 3x4 matrix a view, mm to pixels).
 
     Args:
-        shape_vu: (rows, columns) of the detector, for files that do not say; RTK's XML then has its detector centered.
+        columns, rows: pixels of the detector, for files that do not say; RTK's XML then has its detector centered.
         pixel_mm: pixel pitch, for files that do not say; RTK's XML is in mm on the detector and cannot be read without it.
         view_rate_hz: views a second, for files without times.
 
@@ -43,6 +43,9 @@ def load(
     path = Path(path)
     if path.suffix.lower() not in SUFFIXES:
         raise at(path, f"unknown kind of geometry {path.suffix!r}", f"name it with one of {', '.join(SUFFIXES)}")
+    if (columns is None) != (rows is None):
+        raise LegsimError("a detector needs both columns and rows; give the other one too")
+    shape_vu = None if columns is None or rows is None else (rows, columns)
     try:
         if path.suffix.lower() == ".json":
             return _load_json(path)

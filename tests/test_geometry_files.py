@@ -49,7 +49,7 @@ def test_round_trip(tmp_path, suffix, geometry):
 def test_round_trip_of_plain_matrices(tmp_path, suffix):
     geometry = corrected()
     geometry_files.save(tmp_path / f"g.{suffix}", geometry)
-    loaded = geometry_files.load(tmp_path / f"g.{suffix}", shape_vu=(48, 62), pixel_mm=0.616)
+    loaded = geometry_files.load(tmp_path / f"g.{suffix}", columns=62, rows=48, pixel_mm=0.616)
     np.testing.assert_allclose(loaded.matrices, geometry.matrices, rtol=1e-14)
     np.testing.assert_allclose(loaded.times, np.arange(5) / 31)
 
@@ -88,7 +88,7 @@ def test_any_of_rtks_parameters_survive(tmp_path_factory, values):
     )
     path = tmp_path_factory.mktemp("rtk") / "g.xml"
     path.write_text(f'<RTKThreeDCircularGeometry version="3"><Projection>{fields}{distances}</Projection></RTKThreeDCircularGeometry>')
-    first = geometry_files.load(path, shape_vu=(48, 62), pixel_mm=0.5)
+    first = geometry_files.load(path, columns=62, rows=48, pixel_mm=0.5)
     geometry_files.save(path, first)
     second = geometry_files.load(path)
     np.testing.assert_allclose(second.matrices, first.matrices, atol=1e-9 * np.abs(first.matrices).max())
@@ -103,7 +103,7 @@ def test_rtk_parameters_before_the_projections_hold_for_all(tmp_path):
         "<Projection><GantryAngle>0</GantryAngle></Projection><Projection><GantryAngle>71.3</GantryAngle></Projection>"
         "</RTKThreeDCircularGeometry>"
     )
-    loaded = geometry_files.load(path, shape_vu=(48, 62), pixel_mm=0.616)
+    loaded = geometry_files.load(path, columns=62, rows=48, pixel_mm=0.616)
     np.testing.assert_allclose(loaded.matrices, circular(2).matrices, atol=1e-10)
 
 
@@ -111,17 +111,17 @@ def test_rtk_matrix_alone_is_enough_and_a_contradiction_is_told(tmp_path):
     matrix = "<Matrix>-1198 0 0 0 0 -1198 0 0 0 0 1 -780</Matrix>"
     wrap = '<RTKThreeDCircularGeometry version="3"><Projection>{}</Projection></RTKThreeDCircularGeometry>'
     (tmp_path / "g.xml").write_text(wrap.format(matrix))
-    loaded = geometry_files.load(tmp_path / "g.xml", shape_vu=(48, 62), pixel_mm=0.616)
+    loaded = geometry_files.load(tmp_path / "g.xml", columns=62, rows=48, pixel_mm=0.616)
     np.testing.assert_allclose(loaded.matrices, circular(1).matrices, atol=1e-10)
     distances = "<SourceToIsocenterDistance>781</SourceToIsocenterDistance><SourceToDetectorDistance>1198</SourceToDetectorDistance>"
     (tmp_path / "h.xml").write_text(wrap.format(distances + matrix))
     with pytest.raises(LegsimError, match=r"h\.xml \(projection 0\): its <Matrix> contradicts"):
-        geometry_files.load(tmp_path / "h.xml", shape_vu=(48, 62), pixel_mm=0.616)
+        geometry_files.load(tmp_path / "h.xml", columns=62, rows=48, pixel_mm=0.616)
 
 
 def test_matrices_in_brackets_over_several_lines(tmp_path):
     (tmp_path / "g.txt").write_text("# CONRAD\n[[-1944.8, 0.0, 30.5, -23790]; [0, -1944.8, 23.5, -18330];\n [0.0, 0.0, 1.0, -780.0]]\n")
-    loaded = geometry_files.load(tmp_path / "g.txt", shape_vu=(48, 62))
+    loaded = geometry_files.load(tmp_path / "g.txt", columns=62, rows=48)
     np.testing.assert_allclose(loaded.sources()[0], (0, 0, 0.78), atol=1e-9)
     assert loaded.matrices[0, 2, 3] > 0, "depth is positive in front of the source"
 
@@ -179,7 +179,7 @@ def test_malformed_json_is_told_where(tmp_path, content, message):
 def test_malformed_xml_is_told_where(tmp_path, content, message):
     (tmp_path / "g.xml").write_text(content)
     with pytest.raises(LegsimError, match=message):
-        geometry_files.load(tmp_path / "g.xml", shape_vu=(2, 2), pixel_mm=1.0)
+        geometry_files.load(tmp_path / "g.xml", columns=2, rows=2, pixel_mm=1.0)
 
 
 def test_other_refusals(tmp_path):
@@ -189,16 +189,18 @@ def test_other_refusals(tmp_path):
         geometry_files.load(tmp_path / "none.json")
     (tmp_path / "g.txt").write_text("1 2 3 x")
     with pytest.raises(LegsimError, match=r"\(line 1\): 'x' is not a number"):
-        geometry_files.load(tmp_path / "g.txt", shape_vu=(2, 2))
+        geometry_files.load(tmp_path / "g.txt", columns=2, rows=2)
     (tmp_path / "g.txt").write_text("1 2 3")
     with pytest.raises(LegsimError, match="holds 3 numbers"):
-        geometry_files.load(tmp_path / "g.txt", shape_vu=(2, 2))
+        geometry_files.load(tmp_path / "g.txt", columns=2, rows=2)
     (tmp_path / "g.txt").write_text("1 0 0 0 0 1 0 0 0 0 1 5")
     with pytest.raises(LegsimError, match="does not say how large the detector is"):
         geometry_files.load(tmp_path / "g.txt")
+    with pytest.raises(LegsimError, match="both columns and rows"):
+        geometry_files.load(tmp_path / "g.txt", columns=4)
     (tmp_path / "g.npy").write_bytes(b"nothing")
     with pytest.raises(LegsimError, match=r"is not an \.npy file"):
-        geometry_files.load(tmp_path / "g.npy", shape_vu=(2, 2))
+        geometry_files.load(tmp_path / "g.npy", columns=2, rows=2)
 
 
 @pytest.mark.parametrize(
@@ -248,5 +250,5 @@ def test_rtk_reads_what_we_write_and_we_read_what_rtk_writes(tmp_path):
     middle = (np.array(ours.shape_vu[::-1]) - 1) / 2
     np.testing.assert_allclose(detector[..., :2] / detector[..., 2:] / 0.616 + middle, ours.project(points_mm / 1e3)[0], atol=1e-8)
 
-    loaded = geometry_files.load(tmp_path / "theirs.xml", shape_vu=(1, 1), pixel_mm=1.0)
+    loaded = geometry_files.load(tmp_path / "theirs.xml", columns=1, rows=1, pixel_mm=1.0)
     np.testing.assert_allclose(loaded.matrices, -theirs * np.array([1, 1, 1, 1e-3]), atol=1e-9)

@@ -1,0 +1,168 @@
+"""PHANTOM.toml: every kind of mesh loads to the same surface, and each fault is told of the file it is in."""
+
+import numpy as np
+import pytest
+import trimesh
+
+from legsim import materials, phantom_files, transforms
+from legsim.errors import LegsimError
+
+
+def ball(radius_mm: float, center=(0.0, 0.0, 0.0)) -> trimesh.Trimesh:
+    mesh = trimesh.creation.icosphere(subdivisions=2, radius=radius_mm)
+    mesh.apply_translation(center)
+    return mesh
+
+
+def write(folder, *parts: dict, **meshes: trimesh.Trimesh):
+    """Meshes as name_suffix=mesh, parts as tables."""
+    for name, mesh in meshes.items():
+        stem, _, suffix = name.rpartition("_")
+        mesh.export(folder / f"{stem}.{suffix}")
+    lines = []
+    for part in parts:
+        lines += ["[[part]]", *(f"{key} = {value!r}".replace("'", '"') for key, value in part.items())]
+    path = folder / "phantom.toml"
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+def entry(name: str, file: str, **more) -> dict:
+    return {"name": name, "file": file, "unit": "mm", "material": "water"} | more
+
+
+@pytest.mark.parametrize("suffix", ["ply", "stl", "obj", "glb"])
+def test_every_kind_of_mesh_gives_the_same_closed_surface(tmp_path, suffix):
+    mesh = ball(30, (5, 0, 0))
+    path = write(tmp_path, entry("ball", f"ball.{suffix}"), **{f"ball_{suffix}": mesh})
+    part = phantom_files.load(path).parts[0]
+    assert len(part.vertices) == 162
+    assert len(part.triangles) == 320
+    np.testing.assert_allclose(part.vertices.mean(axis=0), (0.005, 0, 0), atol=1e-7)
+    assert phantom_files._volume(part.vertices, part.triangles) == pytest.approx(mesh.volume * 1e-9, rel=1e-5)
+    assert part.attenuation == materials.attenuation("water")
+
+
+def test_vertices_split_by_normals_are_merged(tmp_path):
+    box = trimesh.creation.box(extents=(20, 30, 40))
+    split = trimesh.Trimesh(box.vertices[box.faces].reshape(-1, 3), np.arange(36).reshape(-1, 3), process=False)
+    for suffix in ("glb", "obj", "ply"):
+        path = write(tmp_path, entry("box", f"box.{suffix}"), **{f"box_{suffix}": split})
+        assert len(phantom_files.load(path).parts[0].vertices) == 8
+
+
+def test_vertices_rounded_apart_are_merged(tmp_path, rng):
+    mesh = ball(30)
+    corners = mesh.vertices[mesh.faces].reshape(-1, 3) + rng.uniform(-1e-7, 1e-7, (960, 3))
+    path = write(tmp_path, entry("ball", "ball.ply"), ball_ply=trimesh.Trimesh(corners, np.arange(960).reshape(-1, 3), process=False))
+    assert len(phantom_files.load(path).parts[0].triangles) == 320
+
+
+def test_units_energy_and_stated_attenuation(tmp_path):
+    path = write(
+        tmp_path,
+        entry("a", "a.ply", unit="m", material="cortical_bone"),
+        {"name": "b", "file": "b.ply", "unit": "mm", "attenuation_per_mm": 0.02},
+        a_ply=ball(0.05),
+        b_ply=ball(20),
+    )
+    phantom = phantom_files.load(path, energy_kev=80.0)
+    assert phantom.parts[0].attenuation == materials.attenuation("cortical_bone", 80.0)
+    assert phantom.parts[1].attenuation == pytest.approx(20.0)
+    assert np.ptp(phantom.parts[0].vertices, axis=0).max() == pytest.approx(0.1, rel=1e-3)
+
+
+def test_an_inward_mesh_is_turned_and_said_so(tmp_path):
+    mesh = ball(30)
+    mesh.invert()
+    found = phantom_files.read(write(tmp_path, entry("ball", "ball.stl"), ball_stl=mesh))
+    part = found.phantom.parts[0]
+    assert phantom_files._volume(part.vertices, part.triangles) > 0
+    assert len(found.remarks) == 1
+    assert "ball.stl (part 'ball'): its triangles faced inward" in found.remarks[0]
+
+
+def test_segments_move_their_parts(tmp_path):
+    path = write(tmp_path, entry("a", "a.ply"), entry("b", "b.ply", segment="tibia_r"), a_ply=ball(50), b_ply=ball(20))
+    found = phantom_files.read(path)
+    assert found.segments == (None, "tibia_r")
+    moves = np.stack([np.eye(4), transforms.translation((0.0, 0.1, 0.0))])
+    first, second = found.posed(("femur_r", "tibia_r"), moves)
+    assert first is found.phantom.parts[0].vertices
+    np.testing.assert_allclose(second, found.phantom.parts[1].vertices + np.array([0, 0.1, 0]))
+    with pytest.raises(LegsimError, match="parts move with tibia_r; the poses have femur_r"):
+        found.posed(("femur_r",), moves[:1])
+
+
+def test_overlaps_are_remarked_and_nesting_is_not(tmp_path):
+    path = write(
+        tmp_path, entry("a", "a.ply"), entry("b", "b.ply"), entry("c", "c.ply"), a_ply=ball(50), b_ply=ball(20), c_ply=ball(20, (50, 0, 0))
+    )
+    remarks = phantom_files.read(path).remarks
+    assert len(remarks) == 1
+    assert "parts 'a' and 'c' overlap; 'c' counts" in remarks[0]
+
+
+def refuse(path, message: str) -> None:
+    with pytest.raises(LegsimError, match=message) as caught:
+        phantom_files.load(path)
+    assert "\n" not in str(caught.value)
+
+
+def test_open_and_disoriented_meshes_are_told_of_their_file(tmp_path):
+    opened, turned = ball(30), ball(30)
+    opened.update_faces(np.arange(320) != 7)
+    turned.faces = np.concatenate([turned.faces[:1, ::-1], turned.faces[1:]])
+    for suffix in ("ply", "stl"):
+        refuse(
+            write(tmp_path, entry("x", f"x.{suffix}"), **{f"x_{suffix}": opened}),
+            rf"x\.{suffix} \(part 'x'\): the surface is open: 3 edges",
+        )
+        refuse(write(tmp_path, entry("x", f"x.{suffix}"), **{f"x_{suffix}": turned}), r"disagree about the outside at 3 edges")
+
+
+def test_mistaken_units_are_suspected(tmp_path):
+    refuse(
+        write(tmp_path, entry("x", "x.ply", unit="m"), x_ply=ball(30)),
+        r"x\.ply \(part 'x'\): with unit = 'm' it is 6e\+04 mm long; is its unit 'mm'\?",
+    )
+    refuse(write(tmp_path, entry("x", "x.ply"), x_ply=ball(0.03)), r"is its unit 'm'\?")
+
+
+def test_a_hidden_part_is_told(tmp_path):
+    path = write(tmp_path, entry("bone", "b.ply"), entry("skin", "s.ply"), b_ply=ball(20), s_ply=ball(50))
+    refuse(
+        path, r"part 'bone' \(b\.ply\) lies inside the later part 'skin' \(s\.ply\), which displaces it whole; list 'skin' before 'bone'"
+    )
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        ("[[part]\n", "is not TOML"),
+        ("", r"holds no \[\[part\]\]"),
+        ("part = 3", r"holds no \[\[part\]\]"),
+        ("title = 3", "unknown key 'title'"),
+        ("[[part]]\nname = 'a'\nfiles = 'x'", r"\(part 1\): unknown key 'files'; known are name, file, unit"),
+        ("[[part]]\nname = 'a'", r"\(part 1\): lacks file, unit"),
+        ("[[part]]\nname = 3", r"name = 3 is of the wrong type"),
+        ("[[part]]\nname = 'a'\nfile = 'x.ply'\nunit = 'cm'\nmaterial = 'water'", "unit = 'cm'; known are mm, m"),
+        ("[[part]]\nname = 'a'\nfile = 'x.ply'\nunit = 'mm'", "needs either material or attenuation_per_mm"),
+        ("[[part]]\nname = 'a'\nfile = 'x.ply'\nunit = 'mm'\nattenuation_per_mm = -1", "attenuation_per_mm = -1"),
+        ("[[part]]\nname = 'a'\nfile = 'x.ply'\nunit = 'mm'\nmaterial = 'cheese'", r"\(part 1, 'a'\): no material named 'cheese'"),
+        ("[[part]]\nname = 'a'\nfile = 'x.ply'\nunit = 'mm'\nmaterial = 'water'", r"x\.ply \(part 'a'\): no such file"),
+        ("[[part]]\nname = 'a'\nfile = 'x.vtp'\nunit = 'mm'\nmaterial = 'water'", r"unknown kind of mesh '\.vtp'"),
+    ],
+)
+def test_a_malformed_toml_is_told_where(tmp_path, content, message):
+    (tmp_path / "phantom.toml").write_text(content)
+    refuse(tmp_path / "phantom.toml", message)
+
+
+def test_other_refusals(tmp_path):
+    refuse(tmp_path / "none.toml", "cannot be read")
+    path = write(tmp_path, entry("a", "a.ply"), entry("a", "a.ply"), a_ply=ball(30))
+    refuse(path, "two parts are named 'a'")
+    for suffix in phantom_files.SUFFIXES:
+        (tmp_path / f"bad{suffix}").write_bytes(b"\x00not a mesh at all")
+        refuse(write(tmp_path, entry("a", f"bad{suffix}")), rf"bad\{suffix} \(part 'a'\): (cannot be read as a mesh|holds no triangles)")
