@@ -1,0 +1,66 @@
+"""Motion undone in the projections: each image deformed so that followed points lie where they lay in the first view's pose.
+
+Maier et al. 2022, section 2.6.2. The control points at rest and moved are projected with each view's own matrix; the pixel at v of the
+corrected image is what the recorded image shows at f(v) (see :mod:`legsim.mls` for f). Depth is lost: points along one ray that
+move differently are moved alike.
+"""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pyopencl as cl
+
+from legsim.arrays import FloatArray
+from legsim.errors import LegsimError
+from legsim.geometry import ConeBeamGeometry, Projections
+from legsim.motions import ControlPointMotion
+from legsim.opencl import Device
+
+_BATCH_BYTES = 1 << 27
+
+
+def image_points(geometry: ConeBeamGeometry, motion: ControlPointMotion) -> tuple[FloatArray, FloatArray]:
+    """Control points at rest and moved in every view, both (v, m, 2) pixels (u, v).
+
+    Raises:
+        LegsimError: the motion is not given at the views, or a point comes behind the source.
+    """
+    if len(motion.times) != len(geometry):
+        raise LegsimError(
+            f"the control points have {len(motion.times)} times for {len(geometry)} views; follow them to the views' own times"
+        )
+    resting, depth = geometry.project(motion.reference)
+    moved, depth_moved = geometry.project(motion.moved)
+    if min(depth.min(), depth_moved.min()) <= 0:
+        view = int(np.argmin(np.minimum(depth.min(-1), depth_moved.min(-1))))
+        raise LegsimError(f"a control point lies behind the source in view {view}; draw the points nearer to the knee")
+    return resting, moved
+
+
+def warp(
+    projections: Projections, motion: ControlPointMotion, device: Device, *, progress: Callable[[int, int], None] | None = None
+) -> Projections:
+    """The images as if the control points had stayed at rest, under the same geometry.
+
+    Any number of control points. Read by cubic convolution (Keys 1981); where f(v) lies outside, the border pixel is repeated.
+
+    Raises:
+        LegsimError: as :func:`image_points`.
+    """
+    resting, moved = image_points(projections.geometry, motion)
+    points = np.concatenate([resting, moved - resting], -1).astype(np.float32)
+    views, rows, columns = projections.line_integrals.shape
+    program = device.program("warp_mls.cl", ROWS=rows, COLUMNS=columns, COUNT=points.shape[1])
+    kernel = cl.Kernel(program, "warp_mls")
+    corrected = np.empty_like(projections.line_integrals)
+    batch = max(1, _BATCH_BYTES // (4 * rows * columns))
+    for start in range(0, views, batch):
+        stop = min(start + batch, views)
+        target = device.zeros((stop - start) * rows * columns)
+        source, controls = device.upload(projections.line_integrals[start:stop]), device.upload(points[start:stop])
+        kernel(device.queue, (columns, rows, stop - start), None, source, controls, target)
+        device.download(target, corrected[start:stop])
+        if progress is not None:
+            progress(stop, views)
+    return replace(projections, line_integrals=corrected)
