@@ -98,10 +98,12 @@ def read_header(path: Path, data: bytes) -> C3dHeader:
 
 def floats(data: bytes, processor: int) -> NDArray[np.float64]:
     """32-bit floating-point numbers of a processor family; DEC's have their words swapped and are four times as large."""
-    if processor == DEC:
-        swapped = np.frombuffer(data, "<u2").reshape(-1, 2)[:, ::-1]
-        return np.ascontiguousarray(swapped).view("<f4")[:, 0].astype(float) / 4
-    return np.frombuffer(data, ">f4" if processor == MIPS else "<f4").astype(float)
+    # damage may look like a signalling NaN
+    with np.errstate(invalid="ignore"):
+        if processor == DEC:
+            swapped = np.frombuffer(data, "<u2").reshape(-1, 2)[:, ::-1]
+            return np.ascontiguousarray(swapped).view("<f4")[:, 0].astype(float) / 4
+        return np.frombuffer(data, ">f4" if processor == MIPS else "<f4").astype(float)
 
 
 def integers(data: bytes, processor: int) -> NDArray[np.int16]:

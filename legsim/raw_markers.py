@@ -39,9 +39,9 @@ FLOOR_BAND = (-0.15, 0.45)
 MIN_HEIGHT = 0.25
 """m: markers that spread less than this along an axis tell nothing about what is up"""
 _LEVELS = (
-    r"toe|hee|heel|cal|calc|calcn|mt[1-5]|m[ft]?h[1-5]|d[1-5]m|\dmeta|foot|ank|ankle|ankle(lat|med|medial)|[lm]?mal|hal|rft|lft",
+    r"toe|toe(tip|lat|med)|hee|heel|cal|calc|calcn|mt[1-5]|m[ft]?h[1-5]|d[1-5]m|\dmeta|foot|ank|ankle|ankle(lat|med|medial)|[lm]?mal|hal|rft|lft",
     r"kne|knee|knee(lat|med|medial)|[lm]?fc|[lm]fe|tubtib|suppat|tta",
-    r"asis|psis|asi|psi|eias|eas|eips|eps|sacral|sacr|sacrum|fwt|bwt",
+    r"asis|psis|asi|psi|eias|eas|eips|eps|v?sacral|sacr|sacrum|fwt|bwt",
     r"c7|t[1-9]|t1[0-2]|clav|ster|strn|sternum|shoulder|sho|acr|acromion|acromium|ac|ij|px|xiph|clavicle",
     r"fhd|bhd|head|tete|temp|tophead|ariel",
 )

@@ -224,9 +224,13 @@ def _number(path: Path, place: str, text: str, name: str) -> float:
 
 def _check_end(path: Path, lines: list[str], header: _Header, rows: _Rows) -> None:
     """Refuses a file cut off inside its last row, whose last number may have lost its last digits."""
-    cut = bool(lines[-1].strip(" \t,")) and header.frames is not None and len(rows.lines) < header.frames
-    if cut:
-        problem = f"the file breaks off in this row, number {len(rows.lines)} of {header.frames}"
+    if not lines[-1].strip(" \t,"):
+        return
+    few = header.frames is not None and len(rows.lines) < header.frames
+    marks = [len(re.findall(r"[\t,]", lines[k - 1].rstrip(" \t,"))) for k in rows.lines[-2:]]
+    if few or marks[-1] < marks[0]:
+        of = f" of {header.frames}" if header.frames is not None else ""
+        problem = f"the file breaks off in this row, number {len(rows.lines)}{of}"
         raise at(path, problem, "copy the file again, or delete its last row", place=f"line {rows.lines[-1]}")
 
 
@@ -261,10 +265,12 @@ def _even_times(printed: FloatArray, frames: FloatArray, known: np.ndarray, rate
     starts = (frames[0] - 1, printed[known][0] * rate - count[known][0])
     candidates = [(start + count) / rate for start in starts]
     errors = [float(np.abs(printed - even)[known].max()) for even in candidates]
-    best = int(np.argmin(errors))
     # times printed in full are kept to the last bit
-    hidden = errors[best] > 1e-9 or not known.all()
-    return candidates[best] if hidden and errors[best] <= 1.001 * step else None
+    if errors[1] <= 1e-9:
+        return None if known.all() else candidates[1]
+    # beyond three quarters of a sample the column tells of something else than rounding
+    tolerance = min(1.001 * step, 0.75 / rate)
+    return next((even for even, error in zip(candidates, errors, strict=True) if error <= tolerance), None)
 
 
 def _decimals(text: str) -> int:
