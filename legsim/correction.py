@@ -14,6 +14,7 @@ from legsim import transforms
 from legsim.arrays import FloatArray, frozen, increasing_times
 from legsim.errors import LegsimError
 from legsim.geometry import Projections
+from legsim.motions import ControlPointMotion
 from legsim.pose_estimation import SensorStart
 from legsim.signals import ImuSignals, RigidMotion
 
@@ -49,26 +50,6 @@ def _printed_product(poses: FloatArray) -> FloatArray:
     for i, change in enumerate(changes):
         motion[i + 1] = motion[i] @ change
     return motion
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class ControlPointMotion:
-    """A few points that were followed through the scan; in between, space moves by moving least squares."""
-
-    times: FloatArray
-    """(v,) s"""
-    reference: FloatArray
-    """(m, 3) m in world at the reference time: where the reconstruction holds them"""
-    moved: FloatArray
-    """(v, m, 3) m in world at each view"""
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "times", increasing_times("ControlPointMotion.times", self.times))
-        object.__setattr__(self, "reference", frozen("ControlPointMotion.reference", self.reference, (None, 3)))
-        shape = (len(self.times), len(self.reference), 3)
-        object.__setattr__(self, "moved", frozen("ControlPointMotion.moved", self.moved, shape))
-        if len(self.reference) < 1 or not (np.isfinite(self.reference).all() and np.isfinite(self.moved).all()):
-            raise LegsimError("ControlPointMotion needs at least one control point, all coordinates finite")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -114,7 +95,8 @@ class Correction:
         views = self.projections.geometry.times
         if len(self.motion.times) != len(views) or np.abs(self.motion.times - views).max() > 1e-6:
             raise LegsimError(
-                f"the motion has {len(self.motion.times)} times from {self.motion.times[0]:g} s, the projections {len(views)} from {views[0]:g} s; "
+                f"the motion has {len(self.motion.times)} times from {self.motion.times[0]:g} s, "
+                f"the projections {len(views)} from {views[0]:g} s; "
                 "estimate the motion at the projections' own times"
             )
 

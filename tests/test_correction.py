@@ -3,9 +3,10 @@ import pytest
 from reference_sway import Sway
 
 from legsim import correction, transforms
-from legsim.correction import ControlPointMotion, Correction, Scan
+from legsim.correction import Correction, Scan
 from legsim.errors import LegsimError
 from legsim.geometry import ConeBeamGeometry, Projections
+from legsim.motions import ControlPointMotion
 from legsim.pose_estimation import SensorStart
 from legsim.signals import ImuSignals, RigidMotion
 
