@@ -64,7 +64,7 @@ def overlay(reference: NamedVolume, volumes: Sequence[NamedVolume], planes: Slic
             raise LegsimError(f"volume {named.name!r} lies on another grid than {reference.name!r}; reconstruct both on the same one")
     extent, white = _extent_axial(reference.volume), 1e3 * _white([reference])
     red = np.clip(scene.axial(reference.volume, planes.thigh_y) / white, 0, 1)
-    details = [None, *_details(red, extent, width_mm)]
+    details: list[tuple[float, float] | None] = [None, *_details(red, extent)]
     figure = new_figure(0.8 + 2.1 * len(volumes), 6.6)
     axes = picture_axes(figure, 3, len(volumes))
     for column, named in enumerate(volumes):
@@ -140,13 +140,15 @@ def _scale_bar(ax: Axes, length_mm: float) -> None:
     ax.text(start, height + 0.02 * (top - bottom), f"{length:g} mm", color="white", fontsize=7, va="bottom")
 
 
-def _details(red: Float32Array, extent: tuple[float, float, float, float], width_mm: float) -> list[tuple[float, float]]:
-    """Centers (horizontal, vertical) in mm of the two details: the densest place, and the front end of the tissue above it."""
+def _details(red: Float32Array, extent: tuple[float, float, float, float]) -> list[tuple[float, float]]:
+    """Centers (horizontal, vertical) in mm of the two details: the largest dense part, and where the tissue ends in front of it."""
     rows, columns = red.shape
-    step_u, step_v = (extent[1] - extent[0]) / columns, (extent[3] - extent[2]) / rows
-    smoothed = ndimage.uniform_filter(red**2, size=1 + 2 * max(1, round(0.2 * width_mm / abs(step_u))))
-    row, column = np.unravel_index(int(np.argmax(smoothed)), red.shape)
-    tissue = np.flatnonzero(red[:, column] > 0.15)
+    parts, count = ndimage.label(red > 0.75 * red.max())
+    sizes = np.bincount(parts.ravel(), minlength=count + 1)
+    sizes[0] = 0
+    row, column = np.argwhere(parts == int(np.argmax(sizes))).mean(0)
+    tissue = np.flatnonzero(red[:, round(column)] > 0.15)
     front = int(tissue.max()) if len(tissue) else rows - 1
+    step_u, step_v = (extent[1] - extent[0]) / columns, (extent[3] - extent[2]) / rows
     place_u = extent[0] + (column + 0.5) * step_u
     return [(place_u, extent[2] + (row + 0.5) * step_v), (place_u, extent[2] + (front + 0.5) * step_v)]
