@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib import patheffects
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from scipy import ndimage
+from skimage import measure
 
 from legsim import scene
 from legsim.arrays import Float32Array
@@ -143,8 +143,8 @@ def _scale_bar(ax: Axes, length_mm: float) -> None:
 def _details(red: Float32Array, extent: tuple[float, float, float, float]) -> list[tuple[float, float]]:
     """Centers (horizontal, vertical) in mm of the two details: the largest dense part, and where the tissue ends in front of it."""
     rows, columns = red.shape
-    parts, count = ndimage.label(red > 0.75 * red.max())
-    sizes = np.bincount(parts.ravel(), minlength=count + 1)
+    parts = np.asarray(measure.label(red > 0.75 * red.max()))
+    sizes = np.bincount(parts.ravel(), minlength=2)
     sizes[0] = 0
     row, column = np.argwhere(parts == int(np.argmax(sizes))).mean(0)
     tissue = np.flatnonzero(red[:, round(column)] > 0.15)
