@@ -15,8 +15,7 @@ from legsim.arrays import FloatArray, frozen, increasing_times
 from legsim.errors import LegsimError
 from legsim.geometry import Projections
 from legsim.motions import ControlPointMotion
-from legsim.pose_estimation import SensorStart
-from legsim.signals import ImuSignals, RigidMotion
+from legsim.signals import ImuSignals, RigidMotion, SensorStart
 
 Order = Literal["pose", "printed"]
 

@@ -16,8 +16,7 @@ from legsim.anatomy import MarkerSites
 from legsim.arrays import FloatArray, frozen, increasing_times
 from legsim.errors import LegsimError
 from legsim.leg import Leg, SensorMotion
-from legsim.pose_estimation import SensorStart
-from legsim.signals import ImuSignals, JointTrajectories, SegmentPoses
+from legsim.signals import ImuSignals, JointTrajectories, SegmentPoses, SensorStart
 
 _ROUNDING = 1e-9
 """s by which a time may lie outside the recording: clocks written as text"""

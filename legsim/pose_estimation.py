@@ -6,7 +6,6 @@ resampled to the wanted times, everything counted per sample, the acceleration o
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
@@ -16,6 +15,7 @@ from scipy.interpolate import make_interp_spline
 from legsim import transforms
 from legsim.arrays import FloatArray, frozen, increasing_times
 from legsim.errors import LegsimError
+from legsim.signals import SensorStart
 
 GRAVITY_WORLD = np.array([0.0, -9.80665, 0.0])
 """m/s^2"""
@@ -30,25 +30,6 @@ _ROUNDING = 1e-9
 _GAUSS2 = 0.5 + np.array([-0.5, 0.5]) / np.sqrt(3)
 _GAUSS3 = 0.5 + np.array([-0.5, 0.0, 0.5]) * np.sqrt(0.6)
 _WEIGHT3 = np.array([5.0, 8.0, 5.0]) / 18
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class SensorStart:
-    """Where a sensor is, and how fast it moves, at the first of the wanted times."""
-
-    world_from_sensor: FloatArray
-    """(4, 4)"""
-    velocity: FloatArray
-    """(3,) m/s of the sensor's origin in world"""
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "world_from_sensor", frozen("SensorStart.world_from_sensor", self.world_from_sensor, (4, 4)))
-        object.__setattr__(self, "velocity", frozen("SensorStart.velocity", self.velocity, (3,)))
-        rotation = self.world_from_sensor[:3, :3]
-        if not np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-6) or np.linalg.det(rotation) < 0:
-            raise LegsimError("SensorStart.world_from_sensor is no rigid pose: its rotation must be orthonormal and right-handed")
-        if not np.isfinite(self.world_from_sensor).all() or not np.isfinite(self.velocity).all():
-            raise LegsimError("SensorStart holds a number that is not finite; give the pose and velocity of the first view")
 
 
 def estimate(

@@ -9,7 +9,6 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
-import pyopencl as cl
 
 from legsim.arrays import FloatArray
 from legsim.errors import LegsimError
@@ -51,8 +50,7 @@ def warp(
     resting, moved = image_points(projections.geometry, motion)
     points = np.concatenate([resting, moved - resting], -1).astype(np.float32)
     views, rows, columns = projections.line_integrals.shape
-    program = device.program("warp_mls.cl", ROWS=rows, COLUMNS=columns, COUNT=points.shape[1])
-    kernel = cl.Kernel(program, "warp_mls")
+    kernel = device.kernel("warp_mls", "warp_mls.cl", ROWS=rows, COLUMNS=columns, COUNT=points.shape[1])
     corrected = np.empty_like(projections.line_integrals)
     batch = max(1, _BATCH_BYTES // (4 * rows * columns))
     for start in range(0, views, batch):

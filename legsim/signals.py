@@ -123,6 +123,25 @@ class ImuSignals:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class SensorStart:
+    """Where a sensor is, and how fast it moves, at the first view."""
+
+    world_from_sensor: FloatArray
+    """(4, 4)"""
+    velocity: FloatArray
+    """(3,) m/s of the sensor's origin in world"""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "world_from_sensor", frozen("SensorStart.world_from_sensor", self.world_from_sensor, (4, 4)))
+        object.__setattr__(self, "velocity", frozen("SensorStart.velocity", self.velocity, (3,)))
+        rotation = self.world_from_sensor[:3, :3]
+        if not np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-6) or np.linalg.det(rotation) < 0:
+            raise LegsimError("SensorStart.world_from_sensor is no rigid pose: its rotation must be orthonormal and right-handed")
+        if not np.isfinite(self.world_from_sensor).all() or not np.isfinite(self.velocity).all():
+            raise LegsimError("SensorStart holds a number that is not finite; give the pose and velocity of the first view")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class RigidMotion:
     """How everything moved against a reference time, as one rigid transform a view, in world."""
 

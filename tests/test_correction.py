@@ -7,8 +7,7 @@ from legsim.correction import Correction, Scan
 from legsim.errors import LegsimError
 from legsim.geometry import ConeBeamGeometry, Projections
 from legsim.motions import ControlPointMotion
-from legsim.pose_estimation import SensorStart
-from legsim.signals import ImuSignals, RigidMotion
+from legsim.signals import ImuSignals, RigidMotion, SensorStart
 
 VIEWS = np.arange(40) / 31
 

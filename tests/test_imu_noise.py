@@ -5,8 +5,7 @@ from reference_sway import Sway
 from legsim import imu_noise, pose_estimation
 from legsim.errors import LegsimError
 from legsim.imu_noise import Convention, ImuNoise
-from legsim.pose_estimation import SensorStart
-from legsim.signals import ImuSignals
+from legsim.signals import ImuSignals, SensorStart
 
 TIMES = np.arange(961) / 120
 

@@ -8,7 +8,8 @@ from legsim import initialization, pose_estimation, transforms
 from legsim.errors import LegsimError
 from legsim.geometry import ConeBeamGeometry
 from legsim.initialization import Fiducials
-from legsim.pose_estimation import Scheme, SensorStart
+from legsim.pose_estimation import Scheme
+from legsim.signals import SensorStart
 
 ISOCENTER = np.array([0.05, 0.45, -0.1])
 VIEWS = np.arange(248) / 31

@@ -4,7 +4,8 @@ from reference_sway import GRAVITY, Sway
 
 from legsim import pose_estimation, transforms
 from legsim.errors import LegsimError
-from legsim.pose_estimation import Scheme, SensorStart
+from legsim.pose_estimation import Scheme
+from legsim.signals import SensorStart
 
 VIEWS = np.arange(248) / 31.0
 
