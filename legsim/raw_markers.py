@@ -38,6 +38,8 @@ FLOOR_BAND = (-0.15, 0.45)
 """m: where the lowest marker of somebody is whose lab has its origin in the floor; above 0.3 m without markers on the feet"""
 MIN_HEIGHT = 0.25
 """m: markers that spread less than this along an axis tell nothing about what is up"""
+STANDING = 1.0
+"""m: markers this high over the floor belong to somebody who stands"""
 _LEVELS = (
     r"toe|toe(tip|lat|med)|hee|heel|cal|calc|calcn|mt[1-5]|m[ft]?h[1-5]|d[1-5]m|\dmeta|foot|ank|ankle|ankle(lat|med|medial)|[lm]?mal|hal|rft|lft",
     r"kne|knee|knee(lat|med|medial)|[lm]?fc|[lm]fe|tubtib|suppat|tta",
@@ -87,11 +89,11 @@ class RawMarkers:
         return name
 
     def resolved_up(self, up: str | None = None, *, unit: str | None = None) -> str:
-        """A key of ``WORLD_FROM_LAB``: ``up`` where given, else what the markers' names and places show, else the file's word,
-        else y or z by where the floor is, else the format's habit.
+        """A key of ``WORLD_FROM_LAB``: ``up`` where given, else what the names and places of the markers show, else the file's word
+        or the format's habit, unless the floor plainly lies elsewhere.
 
-        Named markers go before the file's word because capture systems write their screen axes without looking: a recording of
-        somebody standing with "up" along -z is in circulation.
+        Capture systems write their screen axes without looking: recordings of somebody standing are in circulation that call
+        -z up, or z where x is.
 
         Raises:
             LegsimError: ``up`` is not the name of an axis.
@@ -101,7 +103,7 @@ class RawMarkers:
                 raise at(self.path, f"up = {up!r} is no axis", f"give one of {', '.join(WORLD_FROM_LAB)}", place="up")
             return up.lower()
         meters = self.positions / UNITS_PER_METER[self.resolved_unit(unit)]
-        return up_by_names(meters, self.labels) or self.up or up_by_floor(meters, self.usual_up)
+        return up_by_names(meters, self.labels) or up_by_floor(meters, self.up or self.usual_up, said=bool(self.up))
 
     def to_motion(self, *, unit: str | None = None, up: str | None = None) -> Motion:
         """The markers in metres in world; ``unit`` and ``up`` override what the file says.
@@ -169,15 +171,19 @@ def up_by_names(positions: FloatArray, labels: Sequence[str]) -> str:
     return ("" if rise[axis] > 0 else "-") + "xyz"[axis]
 
 
-def up_by_floor(positions: FloatArray, expected: str) -> str:
+def up_by_floor(positions: FloatArray, expected: str, *, said: bool) -> str:
     """Lab axis that points up, judged by where markers (n, m, 3) in metres lie on somebody on the floor.
 
-    ``expected`` is kept unless only the other one of y and z has its lowest marker near 0 and the markers widely above it.
+    ``expected`` is kept unless its lowest marker is far from 0 while another axis carries a standing person. Where it is not
+    ``said`` by the file but only the format's habit, it gives way to the other of y and z already if that looks more upright.
     """
-    scores = {name: _height_over_floor(positions, WORLD_FROM_LAB[name][1]) for name in ("y", "z", expected)}
+    scores = {name: _height_over_floor(positions, WORLD_FROM_LAB[name][1]) for name in ("x", "y", "z", expected)}
     best = max(scores, key=lambda name: scores[name])
+    if scores[expected] == 0 and scores[best] > STANDING:
+        return best
+    best = max(("y", "z"), key=lambda name: scores[name])
     # half as much again: arms held out spread as wide as a person is tall
-    return best if scores[best] > MIN_HEIGHT and scores[best] > 1.5 * scores[expected] else expected
+    return best if not said and scores[best] > MIN_HEIGHT and scores[best] > 1.5 * scores[expected] else expected
 
 
 def _height_over_floor(positions: FloatArray, axis: FloatArray) -> float:

@@ -57,14 +57,17 @@ def test_unknown_names_on_the_floor_tell_it_too(axis, usual, rng):
     assert found.resolved_up() == axis
 
 
-def test_a_word_of_the_file_goes_before_the_floor(rng):
-    cloud = rng.uniform([-1.5, 0, -1.8], [-0.5, 1.7, -0.9], (5, 12, 3))
-    assert raw(cloud, [f"P{k}" for k in range(12)], up="z").resolved_up() == "z"
+@pytest.mark.parametrize(("height", "up"), [(0.8, "z"), (1.7, "y")])
+def test_a_word_of_the_file_goes_before_the_floor_unless_somebody_stands_elsewhere(rng, height, up):
+    cloud = rng.uniform([-1.5, 0, -1.8], [-0.5, height, -0.9], (5, 40, 3))
+    cloud[:, 0, 1], cloud[:, 1, 1] = 0.03, height
+    assert raw(cloud, [f"P{k}" for k in range(40)], up="z").resolved_up() == up
 
 
 @pytest.mark.parametrize(("label", "level"), [
     ("Subject:LANK", 0), ("R.Toe.Tip", 0), ("r_5meta", 0), ("RCAL", 0), ("RKNE", 1), ("R.Knee.Lat", 1), ("RLFC", 1), ("l_asis", 2),
-    ("V.Sacral", 2), ("RPSI", 2), ("C7", 3), ("RSHO", 3), ("LFHD", 4), ("Top.Head", 4), ("RELB", None), ("*17", None), ("T8#2", 3), ("", None),
+    ("V.Sacral", 2), ("RPSI", 2), ("C7", 3), ("RSHO", 3), ("LFHD", 4), ("Top.Head", 4), ("RELB", None), ("*17", None),
+    ("T8#2", 3), ("", None),
 ])  # fmt: skip
 def test_names_tell_their_height_on_the_body(label, level):
     assert raw_markers.level(label) == level

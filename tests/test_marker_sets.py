@@ -1,0 +1,84 @@
+"""The shipped marker sets are sound and fit the recordings they were made for; a user's own is checked."""
+
+import pytest
+
+from legsim import marker_sets, motion_files
+from legsim.errors import LegsimError
+from legsim.marker_maps import PAPER_ROLES, segment_of
+
+RECORDINGS = {
+    "standing_bmc/static_run.trc": "rajagopal",
+    "standing_biobuddy/anat_pose_ECH.c3d": "cast",
+    "standing_c3dio/Capture0008_Standing.c3d": "knee_joint_line",
+    "squat_dart/squat.c3d": "vicon_waist",
+    "squats_subject4/squats1.trc": "opencap",
+    "squats_subject4/static1.trc": "opencap",
+    "walk_opensim/subject01_static.trc": "gait2392",
+}
+
+
+@pytest.mark.parametrize("name", marker_sets.names())
+def test_a_shipped_set_covers_the_seven_roles_on_both_sides(name):
+    marker_map = marker_sets.load(name)
+    assert set(PAPER_ROLES) <= set(marker_map.roles)
+    mirrored = {role[:-2] + {"_r": "_l", "_l": "_r"}[role[-2:]] for role in marker_map.roles if role != "sacrum"}
+    assert mirrored == set(marker_map.roles) - {"sacrum"}
+    assert all(segment_of(role) for role in marker_map.roles)
+
+
+@pytest.mark.parametrize("name", marker_sets.names())
+def test_a_shipped_set_is_guessed_from_its_own_labels(name):
+    marker_map = marker_sets.load(name)
+    labels = sorted({label for alternatives in marker_map.alternatives for label in alternatives[0]})
+    guessed = marker_sets.guess(labels)
+    assert guessed.name == name
+    assert set(guessed.found_in(labels)) == set(marker_map.roles)
+
+
+@pytest.mark.parametrize(("file", "name"), RECORDINGS.items())
+def test_the_set_of_a_real_recording_is_guessed(shared_data, file, name):
+    labels = motion_files.load_markers(shared_data / "mocap" / file).marker_names
+    guessed = marker_sets.guess(labels)
+    assert guessed.name == name
+    assert guessed.missing_in(labels) == ()
+
+
+def test_a_walk_without_lateral_markers_is_refused_unless_they_are_not_required(shared_data):
+    labels = motion_files.load_markers(shared_data / "mocap/walk_opensim/subject01_walk1.trc").marker_names
+    with pytest.raises(LegsimError, match=r"'gait2392' finds no marker for epicondyle_lateral_r, epicondyle_lateral_l, malleolus"):
+        marker_sets.guess(labels)
+    assert len(marker_sets.guess(labels, required=()).found_in(labels)) == 27
+
+
+def test_an_own_map_is_read(tmp_path):
+    path = tmp_path / "mine.toml"
+    path.write_text('[roles]\nsacrum = ["A", "B"]\nasis_r = "C"\nasis_l = [["D"], ["E", "F"]]\n')
+    own = marker_sets.load(path)
+    assert own.name == "mine"
+    assert own.roles == ("sacrum", "asis_r", "asis_l")
+    assert own.alternatives == ((("A", "B"),), (("C",),), (("D",), ("E", "F")))
+
+
+@pytest.mark.parametrize(("content", "message"), [
+    ("roles = 3", r"does not hold the one table \[roles\]"),
+    ("[roles]\nsacrum = 3", r"role sacrum is given 3; give a label, a list of labels"),
+    ("[roles]\nsacrum = []", r"role sacrum is given \[\]"),
+    ('[roles]\nsacrum = [["A"], "B"]', "role sacrum is given"),
+    ('[roles]\nsacrum = ""', "role sacrum is given ''"),
+    ('[roles]\nsacrumm = "A"', r"no role is named 'sacrumm'.*correct the name of the role"),
+    ('[roles]\nsacrum = "A"\n[more]\na = 1', r"does not hold the one table"),
+    ("[roles", "is not TOML"),
+    (b"\xff\xfe", "is not TOML"),
+])  # fmt: skip
+def test_a_map_that_is_none_is_refused(tmp_path, content, message):
+    path = tmp_path / "mine.toml"
+    path.write_bytes(content if isinstance(content, bytes) else content.encode())
+    with pytest.raises(LegsimError, match=message):
+        marker_sets.load(path)
+
+
+def test_an_unknown_set_and_a_missing_file_are_refused(tmp_path):
+    with pytest.raises(LegsimError, match=r"no marker set is named helen; there are: cast, .*, or give a TOML file"):
+        marker_sets.load("helen")
+    with pytest.raises(LegsimError, match="cannot be read"):
+        marker_sets.load(tmp_path / "none.toml")
