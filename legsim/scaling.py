@@ -71,8 +71,8 @@ def fit(generic: Leg, motion: Motion, sites: MarkerSites, *, mass: float | None 
     Pelvis: width from the ASIS and depth from ASIS to sacrum (or the middle of the PSIS) give its markers and, by regression, its hip
     centers; these scale it along z, depth along x, their mean along y. Thigh: hip center to lateral epicondyle, one factor along all
     axes; shank: epicondyle to lateral malleolus. Where medial markers are seen too, knee and ankle widths scale z of femur and tibia
-    apart. Foot: heel to a toe marker, else as the shank. The patella goes with the femur, the talus and toes with the foot. Sides are
-    measured apart.
+    apart. Foot: heel to the fifth or first metatarsal head, else as the shank. The patella goes with the femur, the talus and toes
+    with the foot. Sides are measured apart.
 
     Args:
         generic: the unscaled model.
@@ -271,8 +271,8 @@ def _shank(generic: Leg, motion: Motion, sites: MarkerSites, hip: FloatArray, fe
 
 
 def _foot(motion: Motion, sites: MarkerSites, side: str) -> list[Measurement]:
-    """Heel to the first toe marker there is."""
-    for toe in ("meta5", "meta1", "toe"):
+    """Heel to a metatarsal head; a toe marker is glued anywhere from there to the tip and tells no length."""
+    for toe in ("meta5", "meta1"):
         found = _pair(motion, sites, f"heel_{side}", f"{toe}_{side}", f"foot_{side}", "foot")
         if found:
             return found

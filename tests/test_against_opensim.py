@@ -1,0 +1,81 @@
+"""The leg, its scaling and its inverse kinematics are OpenSim's (pip install opensim; python -m pytest -m peer)."""
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from legsim import replay, transforms
+from legsim.anatomy import SEGMENTS, SegmentScales
+from legsim.leg import COORDINATES, Leg
+from legsim.signals import JointTrajectories
+
+pytestmark = [pytest.mark.peer, pytest.mark.filterwarnings("ignore::DeprecationWarning")]
+sys.path.insert(0, str(Path(__file__).parents[1] / "tools"))
+POSTURES = 500
+
+
+@pytest.fixture(scope="session")
+def opensim_peer():
+    pytest.importorskip("opensim", reason="pip install opensim")
+    import opensim_peer
+
+    return opensim_peer
+
+
+@pytest.fixture(scope="session")
+def model_file(shared_data):
+    return shared_data / "opensim/gait2392_thelen2003muscle.osim"
+
+
+@pytest.fixture(params=["generic", "scaled"])
+def scales(request):
+    if request.param == "generic":
+        return None
+    return SegmentScales(np.random.default_rng(4).uniform(0.8, 1.2, (len(SEGMENTS), 3)))
+
+
+def test_poses_agree_in_random_postures(opensim_peer, model_file, scales, rng):
+    leg = Leg.load(scales)
+    low, high = leg.coordinate_ranges.T
+    values = low + (high - low) * rng.random((POSTURES, len(COORDINATES)))
+    theirs = opensim_peer.body_poses(opensim_peer.load(model_file, scales), values)
+    poses = leg.segment_poses(JointTrajectories(np.arange(POSTURES, dtype=float), COORDINATES, values))
+    ours = np.stack([poses.of(name) for name in opensim_peer.BODIES], 1)
+    assert np.linalg.norm(ours[..., :3, 3] - theirs[..., :3, 3], axis=-1).max() < 0.05e-3
+    turned = transforms.rotation_angle(np.swapaxes(ours[..., :3, :3], -1, -2) @ theirs[..., :3, :3])
+    assert np.degrees(turned.max()) < 0.01
+
+
+def test_masses_mass_centers_and_inertias_agree(opensim_peer, model_file, scales):
+    leg, model = Leg.load(scales), opensim_peer.load(model_file, scales)
+    for name in opensim_peer.BODIES:
+        body = model.getBodySet().get(name)
+        inertia, center = body.get_inertia(), body.get_mass_center()
+        assert leg.mass_of(name) == pytest.approx(body.getMass())
+        np.testing.assert_allclose(leg.inertia_of(name), [inertia.get(k) for k in range(3)], rtol=1e-9)
+        np.testing.assert_allclose(leg.mass_center_of(name), [center.get(k) for k in range(3)], atol=1e-12)
+
+
+@pytest.mark.parametrize("trial", [0, 1, 2], ids=["squats", "squats_seven", "walking"])
+def test_inverse_kinematics_agrees_on_real_recordings(opensim_peer, model_file, shared_data, trial):
+    import bench_ik
+
+    problem = bench_ik.prepare(shared_data / "mocap", bench_ik.TRIALS[trial])
+    some = slice(0, 151)
+    motion = type(problem.motion)(problem.motion.times[some], problem.motion.marker_names, problem.motion.positions_world[some])
+    ours = replay.solve(problem.leg, motion, problem.sites, bench_ik.SAME_TASKS)
+    model = opensim_peer.load(model_file, problem.leg.scales)
+    theirs = opensim_peer.inverse_kinematics(model, problem.sites, motion, accuracy=1e-10)
+    assert len(ours.report.frames_unconverged) == 0
+    costs = [((p - motion.positions_world) ** 2).sum(-1) @ problem.sites.weights for p in (ours.modelled.positions_world, theirs.markers)]
+    assert (costs[0] <= costs[1] * (1 + 1e-3)).all()
+    # seven markers do not see the ankle
+    unseen = ("ankle", "subtalar", "mtp") if trial == 1 else ()
+    seen = [k for k, name in enumerate(COORDINATES) if not name.startswith(unseen or "-")]
+    difference = ours.trajectories.values - theirs.values
+    rms = np.sqrt((difference**2).mean(0))
+    shifts = [COORDINATES.index(name) for name in ("pelvis_tx", "pelvis_ty", "pelvis_tz")]
+    assert np.degrees(rms[[k for k in seen if k not in shifts]]).max() < 0.5
+    assert rms[shifts].max() < 1e-3

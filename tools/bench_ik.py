@@ -1,0 +1,152 @@
+"""Inverse kinematics side by side with OpenSim: same scaled model, same markers, one run."""
+
+import sys
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from legsim import marker_sets, marker_sites, markers, motion_files, replay, scaling
+from legsim.anatomy import MarkerSites
+from legsim.leg import COORDINATES, Leg
+from legsim.replay import CoordinatePrior, ReplayConfig
+from legsim.signals import Motion
+
+
+@dataclass(frozen=True, slots=True)
+class Trial:
+    """A recording to solve, and the one that scales the model."""
+
+    name: str
+    file: str
+    scaling_file: str
+    marker_set: str
+    only: tuple[str, ...] = ()
+    """roles to keep; empty: all"""
+
+
+PAPER = ("sacrum", *(f"{part}_{side}" for part in ("asis", "epicondyle_lateral", "malleolus_lateral") for side in "rl"))
+TRIALS = (
+    Trial("squats, full set", "squats_subject4/squats1.trc", "squats_subject4/static1.trc", "opencap"),
+    Trial("squats, seven markers", "squats_subject4/squats1.trc", "squats_subject4/squats1.trc", "opencap", PAPER),
+    Trial("walking, full set", "walk_opensim/subject01_walk1.trc", "walk_opensim/subject01_static.trc", "gait2392"),
+)
+SAME_TASKS = ReplayConfig(
+    priors=tuple(CoordinatePrior(f"{name}_{side}", 1000.0) for name in ("subtalar_angle", "mtp_angle") for side in "rl"),
+    flat_foot_weight=0.0,
+)
+"""the tasks of gait2392's own set-up, no other prior"""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Problem:
+    """One trial made ready: the same for both solvers."""
+
+    leg: Leg
+    sites: MarkerSites
+    motion: Motion
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Comparison:
+    """legsim and OpenSim on one problem."""
+
+    name: str
+    frames: int
+    markers: int
+    rms_difference_deg: np.ndarray
+    """(20,) legsim - OpenSim over the frames; mm for the three translations"""
+    worst_difference_deg: np.ndarray
+    """(20,)"""
+    marker_rms_mm: tuple[float, float]
+    cost: tuple[float, float]
+    """m^2, weighted sum of squares, mean over the frames"""
+    frames_per_second: tuple[float, float]
+    opensim_loose_per_second: float
+    """at the accuracy of OpenSim's example set-up, 1e-5"""
+    unconverged: int
+
+    @property
+    def ratio(self) -> float:
+        """legsim's speed over OpenSim's faster one."""
+        return self.frames_per_second[0] / max(self.frames_per_second[1], self.opensim_loose_per_second)
+
+
+def prepare(folder: Path, trial: Trial) -> Problem:
+    """Scales the leg and cleans the markers."""
+    marker_map = marker_sets.load(trial.marker_set)
+    generic, sites = Leg.load(), marker_sites.load()
+    static, _ = markers.prepare(motion_files.load_markers(folder / trial.scaling_file), marker_map)
+    scaled = scaling.fit(generic, static, sites)
+    leg = Leg.load(scaled.scales)
+    calibrated = replay.calibrate(leg, static, scaled.sites, marker_sites.calibrated_roles())
+    motion, _ = markers.prepare(motion_files.load_markers(folder / trial.file), marker_map, required=())
+    names = [n for n in motion.marker_names if n in calibrated.names and (not trial.only or n in trial.only)]
+    # both solvers see the same: no sample may be missing
+    names = [n for n in names if np.isfinite(motion.marker(n)).all()]
+    rows = [motion.marker_names.index(n) for n in names]
+    return Problem(leg, calibrated.only(names), Motion(motion.times, tuple(names), motion.positions_world[:, rows]))
+
+
+def compare(name: str, problem: Problem, model_file: Path) -> Comparison:
+    """Solves with both; OpenSim twice, converged (1e-10) and as its example does (1e-5)."""
+    import opensim_peer
+
+    begin = time.perf_counter()
+    ours = replay.solve(problem.leg, problem.motion, problem.sites, SAME_TASKS)
+    seconds = time.perf_counter() - begin
+    scales = problem.leg.scales
+    theirs = opensim_peer.inverse_kinematics(opensim_peer.load(model_file, scales), problem.sites, problem.motion, accuracy=1e-10)
+    loose = opensim_peer.inverse_kinematics(opensim_peer.load(model_file, scales), problem.sites, problem.motion, accuracy=1e-5)
+    n = len(problem.motion.times)
+    unit = np.where([name in ("pelvis_tx", "pelvis_ty", "pelvis_tz") for name in COORDINATES], 1000.0, 180 / np.pi)
+    difference = (ours.trajectories.values - theirs.values) * unit
+    squares = [((p - problem.motion.positions_world) ** 2).sum(-1) for p in (ours.modelled.positions_world, theirs.markers)]
+    return Comparison(
+        name=name,
+        frames=n,
+        markers=len(problem.sites.names),
+        rms_difference_deg=np.sqrt((difference**2).mean(0)),
+        worst_difference_deg=np.abs(difference).max(0),
+        marker_rms_mm=(1e3 * float(np.sqrt(squares[0].mean())), 1e3 * float(np.sqrt(squares[1].mean()))),
+        cost=(float((squares[0] @ problem.sites.weights).mean()), float((squares[1] @ problem.sites.weights).mean())),
+        frames_per_second=(n / seconds, n / theirs.seconds),
+        opensim_loose_per_second=n / loose.seconds,
+        unconverged=len(ours.report.frames_unconverged),
+    )
+
+
+def table(comparisons: list[Comparison]) -> str:
+    """Markdown: speeds and residuals, then coordinates x (legsim - OpenSim)."""
+    lines = [
+        "| trial | frames | markers | marker RMS legsim / OpenSim (mm) | legsim frames/s | OpenSim 1e-10 | OpenSim 1e-5 | ratio |",
+        "|---|---|---|---|---|---|---|---|",
+    ]
+    for c in comparisons:
+        fps = f"{c.frames_per_second[0]:.0f} | {c.frames_per_second[1]:.0f} | {c.opensim_loose_per_second:.0f}"
+        rms = f"{c.marker_rms_mm[0]:.3f} / {c.marker_rms_mm[1]:.3f}"
+        lines.append(f"| {c.name} | {c.frames} | {c.markers} | {rms} | {fps} | {c.ratio:.0f} |")
+    lines += ["", "| coordinate | " + " | ".join(c.name for c in comparisons) + " |", "|---|" + "---|" * len(comparisons)]
+    for k, coordinate in enumerate(COORDINATES):
+        unit = "mm" if coordinate in ("pelvis_tx", "pelvis_ty", "pelvis_tz") else "deg"
+        cells = (f"{c.rms_difference_deg[k]:.4f} (worst {c.worst_difference_deg[k]:.4f})" for c in comparisons)
+        lines.append(f"| {coordinate} ({unit}) | " + " | ".join(cells) + " |")
+    return "\n".join(lines)
+
+
+def run(data: Path) -> str:
+    """Compares on all trials below ``data`` (folders mocap and opensim) and returns the tables."""
+    model_file = data / "opensim/gait2392_thelen2003muscle.osim"
+    found = []
+    for trial in TRIALS:
+        found.append(compare(trial.name, prepare(data / "mocap", trial), model_file))
+        print(f"{trial.name}: done", file=sys.stderr)
+    return table(found)
+
+
+def replace_section(page: Path, text: str) -> None:
+    """Puts the tables between the two marks of a page."""
+    mark = "<!-- ik -->"
+    before, _, after = page.read_text("utf-8").split(mark)
+    page.write_text(f"{before}{mark}\n{text}\n{mark}{after}", "utf-8")

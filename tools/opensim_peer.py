@@ -1,0 +1,123 @@
+"""OpenSim at work on the same leg: poses and inverse kinematics, for the peer tests and the benchmark. Needs `pip install opensim`."""
+
+# opensim is an extra (peer)
+# pyright: reportMissingImports=false
+
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+import opensim
+
+from legsim import trc
+from legsim.anatomy import SEGMENTS, MarkerSites, SegmentScales
+from legsim.arrays import FloatArray
+from legsim.leg import COORDINATES
+from legsim.signals import Motion
+
+BODIES = tuple(name for name in SEGMENTS if not name.startswith("patella"))
+"""gait2392 has no patella"""
+HELD = tuple(f"{name}_{side}" for name in ("subtalar_angle", "mtp_angle") for side in "rl")
+"""coordinates that gait2392's IK set-up holds at zero by tasks of weight 1000"""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class OpenSimSolution:
+    """What OpenSim's inverse kinematics finds."""
+
+    values: FloatArray
+    """(n, 20) rad and m, in legsim's order"""
+    markers: FloatArray
+    """(n, m, 3) m, the model's markers in world"""
+    seconds: float
+    """for the frames alone, without reading and assembling"""
+
+
+def load(model_file: Path, scales: SegmentScales | None = None) -> opensim.Model:
+    """gait2392 without muscles, scaled by OpenSim itself, its back held straight."""
+    opensim.Logger.setLevelString("Off")
+    model = opensim.Model(str(model_file))
+    model.updForceSet().clearAndDestroy()
+    if scales is not None:
+        factors = opensim.ScaleSet()
+        for name in BODIES:
+            scale = opensim.Scale()
+            scale.setSegmentName(name)
+            scale.setScaleFactors(opensim.Vec3(*map(float, scales.of(name))))
+            scale.setApply(True)
+            factors.cloneAndAppend(scale)
+        model.scale(model.initSystem(), factors, False)
+    for name in ("lumbar_extension", "lumbar_bending", "lumbar_rotation"):
+        model.updCoordinateSet().get(name).setDefaultLocked(True)
+    return model
+
+
+def body_poses(model: opensim.Model, values: FloatArray) -> FloatArray:
+    """world_from_body (n, 11, 4, 4) of BODIES at values (n, 20)."""
+    state = model.initSystem()
+    coordinates = [model.getCoordinateSet().get(name) for name in COORDINATES]
+    bodies = [model.getBodySet().get(name) for name in BODIES]
+    poses = np.tile(np.eye(4), (len(values), len(bodies), 1, 1))
+    for i, row in enumerate(values):
+        for coordinate, value in zip(coordinates, row, strict=True):
+            coordinate.setValue(state, float(value), False)
+        model.realizePosition(state)
+        for k, body in enumerate(bodies):
+            transform = body.getTransformInGround(state)
+            rotation, origin = transform.R(), transform.p()
+            poses[i, k, :3, 3] = [origin.get(a) for a in range(3)]
+            poses[i, k, :3, :3] = [[rotation.get(a, b) for b in range(3)] for a in range(3)]
+    return poses
+
+
+def inverse_kinematics(model: opensim.Model, sites: MarkerSites, motion: Motion, *, accuracy: float) -> OpenSimSolution:
+    """OpenSim's solution for the markers in ``sites``, subtalar and toe joints held as gait2392's set-up does."""
+    _attach(model, sites)
+    state = model.initSystem()
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "markers.trc"
+        rows = [motion.marker_names.index(name) for name in sites.names]
+        trc.save(path, Motion(motion.times, sites.names, motion.positions_world[:, rows]))
+        weights = opensim.SetMarkerWeights()
+        for name, weight in zip(sites.names, sites.weights, strict=True):
+            weights.cloneAndAppend(opensim.MarkerWeight(name, float(weight)))
+        reference = opensim.MarkersReference(str(path), weights)
+    held = opensim.SimTKArrayCoordinateReference()
+    for name in HELD:
+        task = opensim.CoordinateReference(name, opensim.Constant(0.0))
+        task.setWeight(1000.0)
+        held.push_back(task)
+    solver = opensim.InverseKinematicsSolver(model, reference, held)
+    solver.setAccuracy(accuracy)
+    state.setTime(float(motion.times[0]))
+    solver.assemble(state)
+    return _track(model, solver, state, sites, motion.times)
+
+
+def _attach(model: opensim.Model, sites: MarkerSites) -> None:
+    model.updMarkerSet().clearAndDestroy()
+    for name, segment, position in zip(sites.names, sites.segments, sites.positions, strict=True):
+        frame = model.getBodySet().get(segment)
+        model.addMarker(opensim.Marker(name, frame, opensim.Vec3(*map(float, position))))
+    model.finalizeConnections()
+
+
+def _track(
+    model: opensim.Model, solver: opensim.InverseKinematicsSolver, state: opensim.State, sites: MarkerSites, times: FloatArray
+) -> OpenSimSolution:
+    coordinates = [model.getCoordinateSet().get(name) for name in COORDINATES]
+    markers = [model.getMarkerSet().get(name) for name in sites.names]
+    values, places, seconds = np.empty((len(times), len(COORDINATES))), np.empty((len(times), len(markers), 3)), 0.0
+    for i, now in enumerate(times):
+        state.setTime(float(now))
+        begin = time.perf_counter()
+        solver.track(state)
+        seconds += time.perf_counter() - begin
+        model.realizePosition(state)
+        values[i] = [coordinate.getValue(state) for coordinate in coordinates]
+        for k, marker in enumerate(markers):
+            place = marker.getLocationInGround(state)
+            places[i, k] = [place.get(a) for a in range(3)]
+    return OpenSimSolution(values, places, seconds)
