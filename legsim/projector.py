@@ -40,7 +40,6 @@ def project(
     images = np.empty((len(geometry), *geometry.shape_vu), np.float32)
     integrate = TileKernel(raster, "integrate", "project_mesh.cl")
     attenuations = device.upload(np.array([0.0, *(part.attenuation for part in phantom.parts)], np.float32))
-    target = device.zeros(images[0].size)
     sources = geometry.sources()
     for view, matrix in enumerate(geometry.matrices):
         raster.move(None if posed is None else posed(view))
@@ -51,6 +50,7 @@ def project(
         raster.place(rows)
         # columns of the map from (u, v, 1) to a ray of unit depth
         directions = device.upload(np.ascontiguousarray(np.linalg.inv(matrix[:, :3]).T, np.float32))
+        target = device.zeros(images[0].size)
         integrate.run(raster.sort(geometry.shape_vu), (attenuations, directions), target)
         device.download(target, images[view])
         if progress is not None:

@@ -18,7 +18,6 @@ TILE = 8
 """pixels an edge of a tile"""
 CAPACITY = 48
 """crossings a pixel that fit in local memory: 24 kB a work-group; fuller tiles are done again with lists in global memory"""
-LOCAL_SIZE = (2 * TILE, TILE // 2)
 _CHUNK = 256
 _SPARE_BYTES = 1 << 28
 
@@ -36,7 +35,7 @@ class TiledImage:
     starts: Any
     """buffer of uint64 (tiles + 1,): where each tile's triangles begin"""
     listed: np.ndarray
-    """uint32: every tile"""
+    """uint32: the tiles that hold triangles"""
 
 
 class MeshRaster:
@@ -51,6 +50,8 @@ class MeshRaster:
         for part in phantom.parts:
             require_closed(part)
         self.device, self.parts = device, phantom.parts
+        # on a CPU a work-item takes four pixels of a tile, so that the triangles are fetched once for all; a GPU rather has more work-items
+        self.group_bands = 1 if device.is_cpu else TILE // 2
         self.words = (len(phantom.parts) + 31) // 32
         firsts = np.concatenate([[0], np.cumsum([len(part.vertices) for part in phantom.parts])])
         triangles = np.concatenate([part.triangles + first for part, first in zip(phantom.parts, firsts[:-1], strict=True)])
@@ -63,8 +64,8 @@ class MeshRaster:
         self._points: list[Any] = [None] * len(phantom.parts)
         self.vertices: list[FloatArray] = [np.empty(0)] * len(phantom.parts)
         self.boxes = np.zeros((len(phantom.parts), 2, 3))
-        self._place = device.kernel("place_vertices", "mesh_hits.cl", TILE=TILE, WORDS=self.words, CAPACITY=CAPACITY)
-        self._sort = device.kernel("sort_into_tiles", "mesh_hits.cl", TILE=TILE, WORDS=self.words, CAPACITY=CAPACITY)
+        self._place = device.kernel("place_vertices", "mesh_hits.cl", TILE=TILE, WORDS=self.words, CAPACITY=CAPACITY, GROUP_BANDS=1)
+        self._sort = device.kernel("sort_into_tiles", "mesh_hits.cl", TILE=TILE, WORDS=self.words, CAPACITY=CAPACITY, GROUP_BANDS=1)
 
     def move(self, vertices: Sequence[FloatArray] | None) -> None:
         """World vertices of each part, (p, 3) m; None for the phantom at rest. A read-only array that is the one of the last call
@@ -108,11 +109,12 @@ class MeshRaster:
         slots = self.device.zeros(total, np.int32)
         nothing = self.device.zeros(1, np.uint64)
         self._launch_sort(pixels, tiles, slots, nothing, False, nothing)
-        starts = np.concatenate([[0], np.cumsum(self.device.download(slots, counts), dtype=np.uint64)]).astype(np.uint64)
+        self.device.download(slots, counts)
+        starts = np.concatenate([np.zeros(1, np.uint64), np.cumsum(counts, dtype=np.uint64)])
         entries = self.device.zeros(max(int(starts[-1]), 1), np.uint32)
         uploaded = self.device.upload(starts)
         self._launch_sort(pixels, tiles, self.device.zeros(total, np.int32), uploaded, True, entries)
-        return TiledImage(pixels, tiles, entries, uploaded, np.arange(total, dtype=np.uint32))
+        return TiledImage(pixels, tiles, entries, uploaded, np.flatnonzero(counts).astype(np.uint32))
 
     def _launch_sort(self, pixels: np.ndarray, tiles: np.ndarray, slots: Any, starts: Any, filling: bool, entries: Any) -> None:
         self._sort(
@@ -126,15 +128,17 @@ class TileKernel:
     rays of a tile cross than fit."""
 
     def __init__(self, raster: MeshRaster, name: str, file: str, **defines: int | str) -> None:
-        defines = {"TILE": TILE, "WORDS": raster.words, **defines}
+        defines = {"TILE": TILE, "WORDS": raster.words, "GROUP_BANDS": raster.group_bands, **defines}
         self._raster = raster
         self._fast = raster.device.kernel(name, "mesh_hits.cl", file, CAPACITY=CAPACITY, **defines)
         self._roomy = raster.device.kernel(name, "mesh_hits.cl", file, LISTS_IN_GLOBAL_MEMORY=1, **defines)
 
     def run(self, tiled: TiledImage, arguments: Sequence[Any], target: Any) -> None:
-        """Runs over all tiles; ``arguments`` are the kernel's own, ``target`` what it writes."""
+        """Runs over the tiles that hold triangles; ``arguments`` are the kernel's own, ``target`` what it writes."""
         device = self._raster.device
-        total = len(tiled.listed)
+        total = int(np.prod(tiled.tiles.astype(np.int64)))
+        if len(tiled.listed) == 0:
+            return
         needed, nothing = device.zeros(total, np.int32), device.zeros(1)
         self._launch(self._fast, tiled, tiled.listed, (*arguments, needed, target), CAPACITY, (nothing, nothing))
         fullest = device.download(needed, np.empty(total, np.int32))
@@ -151,7 +155,7 @@ class TileKernel:
     def _launch(self, kernel: Any, tiled: TiledImage, listed: np.ndarray, own: Sequence[Any], capacity: int, spare: Sequence[Any]) -> None:
         raster = self._raster
         kernel(
-            *(raster.device.queue, (len(listed) * LOCAL_SIZE[0], LOCAL_SIZE[1]), LOCAL_SIZE),
+            *(raster.device.queue, (len(listed) * 2 * TILE, raster.group_bands), (2 * TILE, raster.group_bands)),
             *(raster.triangles, raster.part_numbers, raster.whole, raster.rest),
             *(tiled.entries, tiled.starts, raster.device.upload(listed), tiled.pixels, tiled.tiles),
             *(*own, np.int32(capacity), *spare),

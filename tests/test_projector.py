@@ -124,6 +124,13 @@ def test_a_hollow_bounded_by_an_inward_surface_is_empty(device):
     np.testing.assert_allclose(first, second, atol=20 * 1e-6)
 
 
+def test_a_part_that_overlaps_itself_counts_once(device):
+    """Two balls in one part: where they overlap the surface winds around twice."""
+    meshes = [trimesh.creation.icosphere(3, radius=0.05).apply_translation((x, 0, 0)) for x in (-0.02, 0.02)]
+    double = part("double", trimesh.util.concatenate(meshes), 20.0)
+    assert errors(Phantom((double, sphere("inner", 0.01, attenuation=3.0))), circular(), device, 2).max() < 20 * WORST
+
+
 def test_box_whose_edges_and_vertices_meet_pixel_centers(device):
     box = trimesh.creation.box(bounds=[[-0.5, -0.25, 2.0], [0.5, 0.75, 4.0]])
     for _ in range(3):

@@ -9,12 +9,17 @@
  * pixel stood at (u + e, v + e^2) for a vanishing e > 0. What a ray meets is therefore exactly what it meets in some closed
  * surface: the signs of its crossings cancel for each closed part, whatever the rounding. Contraction would break this.
  *
- * Integers given at build time: TILE (pixels an edge of a square tile, 8), WORDS (32-bit words that hold one bit a part),
- * CAPACITY (crossings kept a pixel) or LISTS_IN_GLOBAL_MEMORY (then `capacity` is an argument).
+ * A tile of TILE x TILE pixels is done by a work-group of (2 TILE, GROUP_BANDS): a row of work-items covers a band of two rows of
+ * pixels, so that what it skips is skipped by all of a CPU's vector, and each takes OWN_BANDS bands, one after the other.
+ *
+ * Integers given at build time: TILE (8), GROUP_BANDS (1 to TILE / 2), WORDS (32-bit words that hold one bit a part), and CAPACITY (crossings
+ * kept a pixel) or LISTS_IN_GLOBAL_MEMORY (then `capacity` is an argument).
  */
 #pragma OPENCL FP_CONTRACT OFF
 
 #define PIXELS (TILE * TILE)
+#define BAND (2 * TILE)
+#define OWN_BANDS (TILE / 2 / GROUP_BANDS)
 #ifdef LISTS_IN_GLOBAL_MEMORY
 #define LIST __global
 #else
@@ -124,12 +129,15 @@ __kernel void sort_into_tiles(__global const int *triangles, const uint count, _
     rows = (int2)(max(rows.x, 0), min(rows.y, pixels.y - 1));
     if (columns.x > columns.y || rows.x > rows.y)
         return;
-    for (int y = rows.x / TILE; y <= rows.y / TILE; ++y)
-        for (int x = columns.x / TILE; x <= columns.y / TILE; ++x) {
+    columns /= TILE;
+    rows /= TILE;
+    const int large = (columns.y - columns.x + 1) * (rows.y - rows.x + 1) > 4;
+    for (int y = rows.x; y <= rows.y; ++y)
+        for (int x = columns.x; x <= columns.y; ++x) {
             const int2 corner = (int2)(x * TILE, y * TILE);
             const float2 middle = 0.5f * TILE - 0.5f;
-            if (!meets_tile(convert_float2(wa - corner) + ra.xy - middle, convert_float2(wb - corner) + rb.xy - middle,
-                            convert_float2(wc - corner) + rc.xy - middle))
+            if (large && !meets_tile(convert_float2(wa - corner) + ra.xy - middle, convert_float2(wb - corner) + rb.xy - middle,
+                                     convert_float2(wc - corner) + rc.xy - middle))
                 continue;
             const size_t tile = (size_t)y * tiles.x + x;
             const int slot = atomic_inc(&slots[tile]);
@@ -144,16 +152,15 @@ float edge_side(const float edge, const float px, const float py, const float qx
     return edge != 0.0f ? edge : (py != qy ? py - qy : qx - px);
 }
 
-/* Crossings of one pixel's ray with the tile's triangles [start, stop): depth and tag (2 part + (sign > 0)) go to lists of stride
- * PIXELS. Returns how many there are, of which only the first `capacity` are kept. Called by a work-group of (2 TILE, TILE / 2): each
- * row of work-items holds two rows of pixels, so that what it skips is skipped by all of a CPU's vector. */
-int collect(__global const int *triangles, __global const int *parts, __global const int2 *whole, __global const float4 *rest,
-            __global const uint *entries, const ulong start, const ulong stop, const int2 corner,
-            LIST float *depths, LIST int *tags, const int capacity)
+/* Crossings of the rays of a work-item's pixels, one in each of its bands, with the tile's triangles [start, stop): depth and tag
+ * (2 part + (sign > 0)) go to lists of stride PIXELS. found: (OWN_BANDS) how many there are, of which only the first `capacity` are kept. */
+void collect(__global const int *triangles, __global const int *parts, __global const int2 *whole, __global const float4 *rest,
+             __global const uint *entries, const ulong start, const ulong stop, const int2 corner,
+             LIST float *depths, LIST int *tags, const int capacity, int *found)
 {
-    const float first_row = 2.0f * get_local_id(1), last_row = first_row + 1.0f;
-    const float x = (float)(get_local_id(0) % TILE), y = first_row + (float)(get_local_id(0) / TILE);
-    int found = 0;
+    const float x = (float)(get_local_id(0) % TILE), odd = (float)(get_local_id(0) / TILE);
+    for (int own = 0; own < OWN_BANDS; ++own)
+        found[own] = 0;
     for (ulong e = start; e < stop; ++e) {
         const size_t i = entries[e];
         const size_t a = triangles[3 * i], b = triangles[3 * i + 1], c = triangles[3 * i + 2];
@@ -161,37 +168,44 @@ int collect(__global const int *triangles, __global const int *parts, __global c
         const float2 ta = convert_float2(whole[a] - corner) + ra.xy;
         const float2 tb = convert_float2(whole[b] - corner) + rb.xy;
         const float2 tc = convert_float2(whole[c] - corner) + rc.xy;
-        if (max(ta.y, max(tb.y, tc.y)) < first_row || min(ta.y, min(tb.y, tc.y)) > last_row)
-            continue;
-        const float ax = ta.x - x, ay = ta.y - y, bx = tb.x - x, by = tb.y - y, cx = tc.x - x, cy = tc.y - y;
-        const float ea = difference_of_products(bx, cy, by, cx);
-        const float eb = difference_of_products(cx, ay, cy, ax);
-        const float ec = difference_of_products(ax, by, ay, bx);
-        const float sa = edge_side(ea, bx, by, cx, cy), sb = edge_side(eb, cx, cy, ax, ay), sc = edge_side(ec, ax, ay, bx, by);
-        const int positive = (sa > 0.0f) & (sb > 0.0f) & (sc > 0.0f), negative = (sa < 0.0f) & (sb < 0.0f) & (sc < 0.0f);
-        if (positive | negative) {
-            /* barycentric weights in space, not in the image: no differences of like numbers, since all have one sign */
-            const float na = ea * ra.w, nb = eb * rb.w, nc = ec * rc.w;
-            const float sum = na + nb + nc;
-            const float shift = (nb * (rb.z - ra.z) + nc * (rc.z - ra.z)) / sum;
-            if (found < capacity) {
-                const size_t slot = (size_t)found * PIXELS + get_local_id(1) * 2 * TILE + get_local_id(0);
-                depths[slot] = ra.z + (sum != 0.0f ? shift : 0.0f);
-                tags[slot] = 2 * parts[i] + positive;
+        const float lowest = min(ta.y, min(tb.y, tc.y)), highest = max(ta.y, max(tb.y, tc.y));
+        const float ax = ta.x - x, bx = tb.x - x, cx = tc.x - x;
+        const int tag = 2 * parts[i];
+        #pragma unroll
+        for (int own = 0; own < OWN_BANDS; ++own) {
+            const int band = own * GROUP_BANDS + (int)get_local_id(1);
+            const float first_row = 2.0f * (float)band;
+            if (highest >= first_row && lowest <= first_row + 1.0f) {
+                const float y = first_row + odd;
+                const float ay = ta.y - y, by = tb.y - y, cy = tc.y - y;
+                const float ea = difference_of_products(bx, cy, by, cx);
+                const float eb = difference_of_products(cx, ay, cy, ax);
+                const float ec = difference_of_products(ax, by, ay, bx);
+                const float sa = edge_side(ea, bx, by, cx, cy), sb = edge_side(eb, cx, cy, ax, ay), sc = edge_side(ec, ax, ay, bx, by);
+                const int positive = (sa > 0.0f) & (sb > 0.0f) & (sc > 0.0f), negative = (sa < 0.0f) & (sb < 0.0f) & (sc < 0.0f);
+                if (positive | negative) {
+                    /* barycentric weights in space, not in the image: no differences of like numbers, since all have one sign */
+                    const float na = ea * ra.w, nb = eb * rb.w, nc = ec * rc.w;
+                    const float sum = na + nb + nc;
+                    const float shift = (nb * (rb.z - ra.z) + nc * (rc.z - ra.z)) / sum;
+                    if (found[own] < capacity) {
+                        const size_t slot = (size_t)found[own] * PIXELS + band * BAND + get_local_id(0);
+                        depths[slot] = ra.z + (sum != 0.0f ? shift : 0.0f);
+                        tags[slot] = tag + positive;
+                    }
+                    ++found[own];
+                }
             }
-            ++found;
         }
     }
-    return found;
 }
 
-/* Orders the pixel's crossings by depth. Neighbors swap, so that all pixels of a vector touch the same slots; lists are short. */
+/* Orders a pixel's crossings by depth. Neighbors swap, so that all pixels of a vector touch the same slots; lists are short. */
 void sort_by_depth(LIST float *depths, LIST int *tags, const int count)
 {
-    const size_t own = get_local_id(1) * 2 * TILE + get_local_id(0);
-    for (int last = count - 1, k = 0; k < count - 1; ++k, --last)
+    for (int last = count - 1; last > 0; --last)
         for (int j = 0; j < last; ++j) {
-            const size_t here = (size_t)j * PIXELS + own, next = here + PIXELS;
+            const size_t here = (size_t)j * PIXELS, next = here + PIXELS;
             const float d = depths[here], nd = depths[next];
             const int t = tags[here], nt = tags[next];
             const int swap = d > nd || (d == nd && t > nt);
@@ -202,29 +216,57 @@ void sort_by_depth(LIST float *depths, LIST int *tags, const int count)
         }
 }
 
-/* Passes crossing k: the bit of its part says from now on whether its winding number, summed over the crossings up to k, differs
- * from zero. */
-void pass_crossing(const LIST int *tags, const int k, uint *inside)
+/* Where a ray is: one bit a part. */
+typedef struct {
+    uint inside[WORDS];
+    /* sign of the crossing that led inside */
+    uint positive[WORDS];
+    /* a part wound around the ray twice, which its bit cannot hold: sum the signs instead */
+    uint twice;
+} Place;
+
+void start_outside(Place *place)
 {
-    const size_t own = get_local_id(1) * 2 * TILE + get_local_id(0);
-    const int tag = tags[(size_t)k * PIXELS + own], part = tag >> 1;
+    for (int word = 0; word < WORDS; ++word)
+        place->inside[word] = place->positive[word] = 0u;
+    place->twice = 0u;
+}
+
+/* Passes a crossing, as long as windings are -1, 0 or 1. */
+void pass(Place *place, const int tag)
+{
+    const uint bit = 1u << ((tag >> 1) & 31);
+    for (int word = 0; word < WORDS; ++word) {
+        const uint chosen = word == (tag >> 6) ? bit : 0u;
+        const uint was_inside = place->inside[word] & chosen;
+        const uint sign = (tag & 1) ? chosen : 0u;
+        place->twice |= was_inside & ~(place->positive[word] ^ sign);
+        place->inside[word] ^= chosen;
+        place->positive[word] = (place->positive[word] & ~chosen) | sign;
+    }
+}
+
+/* Passes crossing k whatever the windings: the part's is the sum of its signs up to k. */
+void pass_counting(Place *place, const LIST int *tags, const int k)
+{
+    const int tag = tags[(size_t)k * PIXELS];
     int winding = 0;
     for (int j = 0; j <= k; ++j) {
-        const int other = tags[(size_t)j * PIXELS + own];
-        winding += (other >> 1) == part ? 2 * (other & 1) - 1 : 0;
+        const int other = tags[(size_t)j * PIXELS];
+        winding += (other >> 1) == (tag >> 1) ? 2 * (other & 1) - 1 : 0;
     }
-    const uint bit = 1u << (part & 31);
+    const uint bit = 1u << ((tag >> 1) & 31);
     for (int word = 0; word < WORDS; ++word) {
-        const uint chosen = word == (part >> 5) ? bit : 0u;
-        inside[word] = winding != 0 ? inside[word] | chosen : inside[word] & ~chosen;
+        const uint chosen = word == (tag >> 6) ? bit : 0u;
+        place->inside[word] = (place->inside[word] & ~chosen) | (winding != 0 ? chosen : 0u);
     }
 }
 
 /* 1 + the last part that contains the place, 0 for none. */
-int last_inside(const uint *inside)
+int last_inside(const Place *place)
 {
     int last = 0;
     for (int word = 0; word < WORDS; ++word)
-        last = inside[word] != 0u ? 32 * word + 32 - (int)clz(inside[word]) : last;
+        last = place->inside[word] != 0u ? 32 * word + 32 - (int)clz(place->inside[word]) : last;
     return last;
 }
