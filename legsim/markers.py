@@ -8,12 +8,14 @@ from numpy.typing import ArrayLike
 from scipy import signal
 from scipy.interpolate import CubicHermiteSpline, CubicSpline
 
-from legsim import jumps
+from legsim import jumps, rigid_gaps
 from legsim.arrays import FloatArray
 from legsim.errors import LegsimError
-from legsim.marker_maps import PAPER_ROLES, MarkerMap, check_covered
+from legsim.marker_maps import PAPER_ROLES, MarkerMap, check_covered, segment_of
 from legsim.signals import Motion
 
+SPLINE_S = 0.25
+"""s: a longer gap is filled from other markers on the segment if it can be"""
 SLOPE_S = 0.1
 """s on either side of a gap that tell the velocity with which a marker leaves and returns"""
 
@@ -32,7 +34,9 @@ class RoleReport:
     jumps_removed: int
     """samples removed because they lie off the trajectory"""
     filled: int
-    """samples bridged"""
+    """samples bridged, by splines or from other markers"""
+    rebuilt: int
+    """samples of these that come from other markers on the same segment"""
     left_missing: int
     """samples that stay NaN: in gaps too long to bridge, or before the first and after the last sight"""
 
@@ -73,8 +77,9 @@ def prepare(
 ) -> tuple[Motion, CleaningReport]:
     """Clean trajectories of the roles, at even times, with a report.
 
-    In this order: labels are looked up, times made even, jumps removed (:mod:`legsim.jumps`), gaps bridged by cubic splines,
-    several labels of a role averaged, and each unbroken stretch filtered by itself, so that a dropout never smears into motion.
+    In this order: labels are looked up, times made even, jumps removed (:mod:`legsim.jumps`), short gaps bridged by cubic splines,
+    longer ones from three other markers on the same segment where these are seen (:mod:`legsim.rigid_gaps`), several labels of a
+    role averaged, and each unbroken stretch filtered by itself, so that a dropout never smears into motion.
 
     The filter is a second-order Butterworth low-pass run forwards and backwards (zero phase). ``filter_hz`` is the cut-off of each
     pass, not corrected for the second: together they halve the amplitude (-6 dB) at ``filter_hz`` and have -3 dB at 0.80 of it.
@@ -85,7 +90,8 @@ def prepare(
         motion: markers in metres in world.
         marker_map: which labels play which role.
         filter_hz: cut-off in hertz; 0 leaves the markers unfiltered.
-        longest_gap_s: gaps up to this long are bridged; longer ones stay NaN and are reported. Raise it to bridge them too.
+        longest_gap_s: gaps up to this long are bridged by splines; longer ones that no other markers fill stay NaN and are
+            reported. Raise it to bridge them too.
         required: roles that must be there.
 
     Raises:
@@ -100,11 +106,11 @@ def prepare(
     times, source = _even(motion, sorted({name for names in found.values() for name in names}))
     dt = float(times[-1] - times[0]) / (len(times) - 1)
     _check_filter(filter_hz, 1 / dt)
-    bridged = {name: _bridge(_without_jumps(x, dt), times, longest_gap_s) for name, x in source.items()}
-    means = {role: np.mean([bridged[name] for name in names], axis=0) for role, names in found.items()}
+    stages = _cleaned(source, found, times, longest_gap_s)
+    means = {role: np.mean([stages.bridged[name] for name in names], axis=0) for role, names in found.items()}
     _check_person(means)
     cleaned = np.stack([_low_pass(x, filter_hz, 1 / dt) for x in means.values()], axis=1)
-    reports = tuple(_report(role, names, source, bridged, dt) for role, names in found.items())
+    reports = tuple(_report(role, names, stages, dt) for role, names in found.items())
     resampled = len(times) != len(motion.times) or not np.array_equal(times, motion.times)
     report = CleaningReport(marker_map.name, 1 / dt, filter_hz, resampled, reports, never)
     return Motion(times, tuple(means), cleaned), report
@@ -134,10 +140,10 @@ def _even(motion: Motion, names: Sequence[str]) -> tuple[FloatArray, dict[str, F
     positions = {name: np.array(motion.marker(name)) for name in names}
     if np.abs(steps - dt).max() < 1e-6 * dt + 1e-9:
         return times, positions
-    count = round(float(times[-1] - times[0]) / dt) + 1
+    count = int(np.maximum(np.rint(steps / dt), 1).sum()) + 1
     if count > 50 * len(times):
         raise LegsimError(f"the times are too uneven: steps of {steps.min():g} to {steps.max():g} s; cut the recording at its pauses")
-    even = times[0] + np.arange(count) * ((times[-1] - times[0]) / max(count - 1, 1))
+    even = times[0] + np.arange(count) * ((times[-1] - times[0]) / (count - 1))
     return even, {name: _resampled(times, x, even, dt) for name, x in positions.items()}
 
 
@@ -158,8 +164,26 @@ def _resampled(times: FloatArray, positions: FloatArray, even: FloatArray, dt: f
     return result
 
 
-def _without_jumps(positions: FloatArray, dt: float) -> FloatArray:
-    return np.where(jumps.find(positions, dt)[:, None], np.nan, positions)
+@dataclass(frozen=True, slots=True, eq=False)
+class _Stages:
+    """Positions (n, 3) of every label after each step of the cleaning."""
+
+    source: dict[str, FloatArray]
+    without_jumps: dict[str, FloatArray]
+    smooth: dict[str, FloatArray]
+    """short gaps bridged"""
+    rebuilt: dict[str, FloatArray]
+    """and longer ones filled from other markers"""
+    bridged: dict[str, FloatArray]
+    """and what remains bridged as far as asked"""
+
+
+def _cleaned(source: dict[str, FloatArray], found: dict[str, tuple[str, ...]], times: FloatArray, longest_gap_s: float) -> _Stages:
+    dt = float(times[-1] - times[0]) / (len(times) - 1)
+    without = {name: np.where(jumps.find(x, dt)[:, None], np.nan, x) for name, x in source.items()}
+    smooth = {name: _bridge(x, times, min(longest_gap_s, SPLINE_S)) for name, x in without.items()}
+    rebuilt = _rebuilt(smooth, found)
+    return _Stages(source, without, smooth, rebuilt, {name: _bridge(x, times, longest_gap_s) for name, x in rebuilt.items()})
 
 
 def _bridge(positions: FloatArray, times: FloatArray, longest_gap_s: float) -> FloatArray:
@@ -173,6 +197,17 @@ def _bridge(positions: FloatArray, times: FloatArray, longest_gap_s: float) -> F
             ends = [first - 1, last + 1]
             cubic = CubicHermiteSpline(times[ends], positions[ends], np.stack([before, after]))
             result[first : last + 1] = cubic(times[first : last + 1])
+    return result
+
+
+def _rebuilt(smooth: dict[str, FloatArray], found: dict[str, tuple[str, ...]]) -> dict[str, FloatArray]:
+    """Every label's gaps filled from the labels on the same segment."""
+    result = {}
+    segments = {name: segment_of(role) for role, names in found.items() for name in names}
+    for name, positions in smooth.items():
+        mates = [smooth[other] for other in smooth if other != name and segments[other] == segments[name]]
+        gaps = _gaps(np.isnan(positions).any(1))
+        result[name] = rigid_gaps.fill(positions, np.stack(mates, axis=1), gaps) if gaps and len(mates) >= 3 else positions
     return result
 
 
@@ -235,12 +270,16 @@ def _check_person(means: dict[str, FloatArray]) -> None:
         )
 
 
-def _report(role: str, names: tuple[str, ...], source: dict[str, FloatArray], bridged: dict[str, FloatArray], dt: float) -> RoleReport:
+def _report(role: str, names: tuple[str, ...], stages: _Stages, dt: float) -> RoleReport:
     """Counts over the labels of one role; of several, a sample counts where any is concerned."""
-    raw = np.logical_or.reduce([np.isnan(source[name]).any(1) for name in names])
-    jumped = np.logical_or.reduce([jumps.find(source[name], dt) for name in names])
-    left = np.logical_or.reduce([np.isnan(bridged[name]).any(1) for name in names])
-    gaps = _gaps(raw | jumped)
-    longest = max((last - first + 1 for first, last in gaps), default=0) * dt
-    filled = int(((raw | jumped) & ~left).sum())
-    return RoleReport(role, names, len(raw), int(raw.sum()), longest, int(jumped.sum()), filled, int(left.sum()))
+    raw, without = _unseen(stages.source, names), _unseen(stages.without_jumps, names)
+    before, after, left = (_unseen(stage, names) for stage in (stages.smooth, stages.rebuilt, stages.bridged))
+    jumped = np.logical_or.reduce([_unseen(stages.without_jumps, [k]) & ~_unseen(stages.source, [k]) for k in names])
+    longest = max((last - first + 1 for first, last in _gaps(without)), default=0) * dt
+    filled, from_others = int((without & ~left).sum()), int((before & ~after).sum())
+    return RoleReport(role, names, len(raw), int(raw.sum()), longest, int(jumped.sum()), filled, from_others, int(left.sum()))
+
+
+def _unseen(stage: dict[str, FloatArray], names: Sequence[str]) -> jumps.BoolArray:
+    """True (n,) where any of the labels is NaN."""
+    return np.logical_or.reduce([np.isnan(stage[name]).any(1) for name in names])
