@@ -1,30 +1,14 @@
-"""What there is to see of a run, gathered for the recording and the figures: joint centers, surfaces, sensors, slices."""
+"""What there is to see of a run, gathered for the recording and the figures: skeleton, surfaces, sensors, slices."""
 
 from dataclasses import dataclass
 
 import numpy as np
 
+from legsim.anatomy import JointCenters
 from legsim.arrays import Float32Array, FloatArray, frozen, increasing_times
 from legsim.errors import LegsimError
 from legsim.geometry import Projections, Volume
 from legsim.signals import ImuSignals, JointTrajectories, Motion, SegmentPoses
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class JointCenters:
-    """Where the joints of the leg model are over time."""
-
-    times: FloatArray
-    """(n,) s"""
-    names: tuple[str, ...]
-    positions_world: FloatArray
-    """(n, j, 3) m, in world"""
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "times", increasing_times("JointCenters.times", self.times))
-        object.__setattr__(self, "names", tuple(self.names))
-        shape = (len(self.times), len(self.names), 3)
-        object.__setattr__(self, "positions_world", frozen("JointCenters.positions_world", self.positions_world, shape))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -64,12 +48,12 @@ class MovingSurface:
 
 BONES = (
     ("hip_r", "hip_l"),
-    ("hip_r", "back"),
-    ("hip_l", "back"),
-    *((f"{a}_{side}", f"{b}_{side}") for side in "rl" for a, b in (("hip", "knee"), ("knee", "ankle"), ("ankle", "subtalar"))),
-    *((f"{a}_{side}", f"{b}_{side}") for side in "rl" for a, b in (("ankle", "mtp"), ("subtalar", "mtp"))),
+    ("hip_r", "pelvis"),
+    ("hip_l", "pelvis"),
+    *((f"{a}_{side}", f"{b}_{side}") for side in "rl" for a, b in (("hip", "knee"), ("knee", "ankle"))),
+    *((f"{a}_{side}", f"{b}_{side}") for side in "rl" for a, b in (("ankle", "calcn"), ("calcn", "toes"), ("toes", "ankle"))),
 )
-"""Joints of gait2392 that a bone joins; those that a set of joint centers lacks are left out of the picture."""
+"""Joint centers, and origins of gait2392's segments, that a line joins in the skeleton; those that are not there are left out."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -93,6 +77,8 @@ class ReplayScene:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "segment_meshes", tuple(self.segment_meshes))
+        if not np.array_equal(self.poses.times, self.joint_centers.times):
+            raise LegsimError("joint centers and segment poses must have the same times")
         unknown = sorted({mesh.segment for mesh in self.segment_meshes} - set(self.poses.segment_names))
         if unknown:
             raise LegsimError(f"meshes of segments without a pose: {', '.join(unknown)}; there are: {', '.join(self.poses.segment_names)}")
@@ -103,10 +89,12 @@ class ReplayScene:
         ):
             raise LegsimError("modelled markers need measured ones with the same names and times")
 
-    def bone_indices(self) -> tuple[tuple[int, int], ...]:
-        """Pairs of indices into the joint centers, for the bones whose two ends there are."""
-        index = {name: k for k, name in enumerate(self.joint_centers.names)}
-        return tuple((index[a], index[b]) for a, b in self.bones if a in index and b in index)
+    def bone_lines(self) -> FloatArray:
+        """(n, b, 2, 3) m in world: both ends of each bone, at the times of the joint centers."""
+        places = {name: self.joint_centers.positions_world[:, k] for k, name in enumerate(self.joint_centers.names)}
+        places |= {name: self.poses.of(name)[:, :3, 3] for name in self.poses.segment_names if name not in places}
+        lines = [np.stack([places[a], places[b]], 1) for a, b in self.bones if a in places and b in places]
+        return np.stack(lines, 1) if lines else np.empty((len(self.joint_centers.times), 0, 2, 3))
 
     def marker_residuals(self) -> FloatArray | None:
         """(n, m) m from measured to modelled marker, NaN where not seen; None without markers of both kinds."""

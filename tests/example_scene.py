@@ -3,11 +3,11 @@
 import numpy as np
 
 from legsim import transforms
+from legsim.anatomy import JointCenters
 from legsim.geometry import ConeBeamGeometry, Projections, Volume, VolumeGrid
-from legsim.scene import JointCenters, MovingSurface, NamedVolume, ReplayScene, ScanScene, SegmentMesh, SlicePlanes
+from legsim.scene import MovingSurface, NamedVolume, ReplayScene, ScanScene, SegmentMesh, SlicePlanes
 from legsim.signals import ImuSignals, JointTrajectories, Motion, SegmentPoses
 
-JOINTS = ("hip_r", "knee_r", "ankle_r", "mtp_r", "hip_l", "knee_l", "ankle_l", "mtp_l")
 BENDS = tuple(f"{name}_{side}" for side in "rl" for name in ("hip_flexion", "knee_angle", "ankle_angle"))
 COORDINATES = ("pelvis_tilt", "pelvis_tx", "pelvis_ty", "pelvis_tz", *BENDS)
 THIGH, SHANK, FOOT = 0.41, 0.40, 0.15
@@ -24,15 +24,15 @@ def squat(seconds: float = 1.0, rate_hz: float = 120.0, bend: float = 1.0) -> Jo
 
 
 def joint_centers(trajectories: JointTrajectories) -> JointCenters:
-    """A flat chain of thigh, shank and foot on each side."""
+    """A flat chain of thigh and shank on each side."""
     centers = []
-    for side, z in (("r", 0.09), ("l", -0.09)):
+    for side, z in (("l", -0.09), ("r", 0.09)):
         hip_angle, knee_angle = trajectories.coordinate(f"hip_flexion_{side}"), trajectories.coordinate(f"knee_angle_{side}")
         hip = np.stack([trajectories.coordinate("pelvis_tx"), trajectories.coordinate("pelvis_ty"), np.full_like(hip_angle, z)], -1)
         knee = hip + THIGH * _down(hip_angle)
         ankle = knee + SHANK * _down(hip_angle + knee_angle)
-        centers += [hip, knee, ankle, ankle + np.array([FOOT, -0.05, 0])]
-    return JointCenters(trajectories.times, JOINTS, np.stack(centers, 1))
+        centers += [hip, knee, ankle]
+    return JointCenters(trajectories.times, np.stack(centers, 1))
 
 
 def _down(angle: np.ndarray) -> np.ndarray:
@@ -40,14 +40,19 @@ def _down(angle: np.ndarray) -> np.ndarray:
 
 
 def poses(trajectories: JointTrajectories, centers: JointCenters) -> SegmentPoses:
-    """femur, tibia and foot frames of both sides, y along the segment."""
+    """femur, tibia, heel and toes of both sides, y along the segment."""
     names, stacked = [], []
-    for side, first in (("r", 0), ("l", 4)):
+    for side in "rl":
         hip = trajectories.coordinate(f"hip_flexion_{side}")
         shank = hip + trajectories.coordinate(f"knee_angle_{side}")
-        for k, (segment, angle) in enumerate((("femur", hip), ("tibia", shank), ("calcn", 0 * hip))):
-            names.append(f"{segment}_{side}")
-            stacked.append(transforms.rigid(transforms.axis_rotation([0, 0, 1], angle), centers.positions_world[:, first + k]))
+        ankle = centers.of(f"ankle_{side}")
+        names += [f"{segment}_{side}" for segment in ("femur", "tibia", "calcn", "toes")]
+        stacked += [
+            transforms.rigid(transforms.axis_rotation([0, 0, 1], hip), centers.of(f"hip_{side}")),
+            transforms.rigid(transforms.axis_rotation([0, 0, 1], shank), centers.of(f"knee_{side}")),
+            transforms.translation(ankle + np.array([-0.04, -0.05, 0])),
+            transforms.translation(ankle + np.array([FOOT, -0.05, 0])),
+        ]
     return SegmentPoses(trajectories.times, tuple(names), np.stack(stacked, 1))
 
 
@@ -106,7 +111,7 @@ def replay_scene(seconds: float = 1.0, rate_hz: float = 120.0, *, gap: bool = Tr
 def scan_scene(views: int = 24, *, columns: int = 60, seconds: float = 1.0) -> ScanScene:
     """A short scan around the right knee; the pictures are shadows of points, the volumes a leg of two cylinders."""
     replay = replay_scene(seconds)
-    knee = replay.joint_centers.positions_world[0, 1]
+    knee = replay.joint_centers.of("knee_r")[0]
     times = np.linspace(0, seconds * 0.99, views)
     geometry = ConeBeamGeometry.circular(
         times=times,

@@ -57,7 +57,7 @@ def one_of_each(scan):
         "imu": figures.imu_curves(replay.imu),
         "sway": figures.sway(replay.joint_centers),
         "residuals": figures.marker_residuals(replay),
-        "errors": figures.motion_errors(truth, estimates, replay.joint_centers.positions_world[0, 1]),
+        "errors": figures.motion_errors(truth, estimates, replay.joint_centers.of("knee_r")[0]),
         "boxes": figures.box_plots(groups, axis_label="SSIM"),
         "maps": figures.heat_maps([table], row_axis="f_a", column_axis="f_g", unit="RMSE (mm)"),
         "still": figures.still(replay, 0.5),
@@ -84,12 +84,16 @@ def test_axes_carry_units(made, kind, unit):
     assert unit in labels(made[kind])
 
 
-def test_every_figure_is_drawn_on_white_and_alike_twice(scan, made):
-    for (name, first), second in zip(made.items(), one_of_each(scan).values(), strict=True):
-        assert figures.png(first, dpi=60) == figures.png(second, dpi=60), name
-        picture = decoded(first)
+def test_every_figure_is_drawn_on_white(made):
+    for name, figure in made.items():
+        picture = decoded(figure)
         assert (picture[0, 0] == 255).all(), name
         assert picture.std() > 5, name
+
+
+def test_the_same_scene_gives_the_same_bytes(replay):
+    first, second = (figures.png(figures.still(replay, 0.5), dpi=60) for _ in range(2))
+    assert first == second
 
 
 def test_slices_put_front_above_and_the_right_side_on_the_left():

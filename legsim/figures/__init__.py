@@ -1,5 +1,6 @@
 """Figures for reports: dark text on white, units on every axis, made without a screen and without pyplot's global state."""
 
+from legsim.figures.canvas import Figure as Figure
 from legsim.figures.canvas import png as png
 from legsim.figures.curves import imu_curves as imu_curves
 from legsim.figures.curves import joint_angles as joint_angles

@@ -59,9 +59,10 @@ def _draw_meshes(ax: Axes, scene: ReplayScene, frame: int, camera: FloatArray) -
     """All triangles from far to near, those that face the eye, shaded by how much they do."""
     if not scene.segment_meshes:
         return
-    at = int(np.argmin(np.abs(scene.poses.times - scene.joint_centers.times[frame])))
     corners = (
-        np.concatenate([transforms.apply(scene.poses.of(mesh.segment)[at], mesh.vertices)[mesh.triangles] for mesh in scene.segment_meshes])
+        np.concatenate(
+            [transforms.apply(scene.poses.of(mesh.segment)[frame], mesh.vertices)[mesh.triangles] for mesh in scene.segment_meshes]
+        )
         @ camera.T
     )
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -77,8 +78,8 @@ def _draw_meshes(ax: Axes, scene: ReplayScene, frame: int, camera: FloatArray) -
 
 def _draw_skeleton(ax: Axes, scene: ReplayScene, frame: int, camera: FloatArray) -> None:
     places = scene.joint_centers.positions_world[frame] @ camera.T
-    for k, (a, b) in enumerate(scene.bone_indices()):
-        ax.plot(places[[a, b], 0], places[[a, b], 1], color="#8d7b53", linewidth=1.6, zorder=2, label="bone" if k == 0 else None)
+    lines = (scene.bone_lines()[frame] @ camera.T)[..., :2]
+    ax.add_collection(LineCollection(list(lines), colors="#8d7b53", linewidths=1.4, zorder=2, label="between joints"))
     ax.plot(places[:, 0], places[:, 1], "o", color=JOINT, markersize=5, zorder=3, label="joint center")
 
 

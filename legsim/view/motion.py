@@ -36,12 +36,11 @@ def log_skeleton(recorder: Recorder, scene: ReplayScene) -> None:
         "world/joints", centers.times, _partition(rr.Points3D.columns(positions=positions.reshape(-1, 3)), count, len(positions))
     )
     recorder.static("world/joints", rr.Points3D.from_fields(radii=0.012, colors=JOINT, labels=list(centers.names), show_labels=False))
-    bones = scene.bone_indices()
-    if bones:
-        strips = positions[:, np.array(bones)].reshape(-1, 2, 3)
-        columns = rr.LineStrips3D.columns(strips=list(strips))
-        recorder.columns("world/bones", centers.times, _partition(columns, len(bones), len(positions)))
-        recorder.static("world/bones", rr.LineStrips3D.from_fields(radii=0.006, colors=BONE))
+    bones = scene.bone_lines().astype(np.float32)
+    if bones.shape[1]:
+        columns = rr.LineStrips3D.columns(strips=list(bones.reshape(-1, 2, 3)))
+        recorder.columns("world/bones", centers.times, _partition(columns, bones.shape[1], len(bones)))
+        recorder.static("world/bones", rr.LineStrips3D.from_fields(radii=0.004, colors=BONE))
 
 
 def log_segments(recorder: Recorder, scene: ReplayScene) -> None:
