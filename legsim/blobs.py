@@ -48,7 +48,7 @@ def _nearest(image: Float32Array, at: FloatArray, radius: float, search: float, 
     part = np.asarray(image[corner[1] : round(at[1]) + margin + 1, corner[0] : round(at[0]) + margin + 1], float)
     if min(part.shape, default=0) < 3:
         return nothing
-    v, u = np.indices(part.shape)
+    v, u = np.mgrid[: part.shape[0], : part.shape[1]]
     near = (u + corner[0] - at[0]) ** 2 + (v + corner[1] - at[1]) ** 2 <= search**2
     roundness = -ndimage.gaussian_laplace(part, _WIDTH_OF_RADIUS * radius, mode="nearest")
     if not near.any():
@@ -60,7 +60,7 @@ def _nearest(image: Float32Array, at: FloatArray, radius: float, search: float, 
 
 def _fitted(part: FloatArray, start: FloatArray, radius: float, least_contrast: float) -> FloatArray:
     """Center (2,) of a Gaussian on a plane by least squares, or NaN where the fit is no bead."""
-    v, u = np.indices(part.shape)
+    v, u = np.mgrid[: part.shape[0], : part.shape[1]]
     inside = (u - start[0]) ** 2 + (v - start[1]) ** 2 <= (_WINDOW_OF_RADIUS * radius + 1) ** 2
     du, dv, values = u[inside] - start[0], v[inside] - start[1], part[inside]
     if len(values) < 12:

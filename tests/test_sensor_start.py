@@ -1,0 +1,74 @@
+import numpy as np
+import pytest
+from reference_sway import Sway
+
+from legsim import initialization, pose_estimation, sensor_start
+from legsim.errors import LegsimError
+from legsim.geometry import ConeBeamGeometry
+from legsim.initialization import Fiducials
+from legsim.signals import ImuSignals
+
+TIMES = np.arange(990) / 120
+VIEWS = np.arange(248) / 31
+FIDUCIALS = Fiducials()
+
+
+def c_arm() -> ConeBeamGeometry:
+    return ConeBeamGeometry.circular(
+        times=VIEWS,
+        angles=np.radians(0.8) * np.arange(248),
+        source_isocenter=0.78,
+        source_detector=1.198,
+        shape_vu=(480, 620),
+        pixel_pitch=0.616e-3,
+        isocenter=Sway.standing(0).center,
+    )
+
+
+def recorded(seed: int) -> tuple[Sway, ImuSignals]:
+    sway = Sway.standing(seed)
+    rate, force = sway.signals(TIMES)
+    return sway, ImuSignals(TIMES, ("shank_l",), rate[:, None], force[:, None])
+
+
+def seen(sway: Sway, views: int) -> np.ndarray:
+    geometry, poses = c_arm(), sway.poses(VIEWS[:views])
+    return np.stack([initialization.project_fiducials(geometry, k, poses[k], FIDUCIALS) for k in range(views)])
+
+
+@pytest.mark.parametrize("views", [2, 3, 8])
+def test_exact_points_give_the_start_and_the_whole_scan(views: int):
+    """From fiducials in the first views to every pose of the scan: 0.05 mm and 0.001 deg are the bound, this is far below."""
+    for seed in range(4):
+        sway, signals = recorded(seed)
+        found = sensor_start.from_fiducials(signals, "shank_l", c_arm(), seen(sway, views), FIDUCIALS)
+        np.testing.assert_allclose(found.start.velocity, sway.velocities(VIEWS[:1])[0], atol=2e-7)
+        np.testing.assert_allclose(found.start.world_from_sensor, sway.poses(VIEWS[:1])[0], atol=1e-7)
+        poses = pose_estimation.estimate(TIMES, *signals.sensor("shank_l"), found.start, VIEWS)
+        assert np.linalg.norm((poses - sway.poses(VIEWS))[:, :3, 3], axis=-1).max() < 5e-6
+
+
+def test_detection_errors_cost_less_with_more_views(rng: np.random.Generator):
+    sway, signals = recorded(1)
+    spread = []
+    for views in (2, 10):
+        pixels = seen(sway, views)
+        found = [
+            sensor_start.from_fiducials(signals, "shank_l", c_arm(), pixels + rng.normal(0, 0.05, pixels.shape), FIDUCIALS).start.velocity
+            for _ in range(40)
+        ]
+        spread.append((np.array(found) - sway.velocities(VIEWS[:1])[0]).std())
+    assert spread[1] < 0.25 * spread[0]
+
+
+def test_lost_fiducials_are_said_so():
+    sway, signals = recorded(1)
+    pixels = seen(sway, 3)
+    pixels[1, 2] = np.nan
+    with pytest.raises(LegsimError, match="view 1: fiducial y is hidden"):
+        sensor_start.from_fiducials(signals, "shank_l", c_arm(), pixels, FIDUCIALS)
+    with pytest.raises(LegsimError, match="of 2 to 248 views; got 1"):
+        sensor_start.from_fiducials(signals, "shank_l", c_arm(), pixels[:1], FIDUCIALS)
+    below = pixels - np.array([0, 400])
+    with pytest.raises(LegsimError, match="off the detector"):
+        sensor_start.from_fiducials(signals, "shank_l", c_arm(), below, FIDUCIALS)
