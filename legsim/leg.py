@@ -60,15 +60,21 @@ class Kinematics(NamedTuple):
     """(n, 20, 3) shift per unit of each coordinate of the point at the world's origin: dp/dq = linear + angular x p"""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class _Coupling:
-    """One dependent joint: its value is ``size * spline(sign * coordinate)``."""
+    """A dependent joint of both legs, right and left: each value is ``size * spline(sign * knee angle)``."""
 
-    joint: int
-    coordinate: int
+    joints: np.ndarray
+    """(2,)"""
     sign: float
-    size: float
+    sizes: FloatArray
+    """(2,)"""
     spline: SimmSpline
+    moves_shank: bool
+    """a knee's, not a patella's"""
+
+
+_KNEES = [COORDINATES.index(f"knee_angle_{side}") for side in "rl"]
 
 
 class Leg:
@@ -175,8 +181,8 @@ class Leg:
         linear = np.where(slide, axes, np.cross(anchors, axes))
         screws = Kinematics(rotations, origins, angular[:, self._address], linear[:, self._address])
         for k, coupling in enumerate(self._couplings):
-            if not self._model.joint(coupling.joint).name.startswith("patella"):
-                screws.linear[:, coupling.coordinate] += slopes[:, k, None] * linear[:, coupling.joint]
+            if coupling.moves_shank:
+                screws.linear[:, _KNEES] += slopes[:, k, :, None] * linear[:, coupling.joints]
         return screws
 
     def marker_positions(self, values: ArrayLike, sites: MarkerSites) -> FloatArray:
@@ -233,14 +239,14 @@ class Leg:
         return array
 
     def _dependent(self, values: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Positions (n, joints) of all joints; first and second derivative (n, couplings) of the dependent ones by their coordinate."""
+        """Positions (n, joints) of all joints; first and second derivative (n, couplings, 2) of the dependent ones by the knee angles."""
         positions = np.empty((len(values), self._model.nq))
         positions[:, self._address] = values
-        slopes, bends = np.empty((2, len(values), len(self._couplings)))
+        slopes, bends = np.empty((2, len(values), len(self._couplings), 2))
         for k, c in enumerate(self._couplings):
-            value, first, second = c.spline.with_derivatives(c.sign * values[:, c.coordinate])
-            positions[:, c.joint] = c.size * value
-            slopes[:, k], bends[:, k] = c.size * c.sign * first, c.size * second
+            value, first, second = c.spline.with_derivatives(c.sign * values[:, _KNEES])
+            positions[:, c.joints] = c.sizes * value
+            slopes[:, k], bends[:, k] = c.sizes * c.sign * first, c.sizes * second
         return positions, slopes, bends
 
     def _with_time_derivatives(
@@ -252,9 +258,9 @@ class Leg:
         velocities, second = np.empty_like(positions), np.empty_like(positions)
         velocities[:, self._address], second[:, self._address] = rates, accelerations
         for k, c in enumerate(self._couplings):
-            rate = rates[:, c.coordinate]
-            velocities[:, c.joint] = slopes[:, k] * rate
-            second[:, c.joint] = slopes[:, k] * accelerations[:, c.coordinate] + bends[:, k] * rate**2
+            rate = rates[:, _KNEES]
+            velocities[:, c.joints] = slopes[:, k] * rate
+            second[:, c.joints] = slopes[:, k] * accelerations[:, _KNEES] + bends[:, k] * rate**2
         return positions, velocities, second
 
     def _poses(self, positions: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
@@ -319,10 +325,13 @@ def _load_couplings(model: mujoco.MjModel, scales: SegmentScales) -> list[_Coupl
     tables = tomllib.loads(resources.model_file("lower_body/couplings.toml").read_text("utf-8"))["coupling"]
     couplings = []
     for t in tables:
-        joint = model.joint(t["joint"])
-        slide = model.jnt_type[joint.id] == mujoco.mjtJoint.mjJNT_SLIDE
-        size = float(np.abs(joint.axis) @ scales.of(f"femur_{t['joint'][-1]}")) if slide else 1.0
-        couplings.append(_Coupling(joint.id, COORDINATES.index(t["coordinate"]), t["sign"], size, SimmSpline(t["x"], t["y"])))
+        joints = [model.joint(f"{t['joint']}_{side}") for side in "rl"]
+        sizes = [
+            float(np.abs(joint.axis) @ scales.of(f"femur_{side}")) if model.jnt_type[joint.id] == mujoco.mjtJoint.mjJNT_SLIDE else 1.0
+            for joint, side in zip(joints, "rl", strict=True)
+        ]
+        ids, spline = np.array([joint.id for joint in joints]), SimmSpline(t["x"], t["y"])
+        couplings.append(_Coupling(ids, t["sign"], np.array(sizes), spline, t["joint"].startswith("knee")))
     return couplings
 
 

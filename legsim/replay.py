@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 
 from legsim import transforms
 from legsim.anatomy import MarkerSites, segment_index
@@ -23,6 +24,8 @@ Progress = Callable[[int, int], None]
 
 _CHUNK = 256
 """frames solved together: few enough for their arrays to stay in the cache"""
+_CLOSE = 16
+"""frames that a cubic may span; farther apart it overshoots"""
 _FIRST_DAMPING = 1e-5
 """of the curvature's diagonal; below it and at it the curvature is exact"""
 _STARTS_DEG = ((10.0, -10.0, 0.0), (50.0, -60.0, 15.0), (90.0, -100.0, 30.0))
@@ -232,7 +235,7 @@ class _Problem:
     def _add_flat_feet(self, pose: Kinematics, gradient: FloatArray, upper: FloatArray, bend: FloatArray) -> FloatArray:
         """Adds the prior on the feet to gradient and upper triangles in place; returns its cost (n,)."""
         weight, cost = self.config.flat_foot_weight, np.zeros(len(gradient))
-        for foot in self._feet:
+        for foot in self._feet if weight > 0 else ():
             angular, upright = pose.angular * self.leg.moves[:, foot, None], pose.rotations[:, foot, :, 1]
             lean = upright * (1.0, 0.0, 1.0)
             turns = _cross(angular, upright[:, None])
@@ -291,7 +294,7 @@ def _solve_all(problem: _Problem, measured: FloatArray, seen: np.ndarray, progre
     values = _from_scratch(problem, problem.pelvis_starts(measured[solved]), measured[solved], weights[solved])
     for stride in finer:
         frames = _every(np.flatnonzero(seen.any(1)) if stride == 1 else usable, stride)
-        values = _between(frames, solved, values)
+        values = _starts(frames, solved, values)
         for chunk in np.array_split(np.arange(len(frames)), max(1, len(frames) // _CHUNK)):
             rows = frames[chunk]
             state, iterations, converged = _minimize(problem, values[chunk], measured[rows], weights[rows])
@@ -305,6 +308,16 @@ def _solve_all(problem: _Problem, measured: FloatArray, seen: np.ndarray, progre
 def _every(frames: np.ndarray, stride: int) -> np.ndarray:
     """The first of ``frames`` in every stretch of ``stride``, and the last of all."""
     return np.unique([*frames[np.unique(frames // stride, return_index=True)[1]], frames[-1]])
+
+
+def _starts(frames: np.ndarray, solved: np.ndarray, values: FloatArray) -> FloatArray:
+    """Where to start (n, 20) at ``frames``: on a cubic between close neighbors, so that two steps do; straight across wide gaps."""
+    straight = _between(frames, solved, values)
+    if len(solved) < 4:
+        return straight
+    after = np.clip(np.searchsorted(solved, frames), 1, len(solved) - 1)
+    close = solved[after] - solved[after - 1] <= _CLOSE
+    return np.where(close[:, None], CubicSpline(solved, values)(frames), straight)
 
 
 def _between(frames: np.ndarray, solved: np.ndarray, values: FloatArray) -> FloatArray:

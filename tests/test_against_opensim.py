@@ -1,8 +1,5 @@
 """The leg, its scaling and its inverse kinematics are OpenSim's (pip install opensim; python -m pytest -m peer)."""
 
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -12,7 +9,6 @@ from legsim.leg import COORDINATES, Leg
 from legsim.signals import JointTrajectories
 
 pytestmark = [pytest.mark.peer, pytest.mark.filterwarnings("ignore::DeprecationWarning")]
-sys.path.insert(0, str(Path(__file__).parents[1] / "tools"))
 POSTURES = 500
 
 
