@@ -73,7 +73,8 @@ class RunFolder:
         for leftover in path.glob(".partial-*"):
             leftover.unlink(missing_ok=True)
         self._stages: dict[str, Any] = self._read().get("stages", {})
-        self._about = about
+        self.about = about
+        """What heads the manifest."""
 
     def _read(self) -> dict[str, Any]:
         manifest = self.path / "manifest.json"
@@ -106,9 +107,13 @@ class RunFolder:
         """How long the stage took when it was computed."""
         return float(self._stages[stage]["seconds"])
 
+    def hash_of(self, file: str) -> str:
+        """The recorded sha256 of a file that some stage wrote."""
+        return next(entry["files"][file]["sha256"] for entry in self._stages.values() if file in entry["files"])
+
     def write_manifest(self) -> None:
         """Writes manifest.json as things stand."""
-        content = {"schema": SCHEMA, **self._about, "stages": self._stages}
+        content = {"schema": SCHEMA, **self.about, "stages": self._stages}
         write_text(self.path / "manifest.json", json.dumps(content, indent=1) + "\n")
 
 

@@ -102,7 +102,8 @@ def _disk(folder: Path) -> Finding:
         place = place.parent
     free = shutil.disk_usage(place).free
     writable = os.access(place, os.W_OK)
-    detail = f"{free / 2**30:.0f} GiB free at {place}{'' if writable else ', not writable'}; a run at paper size writes {_NEEDED_DISK / 2**30:.0f} GiB"
+    access = "" if writable else ", not writable"
+    detail = f"{free / 2**30:.0f} GiB free at {place}{access}; a run at paper size writes {_NEEDED_DISK / 2**30:.0f} GiB"
     return Finding("disk", writable and free >= _NEEDED_DISK, detail, "choose another folder with --out, or a smaller preset")
 
 

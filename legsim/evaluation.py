@@ -90,7 +90,7 @@ def leg_regions(
     radius = [max(1, round(margin / s)) for s in grid.spacing_xyz]
     leg = sitk.GetArrayFromImage(sitk.BinaryDilate(inside, radius, sitk.sitkBall)).astype(bool) & cylinder(grid, field_of_view)
     low = (grid.axes()[1] < knee_height)[None, :, None]
-    return Region("whole leg", leg), Region("shank", leg & low), Region("thigh", leg & ~low)
+    return Region("leg", leg), Region("shank", leg & low), Region("thigh", leg & ~low)
 
 
 def cylinder(grid: VolumeGrid, radius: float) -> NDArray[np.bool_]:

@@ -1,5 +1,6 @@
 """What is scanned: closed triangle meshes with an attenuation each, later ones displacing earlier ones."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -46,6 +47,10 @@ class Phantom:
             raise LegsimError(
                 f"a phantom needs parts with names of their own; twice: {', '.join(doubles) or 'none, but there is no part at all'}"
             )
+
+    def only(self, indices: Sequence[int]) -> "Phantom":
+        """Some of the parts, in the order given."""
+        return Phantom(tuple(self.parts[k] for k in indices))
 
     def with_vertices(self, vertices: "tuple[FloatArray, ...]") -> "Phantom":
         """The same parts with their vertices elsewhere: one (p, 3) array a part."""

@@ -1,0 +1,288 @@
+"""The `legsim` command. The only module that prints, draws progress or decides an exit code."""
+
+import errno
+import os
+import sys
+import warnings
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+import typer.exceptions
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.table import Table
+
+from legsim import __version__, config, doctor, pipeline, tasks
+from legsim.errors import LegsimError
+
+app = typer.Typer(
+    help="Simulate a weight-bearing knee CT from motion capture, correct its motion, and tell how well that worked.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+geometry_app = typer.Typer(
+    help="Look at a scan geometry, or convert it between legsim JSON, RTK XML and plain matrices.", no_args_is_help=True
+)
+app.add_typer(geometry_app, name="geometry")
+
+_out = Console(highlight=False, soft_wrap=True)
+_err = Console(stderr=True, highlight=False, soft_wrap=True)
+
+
+class Preset(StrEnum):
+    """Sizes of a run."""
+
+    demo = "demo"
+    half = "half"
+    paper = "paper"
+
+
+OutFolder = Annotated[
+    Path,
+    typer.Option("--out", help="Folder for the results; made if it is not there. A second run there goes on where the first one stopped."),
+]
+DeviceOption = Annotated[
+    str | None,
+    typer.Option(
+        "--device", help="Part of an OpenCL device's name (see `legsim doctor`), or cpu or gpu. Default: LEGSIM_DEVICE, else the fastest."
+    ),
+]
+GeometryOption = Annotated[
+    Path, typer.Option("--geometry", help="legsim .json, RTK .xml, or one 3x4 matrix a view as .txt or .npy (world mm to pixels).")
+]
+
+
+@contextmanager
+def _progress() -> Iterator[pipeline.OnProgress]:
+    """A bar a stage on a terminal; where there is none, a line a stage."""
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=_err, disable=not _err.is_terminal) as bars:
+        known: dict[str, object] = {}
+
+        def update(stage: str, done: int, total: int) -> None:
+            if stage not in known:
+                known[stage] = bars.add_task(stage, total=total)
+                if not _err.is_terminal:
+                    _err.print(f"{stage} ...")
+            bars.update(known[stage], completed=done, total=total)  # pyright: ignore[reportArgumentType]
+
+        yield update
+
+
+def _table(title: str, columns: tuple[str, ...], rows: list[tuple[str, ...]]) -> None:
+    table = Table(title=title, title_justify="left")
+    for k, column in enumerate(columns):
+        table.add_column(column, justify="left" if k == 0 else "right")
+    for row in rows:
+        table.add_row(*row)
+    _out.print(table)
+
+
+@app.command()
+def run(
+    config_file: Annotated[Path | None, typer.Argument(metavar="[CONFIG.toml]", help="What to change against the preset.")] = None,
+    preset: Annotated[
+        Preset, typer.Option(help="paper: 620x480 pixels, 512^3 voxels; half: half of both; demo: minutes on a laptop.")
+    ] = Preset.paper,
+    settings: Annotated[
+        list[str] | None,
+        typer.Option("--set", metavar="a.b=c", help="Change one setting, as in --set motion.file=walk.trc. May be repeated."),
+    ] = None,
+    out: OutFolder = Path("run"),
+    device: DeviceOption = None,
+) -> None:
+    """The whole chain for one scan: motion to corrected volumes, with table, recording and report."""
+    settings_tree = config.load(config_file, preset=preset.value, overrides=tuple(settings or ()))
+    with _progress() as progress:
+        result = pipeline.run(settings_tree, out, device=device, on_progress=progress)
+    columns = ("method", *(f"{kind} {region}" for kind in ("SSIM", "RMSE") for region in result.region_names), "residual mm", "seconds")
+    _table("Against the motion-free scan (volumes scaled 0 to 1, registered)", columns, result.rows())
+    for line in result.places():
+        _out.print(line)
+
+
+@app.command()
+def replay(
+    motion: Annotated[
+        Path,
+        typer.Argument(
+            metavar="MOTION", help="Markers (.trc, .c3d), solved for joint angles; or coordinates (.mot, .sto), taken as they are."
+        ),
+    ],
+    out: OutFolder = Path("replay"),
+    filter_hz: Annotated[
+        float | None, typer.Option(help="Zero-phase low-pass; 0 for none. Default: 6 for markers, none for coordinates.")
+    ] = None,
+    settings: Annotated[
+        list[str] | None,
+        typer.Option("--set", metavar="a.b=c", help="As in `legsim run`: motion.unit=mm, motion.up=z, imu.rate_hz=100 ..."),
+    ] = None,
+    image: Annotated[Path | None, typer.Option(help="Also draw a still picture (.png) of the middle of the recording.")] = None,
+) -> None:
+    """Kinematics, IMU signals and a recording to look at, from one motion file."""
+    overrides = [f"motion.file={motion}", *(settings or ())]
+    if filter_hz is not None:
+        overrides.append(f"motion.filter_hz={filter_hz}")
+    with _progress() as progress:
+        result = pipeline.replay(
+            config.load(overrides=tuple(overrides)), out, filtered=filter_hz is not None, image=image, on_progress=progress
+        )
+    for line in result.lines():
+        _out.print(line)
+
+
+@app.command()
+def project(
+    phantom: Annotated[Path, typer.Argument(metavar="PHANTOM.toml", help="Closed meshes with a material each, outermost first.")],
+    geometry: GeometryOption,
+    out: Annotated[Path, typer.Option("--out", help="Projections, 32-bit .mha.")] = Path("projections.mha"),
+    energy_kev: Annotated[float, typer.Option(help="Photon energy for parts given by material.")] = 60.0,
+    device: DeviceOption = None,
+) -> None:
+    """Line integrals of any set of closed meshes."""
+    with _progress() as progress:
+        lines = tasks.project(phantom, geometry, out, energy_kev=energy_kev, device=device, on_progress=progress)
+    for line in lines:
+        _out.print(line)
+
+
+@app.command()
+def reconstruct(
+    projections: Annotated[Path, typer.Argument(metavar="PROJECTIONS.mha", help="Line integrals, one slice a view.")],
+    geometry: GeometryOption,
+    motion: Annotated[Path | None, typer.Option(help="motion-<method>.npz of a run: the motion to compensate.")] = None,
+    like: Annotated[Path | None, typer.Option(help="A volume whose grid to use.")] = None,
+    shape_zyx: Annotated[tuple[int, int, int] | None, typer.Option(help="Voxels along z, y, x.")] = None,
+    spacing_mm: Annotated[tuple[float, float, float] | None, typer.Option(help="Voxel spacing along x, y, z.")] = None,
+    center_mm: Annotated[tuple[float, float, float] | None, typer.Option(help="Middle of the grid. Default: the rotation center.")] = None,
+    out: Annotated[Path, typer.Option("--out", help="Volume, 1/mm.")] = Path("volume.mha"),
+    device: DeviceOption = None,
+) -> None:
+    """FDK, static or motion-compensated."""
+    with _progress() as progress:
+        lines = tasks.reconstruct(
+            projections,
+            geometry,
+            out,
+            motion=motion,
+            like=like,
+            shape_zyx=shape_zyx,
+            spacing_mm=spacing_mm,
+            center_mm=center_mm,
+            device=device,
+            on_progress=progress,
+        )
+    for line in lines:
+        _out.print(line)
+
+
+@app.command()
+def evaluate(
+    volume: Annotated[Path, typer.Argument(metavar="VOLUME")],
+    reference: Annotated[Path, typer.Argument(metavar="REFERENCE")],
+    regions: Annotated[
+        Path | None,
+        typer.Option(help="Label volume on the same grid (each value above 0 a region). Default: the largest upright cylinder."),
+    ] = None,
+    register: Annotated[bool, typer.Option(help="Register the volume to the reference first.")] = True,
+    out: Annotated[Path, typer.Option("--out", help="The numbers as JSON.")] = Path("metrics.json"),
+) -> None:
+    """SSIM and RMSE of a volume against a reference, by region."""
+    rows = tasks.evaluate(volume, reference, out, regions=regions, register=register)
+    _table(f"{volume} against {reference}", ("region", "SSIM", "RMSE", "voxels"), rows)
+    _out.print(f"numbers: {out}")
+
+
+@geometry_app.command("show")
+def geometry_show(file: Annotated[Path, typer.Argument(help="legsim .json, RTK .xml, or matrices.")]) -> None:
+    """Field of view, angular range, magnification."""
+    for line in tasks.describe_geometry(file):
+        _out.print(line)
+
+
+@geometry_app.command("convert")
+def geometry_convert(
+    file: Annotated[Path, typer.Argument(help="legsim .json, RTK .xml, or matrices.")],
+    out: Annotated[Path, typer.Option("--out", help="The ending says the format: .json, .xml, .txt or .npy.")],
+    columns: Annotated[int | None, typer.Option(help="Detector columns, where the file does not say.")] = None,
+    rows: Annotated[int | None, typer.Option(help="Detector rows, where the file does not say.")] = None,
+    pixel_mm: Annotated[float | None, typer.Option(help="Pixel pitch, where the file does not say.")] = None,
+) -> None:
+    """Write the same geometry in another format."""
+    for line in tasks.convert_geometry(file, out, columns=columns, rows=rows, pixel_mm=pixel_mm):
+        _out.print(line)
+
+
+@app.command()
+def view(folder: Annotated[Path, typer.Argument(metavar="DIR", help="A folder made by run or replay, or a recording.")]) -> None:
+    """Open the recording in the rerun viewer."""
+    tasks.open_recording(folder)
+
+
+@app.command("doctor")
+def doctor_command(folder: Annotated[Path, typer.Argument(metavar="[DIR]", help="Where results would go.")] = Path()) -> None:
+    """What works here: OpenCL devices (each probed by running a kernel), memory, disk, rerun, formats."""
+    findings = doctor.examine(folder)
+    for finding in findings:
+        mark = "[green]ok[/]  " if finding.good else "[red]bad[/] "
+        _out.print(f"{mark} {finding.topic}: {finding.detail}" + (f"; {finding.cure}" if not finding.good else ""))
+    if not all(finding.good for finding in findings):
+        raise typer.Exit(1)
+
+
+@app.callback(invoke_without_command=True)
+def _options(
+    version: Annotated[bool, typer.Option("--version", help="Print the version.")] = False,
+    debug: Annotated[bool, typer.Option("--debug", help="Show where an error came from.")] = False,
+) -> None:
+    if version:
+        _out.print(f"legsim {__version__}")
+        raise typer.Exit
+    if debug:
+        os.environ["LEGSIM_DEBUG"] = "1"
+
+
+def _warn(message: Warning | str, *_: object) -> None:
+    _err.print(f"[yellow]warning:[/] {message}", markup=True)
+
+
+def _explain(error: Exception) -> str | None:
+    """The one line for an error that a user can mend, None for one that is ours."""
+    if isinstance(error, LegsimError):
+        return str(error)
+    if isinstance(error, OSError) and error.errno == errno.ENOSPC:
+        return f"{error.filename or 'the output folder'}: the disk is full; free some space or choose another folder, then run this again"
+    if isinstance(error, OSError):
+        return f"{error.filename or ''}: {error.strerror or error}; check the path and its permissions"
+    if isinstance(error, MemoryError):
+        return "the memory is full; use a smaller preset or grid (legsim doctor tells what there is)"
+    return None
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Runs the command line; exit code 0 only on success, 130 on Ctrl-C, one line for an error unless --debug."""
+    handler: Callable[..., None] = _warn
+    warnings.showwarning = handler
+    arguments = sys.argv[1:] if arguments is None else arguments
+    if "--debug" in arguments:  # wherever it stands on the line
+        arguments = ["--debug", *(a for a in arguments if a != "--debug")]
+    try:
+        sys.exit(app(args=arguments, prog_name="legsim", standalone_mode=False) or 0)
+    except (KeyboardInterrupt, typer.Abort):
+        _err.print("interrupted; what was finished is kept, the same command goes on from there")
+        sys.exit(130)
+    except typer.exceptions.TyperException as error:
+        _err.print(f"error: {error.format_message()} (the command's --help says more)".replace("\n", " "), style="red")
+        sys.exit(error.exit_code)
+    except Exception as error:
+        line = _explain(error)
+        if line is None or "--debug" in arguments:
+            raise
+        _err.print(f"error: {line}".replace("\n", " "), style="red")
+        sys.exit(1)

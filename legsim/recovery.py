@@ -1,0 +1,184 @@
+"""From a motion file to a person that moves: cleaned markers, a scaled leg, joint coordinates, and a report on each."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+from scipy.signal import butter, sosfiltfilt
+
+from legsim import artifacts, marker_sets, marker_sites, markers, motion_files, replay, resources, scaling
+from legsim.arrays import FloatArray
+from legsim.config import MotionConfig
+from legsim.errors import LegsimError, at
+from legsim.leg import Leg
+from legsim.markers import CleaningReport
+from legsim.replay import IkReport
+from legsim.scaling import Scaling
+from legsim.signals import JointTrajectories, Motion
+
+_Result = TypeVar("_Result")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MarkerFit:
+    """What stands behind coordinates that came from markers."""
+
+    measured: Motion
+    """cleaned, by role"""
+    modelled: Motion
+    """where the solved model has them"""
+    cleaning: CleaningReport
+    scaling: Scaling
+    ik: IkReport
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Recovery:
+    """A person's leg model and how it moves."""
+
+    name: str
+    leg: Leg
+    trajectories: JointTrajectories
+    fit: MarkerFit | None
+    """None where the file held coordinates"""
+
+    def summary(self) -> dict[str, Any]:
+        """Numbers about the fit, for kinematics.json."""
+        if self.fit is None:
+            return {"source": "coordinates", "file": self.name}
+        ik, cleaning = self.fit.ik, self.fit.cleaning
+        return {
+            "source": "markers",
+            "file": self.name,
+            "marker_set": cleaning.marker_set,
+            "filter_hz": cleaning.filter_hz,
+            "marker_rms_mm": 1e3 * ik.rms,
+            "frames_unconverged": len(ik.frames_unconverged),
+            "markers": [
+                {
+                    "role": name,
+                    "rms_mm": 1e3 * float(ik.marker_rms[k]),
+                    "worst_mm": 1e3 * float(ik.marker_worst[k]),
+                    "worst_frame": int(ik.marker_worst_frame[k]),
+                    "missing": cleaning.of(name).missing,
+                    "longest_gap_s": cleaning.of(name).longest_gap_s,
+                    "jumps_removed": cleaning.of(name).jumps_removed,
+                    "filled": cleaning.of(name).filled,
+                }
+                for k, name in enumerate(ik.marker_names)
+            ],
+            "coordinates": [
+                {"name": name, "decided_by_markers": float(ik.coordinate_share[k]), "frames_at_limit": int(ik.coordinate_at_limit[k])}
+                for k, name in enumerate(ik.coordinate_names)
+            ],
+            "lengths_mm": {m.name: 1e3 * m.measured for m in self.fit.scaling.measurements},
+        }
+
+    def lines(self) -> list[str]:
+        """A short account for the terminal."""
+        if self.fit is None:
+            return [f"{self.name}: {len(self.trajectories.times)} samples of {len(self.trajectories.coordinate_names)} coordinates"]
+        ik, cleaning = self.fit.ik, self.fit.cleaning
+        filled, jumps = sum(r.filled for r in cleaning.roles), sum(r.jumps_removed for r in cleaning.roles)
+        loose = [n for n, share in zip(ik.coordinate_names, ik.coordinate_share, strict=True) if share < 0.5]
+        lines = [
+            f"{self.name}: {len(self.trajectories.times)} frames at {cleaning.rate_hz:g} Hz, marker set {cleaning.marker_set}",
+            f"cleaned: {jumps} samples removed as jumps, {filled} bridged, low-pass {cleaning.filter_hz:g} Hz",
+            f"model follows the markers within {1e3 * ik.rms:.1f} mm RMS (worst {1e3 * np.nanmax(ik.marker_worst):.1f} mm)",
+        ]
+        if loose:
+            lines.append(f"decided by the stated priors rather than the markers: {', '.join(loose)}")
+        if len(ik.frames_unconverged):
+            lines.append(f"{len(ik.frames_unconverged)} frames did not converge, the first is frame {ik.frames_unconverged[0]}")
+        return lines
+
+
+def source(file: str) -> Path:
+    """The path of a motion file: as given, or one that ships with legsim under motions/.
+
+    Raises:
+        LegsimError: it is neither.
+    """
+    if Path(file).is_file():
+        return Path(file)
+    try:
+        return resources.motion_file(file)
+    except LegsimError:
+        raise at(file, "no such motion file, here or among the shipped ones", "give a .trc, .c3d, .mot or .sto file") from None
+
+
+def fingerprint(config: MotionConfig) -> list[str]:
+    """Hashes of the files that a recovery reads."""
+    files = [source(config.file)]
+    if config.scaling_file:
+        files.append(source(config.scaling_file))
+    if config.marker_map.endswith(".toml") and Path(config.marker_map).is_file():
+        files.append(Path(config.marker_map))
+    return [artifacts.sha256(path) for path in files]
+
+
+def recover(config: MotionConfig, *, filter_coordinates: bool = False) -> Recovery:
+    """Reads, cleans, scales and solves. Coordinates (.mot, .sto) are taken as they are, unless ``filter_coordinates``.
+
+    Raises:
+        LegsimError: anything that a careful person would object to, with file, place and cure.
+    """
+    path = source(config.file)
+    if motion_files.kind(path) == "storage":
+        return _from_coordinates(config, path, filter_coordinates)
+    measured, cleaning = _cleaned(config, path)
+    reference = measured if not config.scaling_file else _cleaned(config, source(config.scaling_file))[0]
+    sites = marker_sites.load()
+    fitted = _named(path, lambda: scaling.fit(Leg.load(), reference, sites))
+    leg = Leg.load(fitted.scales)
+    placed = fitted.sites
+    loose = marker_sites.calibrated_roles() & set(measured.marker_names)
+    if loose:
+        placed = replay.calibrate(leg, reference, placed, loose)
+    solution = _named(path, lambda: replay.solve(leg, measured, placed))
+    names = solution.modelled.marker_names
+    shown = Motion(measured.times, names, np.stack([measured.marker(n) for n in names], 1))
+    return Recovery(path.name, leg, solution.trajectories, MarkerFit(shown, solution.modelled, cleaning, fitted, solution.report))
+
+
+def _cleaned(config: MotionConfig, path: Path) -> tuple[Motion, CleaningReport]:
+    unit = None if config.unit == "file" else config.unit
+    up = None if config.up == "file" else config.up
+    raw = motion_files.load_markers(path, unit=unit, up=up)
+
+    def cleaned() -> tuple[Motion, CleaningReport]:
+        chosen = marker_sets.guess(raw.marker_names) if config.marker_map == "auto" else marker_sets.load(config.marker_map)
+        return markers.prepare(raw, chosen, filter_hz=config.filter_hz)
+
+    return _named(path, cleaned)
+
+
+def _named(path: Path, compute: Callable[[], _Result]) -> _Result:
+    """Puts the file's name before what a stage that knows no files objects to."""
+    try:
+        return compute()
+    except LegsimError as error:
+        raise LegsimError(f"{path}: {error}") from error
+
+
+def _from_coordinates(config: MotionConfig, path: Path, filtered: bool) -> Recovery:
+    loaded = motion_files.load(path)
+    if not isinstance(loaded, JointTrajectories):
+        raise at(path, "holds no joint coordinates", "give a .mot or .sto file of coordinates")
+    leg = Leg.load()
+    if config.scaling_file:
+        reference = _cleaned(config, source(config.scaling_file))[0]
+        leg = Leg.load(scaling.fit(leg, reference, marker_sites.load()).scales)
+    values = _named(path, lambda: leg.values_of(loaded))
+    if filtered and config.filter_hz > 0:
+        values = _low_passed(values, loaded.times, config.filter_hz)
+    return Recovery(path.name, leg, JointTrajectories(loaded.times, leg.coordinate_names, values), None)
+
+
+def _low_passed(values: FloatArray, times: FloatArray, filter_hz: float) -> FloatArray:
+    rate = (len(times) - 1) / float(times[-1] - times[0])
+    if not 0 < filter_hz < rate / 2:
+        raise LegsimError(f"a filter of {filter_hz:g} Hz does not fit coordinates at {rate:g} Hz; choose one below {rate / 2:g} Hz")
+    return sosfiltfilt(butter(2, filter_hz, fs=rate, output="sos"), values, axis=0)

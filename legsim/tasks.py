@@ -1,0 +1,126 @@
+"""One stage at a time, from files to files: what `legsim project`, `reconstruct`, `evaluate`, `geometry` and `view` do."""
+
+import json
+from collections.abc import Callable
+from dataclasses import asdict
+from pathlib import Path
+
+import numpy as np
+
+from legsim import artifacts, evaluation, fdk, geometry_files, geometry_summary, images, opencl, phantom_files, projector, view
+from legsim.errors import LegsimError, at
+from legsim.geometry import ConeBeamGeometry, Volume, VolumeGrid
+
+OnProgress = Callable[[str, int, int], None]
+
+
+def project(
+    phantom_file: Path, geometry_file: Path, out: Path, *, energy_kev: float, device: str | None, on_progress: OnProgress
+) -> list[str]:
+    """Line integrals of the meshes of a PHANTOM.toml; returns lines to print."""
+    geometry = geometry_files.load(geometry_file)
+    phantom = phantom_files.load(phantom_file, energy_kev=energy_kev)
+    opened = opencl.open_device(device)
+    projections = projector.project(phantom, geometry, opened, progress=lambda done, total: on_progress("projecting", done, total))
+    images.save_projections(out, projections)
+    values = projections.line_integrals
+    return [
+        f"{len(geometry)} views of {geometry.shape_vu[1]}x{geometry.shape_vu[0]} pixels, {len(phantom.parts)} parts, on {opened.label}",
+        f"line integrals from {values.min():.4g} to {values.max():.4g}",
+        f"projections: {out}",
+    ]
+
+
+def reconstruct(
+    projections_file: Path,
+    geometry_file: Path,
+    out: Path,
+    *,
+    motion: Path | None,
+    like: Path | None,
+    shape_zyx: tuple[int, int, int] | None,
+    spacing_mm: tuple[float, float, float] | None,
+    center_mm: tuple[float, float, float] | None,
+    device: str | None,
+    on_progress: OnProgress,
+) -> list[str]:
+    """FDK of a projection file; returns lines to print."""
+    geometry = geometry_files.load(geometry_file)
+    grid = _grid(geometry, like, shape_zyx, spacing_mm, center_mm)
+    projections = images.load_projections(projections_file, geometry)
+    moved = None if motion is None else artifacts.load_motion(motion)
+    opened = opencl.open_device(device)
+    volume = fdk.reconstruct(
+        projections, grid, opened, motion=moved, progress=lambda done, total: on_progress("reconstructing", done, total)
+    )
+    images.save_volume(out, volume)
+    return [f"{grid.shape_zyx} voxels (z, y, x) from {len(geometry)} views on {opened.label}", f"volume (1/mm): {out}"]
+
+
+def _grid(
+    geometry: ConeBeamGeometry,
+    like: Path | None,
+    shape_zyx: tuple[int, int, int] | None,
+    spacing_mm: tuple[float, float, float] | None,
+    center_mm: tuple[float, float, float] | None,
+) -> VolumeGrid:
+    if like is not None:
+        if shape_zyx or spacing_mm or center_mm:
+            raise LegsimError("--like already says the grid; leave out --shape-zyx, --spacing-mm and --center-mm")
+        return images.load_volume(like).grid
+    if shape_zyx is None or spacing_mm is None:
+        raise LegsimError("which grid? give --like VOLUME, or --shape-zyx and --spacing-mm (three numbers each)")
+    center = geometry.rotation_center() if center_mm is None else 1e-3 * np.array(center_mm)
+    return VolumeGrid(shape_zyx, (1e-3 * spacing_mm[0], 1e-3 * spacing_mm[1], 1e-3 * spacing_mm[2]), (center[0], center[1], center[2]))
+
+
+def evaluate(volume_file: Path, reference_file: Path, out: Path, *, regions: Path | None, register: bool) -> list[tuple[str, ...]]:
+    """Writes metrics.json; returns the rows of the table."""
+    volume, reference = images.load_volume(volume_file), images.load_volume(reference_file)
+    chosen = _whole(reference.grid) if regions is None else _labelled(regions, reference)
+    metrics = evaluation.evaluate(volume, reference, chosen, register=register)
+    artifacts.write_text(
+        out, json.dumps({"volume": str(volume_file), "reference": str(reference_file), **asdict(metrics)}, indent=1) + "\n"
+    )
+    return [(m.region, f"{m.ssim:.4f}", f"{m.rmse:.4f}", str(m.voxels)) for m in metrics.regions]
+
+
+def _whole(grid: VolumeGrid) -> tuple[evaluation.Region, ...]:
+    nz, _, nx = grid.shape_zyx
+    radius = 0.5 * min(nz * grid.spacing_xyz[2], nx * grid.spacing_xyz[0])
+    return (evaluation.Region("cylinder", evaluation.cylinder(grid, radius)),)
+
+
+def _labelled(path: Path, reference: Volume) -> tuple[evaluation.Region, ...]:
+    labels = _labels(path, reference)
+    found = np.unique(labels)
+    if not (found > 0).any():
+        raise at(path, "holds no label above 0", "mark each region by a value of its own")
+    return tuple(evaluation.Region(f"label {value}", labels == value) for value in found if value > 0)
+
+
+def _labels(path: Path, reference: Volume) -> np.ndarray:
+    labels = images.load_volume(path)
+    if labels.grid != reference.grid:
+        raise at(path, "lies on another grid than the reference", "write the labels on the reference's grid")
+    return np.rint(1e-3 * labels.attenuation).astype(int)
+
+
+def describe_geometry(path: Path) -> list[str]:
+    """The lines of `legsim geometry show`."""
+    return list(geometry_summary.summarize(geometry_files.load(path)).lines())
+
+
+def convert_geometry(path: Path, out: Path, *, columns: int | None, rows: int | None, pixel_mm: float | None) -> list[str]:
+    """Writes a geometry in the format that the ending of ``out`` names."""
+    geometry = geometry_files.load(path, columns=columns, rows=rows, pixel_mm=pixel_mm)
+    geometry_files.save(out, geometry)
+    return [f"{len(geometry)} views: {out}"]
+
+
+def open_recording(folder: Path) -> None:
+    """Opens a run's recording in the rerun viewer."""
+    recording = folder / "recording.rrd" if folder.is_dir() else folder
+    if not recording.is_file():
+        raise at(recording, "no such recording", "give a folder made by `legsim run` or `legsim replay`")
+    view.open_viewer(recording)
