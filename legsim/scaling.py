@@ -111,6 +111,8 @@ class _Pelvis:
     """(n,) m between the ASIS"""
     depth: FloatArray
     """(n,) m from the sacrum to the line of the ASIS"""
+    back_half: float
+    """m, half the distance of the PSIS; 0 where the recording does not have both"""
     model_width: float
     model_back: FloatArray
     """(3,) m, from the middle of the ASIS to the sacrum on the unscaled model"""
@@ -130,7 +132,8 @@ class _Pelvis:
         x = ahead / depth[:, None]
         front = (sites.position("asis_r") + sites.position("asis_l")) / 2
         model_width = float(np.linalg.norm(sites.position("asis_r") - sites.position("asis_l")))
-        pelvis = cls(middle, np.stack([x, np.cross(z, x), z], -1), width, depth, model_width, back_site - front, model_hip)
+        axes = np.stack([x, np.cross(z, x), z], -1)
+        pelvis = cls(middle, axes, width, depth, _half_back(motion), model_width, back_site - front, model_hip)
         pelvis._check_sides()
         return pelvis
 
@@ -176,8 +179,8 @@ class _Pelvis:
         front = (hip - turn @ self.hip_in_markers()) * (1, 1, 0)
         half, depth = np.nanmedian(self.width) / 2, np.nanmedian(self.depth)
         places = {"asis_r": (0, 0, half), "asis_l": (0, 0, -half), "sacrum": (-depth, 0, 0)}
-        for name in ("psis_r", "psis_l"):
-            places[name] = (-depth, 0, sites.position(name)[2] if name in sites.names else 0)
+        if self.back_half > 0:
+            places |= {"psis_r": (-depth, 0, self.back_half), "psis_l": (-depth, 0, -self.back_half)}
         positions = sites.positions.copy()
         for name in set(places) & set(sites.names):
             positions[sites.index(name)] = front + turn @ np.array(places[name])
@@ -202,9 +205,20 @@ def _seen(motion: Motion, role: str) -> FloatArray:
 
 def _back(motion: Motion, sites: MarkerSites) -> tuple[FloatArray, FloatArray]:
     """Sacrum (n, 3) and its site (3,): the middle of the PSIS where the recording has both, else the sacral marker."""
-    if {"psis_r", "psis_l"} <= set(motion.marker_names):
+    if _shows_both_psis(motion):
         return (motion.marker("psis_r") + motion.marker("psis_l")) / 2, (sites.position("psis_r") + sites.position("psis_l")) / 2
     return _seen(motion, "sacrum"), sites.position("sacrum")
+
+
+def _shows_both_psis(motion: Motion) -> bool:
+    both = {"psis_r", "psis_l"} <= set(motion.marker_names)
+    return both and bool(np.isfinite(motion.marker("psis_r") + motion.marker("psis_l")).any())
+
+
+def _half_back(motion: Motion) -> float:
+    if not _shows_both_psis(motion):
+        return 0.0
+    return float(np.nanmedian(np.linalg.norm(motion.marker("psis_r") - motion.marker("psis_l"), axis=1))) / 2
 
 
 def _measurement(name: str, kind: str, lengths: FloatArray, model: float) -> Measurement:

@@ -86,13 +86,14 @@ def test_two_psis_stand_for_the_sacrum():
     leg, sites = person()
     names = (*SEVEN[1:], "psis_r", "psis_l")
     positions = sites.positions.copy()
-    for side, z in (("r", 0.045), ("l", -0.045)):
+    for side, z in (("r", 0.061), ("l", -0.061)):
         positions[sites.index(f"psis_{side}")] = sites.position("sacrum") + np.array((0, 0, z))
     both = MarkerSites(sites.names, sites.segments, positions, sites.weights)
     with_psis = scaling.fit(GENERIC, recording(leg, both, names, np.full(5, -30.0)), SITES)
     with_sacrum = scaling.fit(GENERIC, recording(leg, sites, SEVEN, np.full(5, -30.0)), SITES)
     assert with_psis.measurement("pelvis_depth").measured == pytest.approx(with_sacrum.measurement("pelvis_depth").measured)
     np.testing.assert_allclose(with_psis.scales.of("femur_r"), with_sacrum.scales.of("femur_r"))
+    assert with_psis.sites.position("psis_r")[2] - with_psis.sites.position("psis_l")[2] == pytest.approx(0.122)
 
 
 def test_frames_that_hide_a_marker_and_outliers_do_not_matter():

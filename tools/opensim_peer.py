@@ -32,7 +32,7 @@ class OpenSimSolution:
     markers: FloatArray
     """(n, m, 3) m, the model's markers in world"""
     seconds: float
-    """for the frames alone, without reading and assembling"""
+    """of processor time for the frames alone, without reading and assembling"""
 
 
 def load(model_file: Path, scales: SegmentScales | None = None) -> opensim.Model:
@@ -112,9 +112,9 @@ def _track(
     values, places, seconds = np.empty((len(times), len(COORDINATES))), np.empty((len(times), len(markers), 3)), 0.0
     for i, now in enumerate(times):
         state.setTime(float(now))
-        begin = time.perf_counter()
+        begin = time.process_time()
         solver.track(state)
-        seconds += time.perf_counter() - begin
+        seconds += time.process_time() - begin
         model.realizePosition(state)
         values[i] = [coordinate.getValue(state) for coordinate in coordinates]
         for k, marker in enumerate(markers):
