@@ -236,3 +236,17 @@ def test_names_that_cannot_stand_in_the_format_are_not_written(tmp_path, name):
 def test_nothing_is_not_written(tmp_path):
     with pytest.raises(LegsimError, match="no marker or no sample"):
         trc.save(tmp_path / "x.trc", Motion([0.0, 1.0], (), np.ones((2, 0, 3))))
+
+
+@pytest.mark.peer
+def test_opensim_opens_ours(tmp_path):
+    opensim = pytest.importorskip("opensim")
+    path = tmp_path / "motion.trc"
+    positions = np.arange(1, 19, dtype=float).reshape(3, 2, 3) / 7
+    positions[1, 0] = np.nan
+    trc.save(path, Motion([0.0, 0.01, 0.02], ("R.ASIS", "L.ASIS"), positions))
+    table = opensim.TimeSeriesTableVec3(str(path))
+    assert tuple(table.getColumnLabels()) == ("R.ASIS", "L.ASIS")
+    assert table.getTableMetaDataString("Units") == "m"
+    found = [[[table.getRowAtIndex(k).getElt(0, m).get(c) for c in range(3)] for m in range(2)] for k in range(3)]
+    np.testing.assert_allclose(found, positions, rtol=1e-15)
