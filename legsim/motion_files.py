@@ -1,9 +1,9 @@
-"""Opens a recording of any kind by what is in it: markers (TRC, C3D) or joint coordinates (MOT, STO)."""
+"""Opens markers (TRC, C3D, CSV) or joint coordinates (MOT, STO, CSV) by what is in the file, and writes them by its name."""
 
 import re
 from pathlib import Path
 
-from legsim import c3d, storage, trc
+from legsim import c3d, csv_tables, storage, trc
 from legsim.errors import at
 from legsim.raw_markers import RawMarkers
 from legsim.signals import JointTrajectories, Motion
@@ -19,8 +19,11 @@ def load(path: Path | str, *, unit: str | None = None, up: str | None = None, in
     Raises:
         LegsimError: the file is of no known kind, or damaged.
     """
-    if kind(path) == "storage":
+    found = kind(path)
+    if found == "storage":
         return storage.load(path, in_degrees=in_degrees)
+    if found == "csv":
+        return csv_tables.load(path)
     return read_markers(path).to_motion(unit=unit, up=up)
 
 
@@ -30,18 +33,37 @@ def load_markers(path: Path | str, *, unit: str | None = None, up: str | None = 
     Raises:
         LegsimError: the file is no marker file, or damaged.
     """
-    return read_markers(path).to_motion(unit=unit, up=up)
+    found = load(path, unit=unit, up=up)
+    if not isinstance(found, Motion):
+        raise at(path, "holds joint coordinates, not markers", "give a marker file (.trc, .c3d)")
+    return found
+
+
+def save(path: Path | str, recording: Motion | JointTrajectories) -> None:
+    """Writes markers (.trc, .csv) or joint coordinates (.mot, .sto, .csv), by the ending of the name.
+
+    Raises:
+        LegsimError: the ending does not fit what is to be written.
+    """
+    ending = Path(path).suffix.lower()
+    if isinstance(recording, Motion) and ending in (".trc", ".csv"):
+        (trc.save if ending == ".trc" else csv_tables.save_markers)(path, recording)
+    elif isinstance(recording, JointTrajectories) and ending in (".mot", ".sto", ".csv"):
+        (csv_tables.save_coordinates if ending == ".csv" else storage.save)(path, recording)
+    else:
+        what, endings = ("markers", ".trc or .csv") if isinstance(recording, Motion) else ("joint coordinates", ".mot, .sto or .csv")
+        raise at(path, f"{what} cannot be written as {ending or 'a file without ending'}", f"end the name in {endings}")
 
 
 def read_markers(path: Path | str) -> RawMarkers:
-    """Reads markers as they are in the file, with notes about what the reader put right.
+    """Reads the markers of a TRC or C3D file as they are in it, with notes about what the reader put right.
 
     Raises:
-        LegsimError: the file is no marker file, or damaged.
+        LegsimError: the file is neither, or damaged.
     """
     found = kind(path)
-    if found == "storage":
-        raise at(path, "holds joint coordinates, not markers", "give a marker file (.trc, .c3d)")
+    if found not in ("c3d", "trc"):
+        raise at(path, "is neither TRC nor C3D", "give a marker file (.trc, .c3d)")
     return c3d.read(path) if found == "c3d" else trc.read(path)
 
 
@@ -62,9 +84,11 @@ def kind(path: Path | str) -> str:
     text = start.decode("latin-1").removeprefix("\xef\xbb\xbf").lstrip(" \t\r\n\"'").lower()
     if text.startswith("pathfiletype"):
         return "trc"
+    if text.startswith("time_s,"):
+        return "csv"
     if re.search(r"^\s*endheader\s*$", text, re.M):
         return "storage"
-    by_ending = {".trc": "trc", ".c3d": "c3d", ".mot": "storage", ".sto": "storage"}.get(path.suffix.lower())
+    by_ending = {".trc": "trc", ".c3d": "c3d", ".mot": "storage", ".sto": "storage", ".csv": "csv"}.get(path.suffix.lower())
     if by_ending is None:
         raise at(path, "is no recording that can be told by its first bytes or its name", _CURE)
     return by_ending

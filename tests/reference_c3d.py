@@ -45,7 +45,7 @@ def c3d_bytes(
     analog_words: int = 0,
     model_outputs: Sequence[str] = (),
 ) -> bytes:
-    """File with points (n, m, 3) in the file's unit; NaN is written as 0, 0, 0 with residual -1; positive scale stores 16-bit numbers."""
+    """File with points (n, m, 3) in the file's unit; NaN is written as a leftover position with residual -1; positive scale stores 16-bit numbers."""
     n, m = positions.shape[:2]
     order = ORDER[processor]
     integer = {"USED": m, "FRAMES": n, "DATA_START": 0}
@@ -70,7 +70,7 @@ def _data(positions: NDArray, processor: int, scale: float, analog_words: int) -
     unseen = np.isnan(positions).any(-1)
     table = np.zeros((n, 4 * m + analog_words))
     points = table[:, : 4 * m].reshape(n, m, 4)
-    points[..., :3] = np.where(unseen[..., None], 0, positions)
+    points[..., :3] = np.where(unseen[..., None], 99.0, positions)
     points[..., 3] = np.where(unseen, -1, 0)
     table[:, 4 * m :] = 7
     if scale < 0:

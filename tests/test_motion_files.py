@@ -41,6 +41,34 @@ def test_markers_and_coordinates_are_loaded_by_one_call(tmp_path):
     np.testing.assert_allclose(motion_files.load(path, in_degrees=True).values, np.deg2rad(ANGLES.values))
 
 
+@pytest.mark.parametrize(("name", "recording"), [
+    ("a.trc", MOTION), ("a.csv", MOTION), ("a.mot", ANGLES), ("a.sto", ANGLES), ("a.CSV", ANGLES),
+])  # fmt: skip
+def test_what_is_saved_by_its_name_is_loaded_as_it_was(tmp_path, name, recording):
+    motion_files.save(tmp_path / name, recording)
+    again = motion_files.load(tmp_path / name)
+    assert type(again) is type(recording)
+    np.testing.assert_array_equal(again.times, recording.times)
+    if isinstance(recording, Motion):
+        np.testing.assert_array_equal(motion_files.load_markers(tmp_path / name, up="y").positions_world, recording.positions_world)
+    else:
+        np.testing.assert_array_equal(again.values, recording.values)
+
+
+@pytest.mark.parametrize(
+    ("name", "recording", "cure"), [("a.mot", MOTION, ".trc or .csv"), ("a", ANGLES, ".mot, .sto or .csv"), ("a.c3d", MOTION, ".trc")]
+)
+def test_a_name_that_does_not_fit_is_refused(tmp_path, name, recording, cure):
+    with pytest.raises(LegsimError, match=f"cannot be written as .*; end the name in {cure}"):
+        motion_files.save(tmp_path / name, recording)
+
+
+def test_raw_markers_come_from_marker_formats_alone(tmp_path):
+    motion_files.save(tmp_path / "a.csv", MOTION)
+    with pytest.raises(LegsimError, match="is neither TRC nor C3D"):
+        motion_files.read_markers(tmp_path / "a.csv")
+
+
 def test_markers_alone_refuse_coordinates(tmp_path):
     path = tmp_path / "motion.mot"
     storage.save(path, ANGLES)
@@ -49,8 +77,9 @@ def test_markers_alone_refuse_coordinates(tmp_path):
 
 
 @pytest.mark.parametrize(("name", "content", "message"), [
-    ("x.csv", b"a,b\n1,2\n", "no recording that can be told by its first bytes or its name; give a marker file"),
+    ("x.txt", b"a,b\n1,2\n", "no recording that can be told by its first bytes or its name; give a marker file"),
     ("x.trc", b"a,b\n1,2\n", "should start with PathFileType"),
+    ("x.csv", b"a,b\n1,2\n", "the header starts with 'a'"),
     ("x.c3d", b"", "the file is empty"),
     ("x.mot", b"abc", "no line says endheader"),
 ])  # fmt: skip

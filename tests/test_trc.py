@@ -188,6 +188,11 @@ def test_times_printed_in_milliseconds_become_those_of_the_rate(write, rate, fir
     np.testing.assert_allclose(found.times, (frames - 1) / rate, atol=1e-12)
 
 
+def test_times_that_start_elsewhere_than_frame_one_are_kept(write):
+    rows = [f"{k}\t{k / 100:.2f}\t1\t2\t3\t4\t5\t6" for k in range(1, 21)]
+    np.testing.assert_array_equal(trc.load(write(text(rows, frames=20)), up="y").times, [float(f"{k / 100:.2f}") for k in range(1, 21)])
+
+
 def test_a_time_column_of_another_rate_is_kept(write):
     rows = [f"{k}\t{(k - 1) / 100:.2f}\t1\t2\t3\t4\t5\t6" for k in range(1, 21)]
     np.testing.assert_allclose(trc.load(write(text(rows, rate="200", frames=20)), up="y").times, np.arange(20) / 100)
