@@ -7,15 +7,15 @@
    f(v) is written as a displacement, so that it is exactly nothing where nothing moved. Read by Keys' cubic convolution (a = -1/2),
    which gives a pixel itself at its center; outside, the border pixels go on. */
 
-inline float keys_weight_inner(const float x) { return (1.5f * x - 2.5f) * x * x + 1.0f; }
-inline float keys_weight_outer(const float x) { return ((-0.5f * x + 2.5f) * x - 4.0f) * x + 2.0f; }
+float keys_weight_inner(const float x) { return (1.5f * x - 2.5f) * x * x + 1.0f; }
+float keys_weight_outer(const float x) { return ((-0.5f * x + 2.5f) * x - 4.0f) * x + 2.0f; }
 
-inline float4 keys_weights(const float t)
+float4 keys_weights(const float t)
 {
     return (float4)(keys_weight_outer(1.0f + t), keys_weight_inner(t), keys_weight_inner(1.0f - t), keys_weight_outer(2.0f - t));
 }
 
-inline float read_row(__global const float *row, const int4 columns, const float4 weights)
+float read_row(__global const float *row, const int4 columns, const float4 weights)
 {
     return dot((float4)(row[columns.x], row[columns.y], row[columns.z], row[columns.w]), weights);
 }
@@ -56,7 +56,7 @@ __kernel void warp_mls(__global const float *recorded, __global const float4 *po
     const int u = get_global_id(0), v = get_global_id(1), view = get_global_id(2);
     const float2 position = (float2)((float)u, (float)v);
     const float2 moved = position + mls_shift(position, points + (size_t)view * COUNT);
-    const float2 inside = clamp(moved, 0.0f, (float2)(COLUMNS - 1, ROWS - 1));
+    const float2 inside = clamp(moved, (float2)(0.0f, 0.0f), (float2)(COLUMNS - 1, ROWS - 1));
     const int i = (int)inside.x, j = (int)inside.y;
     const float4 across = keys_weights(inside.x - i), up = keys_weights(inside.y - j);
     const int4 columns = clamp((int4)(i - 1, i, i + 1, i + 2), 0, COLUMNS - 1);
