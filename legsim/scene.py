@@ -154,5 +154,10 @@ def sagittal(volume: Volume, z: float) -> Float32Array:
     return volume.attenuation[_nearest(volume.grid.axes()[2], z)][:, ::-1]
 
 
+def white_level(volume: Volume) -> float:
+    """What pictures show as white, 1/m: the 99.6th percentile, which leaves the gray of soft tissue in the middle of the scale."""
+    return float(np.percentile(volume.attenuation, 99.6)) or 1.0
+
+
 def _nearest(axis: FloatArray, value: float) -> int:
     return int(np.argmin(np.abs(axis - value)))

@@ -137,13 +137,37 @@ def test_curves_hold_the_values_exactly(scene, written):
     np.testing.assert_allclose(np.stack(rms)[:, 0], expected)
 
 
-def test_projections_stand_upright_and_binned(scene, written):
+def test_projections_stand_upright(scene, written):
     _, buffers = read(written, "/world/c_arm/detector/projection", "Image:buffer")
     images = scene.projections.line_integrals
     picture = np.array(buffers[3], np.uint8).reshape(images.shape[1:])
     top = np.percentile(images, 99.9)
     expected = np.clip(images[3, ::-1] / top * 255, 0, 255)
     np.testing.assert_allclose(picture, expected, atol=1)
+
+
+def test_a_coarser_detector_sees_the_same_with_its_own_matrices(monkeypatch):
+    monkeypatch.setattr(scan, "IMAGE_COLUMNS", 20)
+    projections = example_scene.scan_scene(views=4, columns=63).projections  # blocks of 3 pixels; 47 rows leave two over
+    coarse = scan.downsized(projections)
+    assert coarse.geometry.shape_vu == (15, 21)
+    np.testing.assert_allclose(coarse.line_integrals[2, 4, 5], projections.line_integrals[2, 12:15, 15:18].mean(), rtol=1e-6)
+    point = projections.geometry.rotation_center()[None]
+    fine_uv, _ = projections.geometry.project(point)
+    coarse_uv, _ = coarse.geometry.project(point)
+    np.testing.assert_allclose(coarse_uv, (fine_uv - 1) / 3, atol=1e-9)
+    np.testing.assert_allclose(coarse.geometry.pixel_pitch, 3 * projections.geometry.pixel_pitch)
+
+
+def test_a_scan_that_begins_within_the_motion_waits_at_its_first_view(scene, tmp_path):
+    geometry = scene.projections.geometry
+    later = replace(geometry, times=0.5 + 0.4 * geometry.times)
+    path = tmp_path / "recording.rrd"
+    view.write_scan(path, replace(scene, projections=replace(scene.projections, geometry=later), surfaces=()))
+    for entity, component in (("/world/c_arm", "Transform3D:translation"), ("/world/c_arm/detector/projection", "Image:buffer")):
+        times, values = read(path, entity, component)
+        np.testing.assert_allclose(times, [0, *later.times], atol=1e-9)
+        np.testing.assert_array_equal(values[0], values[1])
 
 
 def camera_pixels(intrinsics, world_from_camera, points):

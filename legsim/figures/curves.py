@@ -115,6 +115,8 @@ def motion_errors(truth: RigidMotion, estimates: Sequence[tuple[str, RigidMotion
         turned = np.rad2deg(transforms.rotation_angle(difference[:, :3, :3]))
         distance.plot(truth.times, 1e3 * np.linalg.norm(moved, axis=-1), color=COLORS[k % len(COLORS)], linewidth=1, label=name)
         angle.plot(truth.times, turned, color=COLORS[k % len(COLORS)], linewidth=1)
+    at_least(distance, 0.01)
+    at_least(angle, 0.001)
     distance.set_ylabel("position error (mm)", fontsize=8)
     angle.set_ylabel("rotation error (deg)", fontsize=8)
     _legend(distance)

@@ -22,9 +22,9 @@ SAGITTAL = ("S", "I", "A", "P")  # superior, inferior, anterior, posterior
 def slices(volumes: Sequence[NamedVolume], planes: SlicePlanes, *, window_per_mm: tuple[float, float] | None = None) -> Figure:
     """Rows: axial through the shank, axial through the thigh, sagittal; one column a method; one grey window for all.
 
-    ``window_per_mm`` is (black, white) in 1/mm; by default from 0 to the 99.8th percentile of the first volume.
+    ``window_per_mm`` is (black, white) in 1/mm; by default from 0 to the first volume's :func:`legsim.scene.white_level`.
     """
-    low, high = window_per_mm or (0.0, _white(volumes))
+    low, high = window_per_mm or (0.0, 1e-3 * scene.white_level(volumes[0].volume))
     figure = new_figure(1.2 + 1.9 * len(volumes), 6.6)
     axes = picture_axes(figure, 3, len(volumes))
     image = None
@@ -62,7 +62,7 @@ def overlay(reference: NamedVolume, volumes: Sequence[NamedVolume], planes: Slic
     for named in volumes:
         if named.volume.grid != reference.volume.grid:
             raise LegsimError(f"volume {named.name!r} lies on another grid than {reference.name!r}; reconstruct both on the same one")
-    extent, white = _extent_axial(reference.volume), 1e3 * _white([reference])
+    extent, white = _extent_axial(reference.volume), scene.white_level(reference.volume)
     red = np.clip(scene.axial(reference.volume, planes.thigh_y) / white, 0, 1)
     details: list[tuple[float, float] | None] = [None, *_details(red, extent)]
     figure = new_figure(0.8 + 2.1 * len(volumes), 6.6)
@@ -104,11 +104,6 @@ def projection_montage(projections: Projections, *, count: int = 8) -> Figure:
         bar.set_label("line integral (no unit)", fontsize=9)
         bar.ax.tick_params(labelsize=8)
     return figure
-
-
-def _white(volumes: Sequence[NamedVolume]) -> float:
-    """Upper end of the grey window, 1/mm."""
-    return 1e-3 * float(np.percentile(volumes[0].volume.attenuation, 99.8)) or 1.0
 
 
 def _extent_axial(volume: Volume) -> tuple[float, float, float, float]:

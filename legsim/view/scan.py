@@ -11,33 +11,45 @@ from legsim.view.motion import vertex_normals
 from legsim.view.stream import Recorder
 
 IMAGE_COLUMNS = 200  # about as many are kept of a projection: a recording is for looking, the .mha file for measuring
+PATH = (110, 150, 190)
 SURFACE_VALUES = 500_000  # vertices times logged times that a surface may take: 6 MB
 SURFACE_VERTICES = 6_000
 
 
 def log_c_arm(recorder: Recorder, projections: Projections) -> None:
     """Source, its path, and the detector with what it sees, turning with the views."""
-    geometry = projections.geometry
-    binned = _binned(projections.line_integrals, max(1, geometry.shape_vu[1] // IMAGE_COLUMNS))
-    factor = geometry.shape_vu[1] // binned.shape[2]
-    pinhole_from_camera, world_from_camera, mirrored = cameras(geometry)
-    intrinsics = np.diag([1 / factor, 1 / factor, 1.0]) @ pinhole_from_camera
-    images = binned[:, ::-1, ::-1] if mirrored else binned[:, ::-1]
-    recorder.poses("world/c_arm", geometry.times, world_from_camera)
-    count, rows, columns = binned.shape
+    binned = downsized(projections)
+    geometry = binned.geometry
+    intrinsics, world_from_camera, mirrored = cameras(geometry)
+    times, rows = recorder.from_start(geometry.times)
+    recorder.poses("world/c_arm", times, world_from_camera[rows])
     # the viewer wants a pinhole whole: split between static and moving parts it finds no transform
     pinholes = rr.Pinhole.columns(
-        image_from_camera=intrinsics,
-        resolution=np.tile([columns, rows], (count, 1)),
-        image_plane_distance=intrinsics[:, 0, 0] * factor * geometry.pixel_pitch,
-        color=[(110, 150, 190)] * count,
+        image_from_camera=intrinsics[rows],
+        resolution=np.tile(geometry.shape_vu[::-1], (len(rows), 1)),
+        image_plane_distance=intrinsics[rows, 0, 0] * geometry.pixel_pitch,
+        color=[PATH] * len(rows),
     )
-    recorder.columns("world/c_arm/detector", geometry.times, pinholes)
+    recorder.columns("world/c_arm/detector", times, pinholes)
     recorder.static("world/c_arm/detector", rr.TransformAxes3D(0.0))  # a camera's axes would be as long as the image plane is far
-    _log_images(recorder, "world/c_arm/detector/projection", geometry.times, images)
-    sources = geometry.sources()
-    recorder.static("world/source_path", rr.LineStrips3D([sources], radii=rr.Radius.ui_points(1.0), colors=(110, 150, 190)))
+    upright = binned.line_integrals[:, ::-1, ::-1] if mirrored else binned.line_integrals[:, ::-1]
+    _log_images(recorder, "world/c_arm/detector/projection", times, _grey(upright, float(np.percentile(upright, 99.9)))[rows])
+    recorder.static("world/source_path", rr.LineStrips3D([geometry.sources()], radii=rr.Radius.ui_points(1.0), colors=PATH))
     recorder.static("world/c_arm", rr.Points3D([[0, 0, 0]], radii=0.02, colors=(255, 220, 80), labels="source", show_labels=False))
+
+
+def downsized(projections: Projections) -> Projections:
+    """Means of square blocks of pixels, with the geometry of the coarser detector; an incomplete block at the edge is left out."""
+    geometry = projections.geometry
+    rows, columns = geometry.shape_vu
+    factor = max(1, min(columns // IMAGE_COLUMNS, rows))
+    shape_vu = (rows // factor, columns // factor)
+    whole = projections.line_integrals[:, : shape_vu[0] * factor, : shape_vu[1] * factor]
+    images = whole.reshape(len(whole), shape_vu[0], factor, shape_vu[1], factor).mean((2, 4))
+    # the middle of the first block, fine pixel (factor - 1) / 2, is coarse pixel 0
+    offset = (1 - factor) / (2 * factor)
+    coarser = np.array([[1 / factor, 0, offset], [0, 1 / factor, offset], [0, 0, 1.0]])
+    return Projections(ConeBeamGeometry(geometry.times, coarser @ geometry.matrices, shape_vu, factor * geometry.pixel_pitch), images)
 
 
 def cameras(geometry: ConeBeamGeometry) -> tuple[FloatArray, FloatArray, bool]:
@@ -72,13 +84,14 @@ def log_surface(recorder: Recorder, surface: MovingSurface) -> None:
     """A deforming surface: thinned in space and in time until it fits, with the normals of its first shape."""
     kept, triangles = thinned(surface.vertices[0], surface.triangles, SURFACE_VERTICES)
     step = -(-len(surface.times) * len(kept) // SURFACE_VALUES)
-    vertices = surface.vertices[::step, kept]
+    times, rows = recorder.from_start(surface.times[::step])
+    vertices = surface.vertices[::step, kept][rows]
     entity = f"world/surfaces/{surface.name}"
     normals = vertex_normals(vertices[0].astype(float), triangles)
     style = rr.Mesh3D.from_fields(triangle_indices=triangles, vertex_normals=normals, albedo_factor=(224, 172, 140, 110))
     recorder.static(entity, style)
     columns = rr.Mesh3D.columns(vertex_positions=vertices.reshape(-1, 3)).partition(np.full(len(vertices), len(kept)))
-    recorder.columns(entity, surface.times[::step], columns)
+    recorder.columns(entity, times, columns)
 
 
 def thinned(vertices: Float32Array, triangles: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
@@ -108,7 +121,7 @@ def log_slices(recorder: Recorder, volumes: tuple[NamedVolume, ...], planes: Sli
     heights = [max(image.shape[0] for image in row) for row in rows]
     width = max(image.shape[1] for row in rows for image in row)
     canvas = np.zeros((sum(heights) + 2 * gap, len(volumes) * (width + gap) - gap), np.uint8)
-    top = float(np.percentile(volumes[0].volume.attenuation, 99.8))
+    top = scene.white_level(volumes[0].volume)
     y = 0
     for row, height in zip(rows, heights, strict=True):
         for column, image in enumerate(row):
@@ -121,23 +134,13 @@ def log_slices(recorder: Recorder, volumes: tuple[NamedVolume, ...], planes: Sli
     recorder.static("slices/names", rr.Points2D(places, labels=names, radii=0.0, colors=(230, 230, 230), show_labels=True))
 
 
-def _binned(images: Float32Array, factor: int) -> Float32Array:
-    """Means of ``factor`` x ``factor`` pixels; an incomplete edge is left out."""
-    views, rows, columns = images.shape
-    factor = min(factor, rows)
-    whole = images[:, : rows // factor * factor, : columns // factor * factor]
-    return whole.reshape(views, rows // factor, factor, columns // factor, factor).mean((2, 4))
-
-
 def _grey(image: Float32Array, top: float) -> np.ndarray:
     return np.clip(image * (255 / max(top, 1e-30)), 0, 255).astype(np.uint8)
 
 
-def _log_images(recorder: Recorder, entity: str, times: FloatArray, images: Float32Array) -> None:
-    """8-bit pictures, dark where nothing is in the way."""
-    top = float(np.percentile(images, 99.9))
-    views, rows, columns = images.shape
-    recorder.static(
-        entity, rr.Image.from_fields(format=rr.components.ImageFormat(width=columns, height=rows, color_model="L", channel_datatype="U8"))
-    )
-    recorder.columns(entity, times, rr.Image.columns(buffer=_grey(images, top).reshape(views, -1)))
+def _log_images(recorder: Recorder, entity: str, times: FloatArray, images: np.ndarray) -> None:
+    """(n, rows, columns) 8-bit pictures."""
+    count, rows, columns = images.shape
+    shape = rr.components.ImageFormat(width=columns, height=rows, color_model="L", channel_datatype="U8")
+    recorder.static(entity, rr.Image.from_fields(format=shape))
+    recorder.columns(entity, times, rr.Image.columns(buffer=images.reshape(count, -1)))

@@ -24,6 +24,16 @@ class Recorder:
         frames = np.searchsorted(middles, times)
         self.stream.send_columns(entity, [rr.TimeColumn("time", duration=times), rr.TimeColumn("frame", sequence=frames)], columns)
 
+    def from_start(self, times: FloatArray) -> tuple[FloatArray, np.ndarray]:
+        """(times, indices into what is logged at them): with the first row once more at the clock's start where it comes later.
+
+        A scan begins within the motion; until then the C-arm waits at its first view, instead of missing from the picture.
+        """
+        rows = np.arange(len(times))
+        if times[0] <= self.clock[0]:
+            return times, rows
+        return np.concatenate([self.clock[:1], times]), np.concatenate([rows[:1], rows])
+
     def static(self, entity: str, *content: rr.AsComponents) -> None:
         """Logs what holds at all times: styles, triangles, pictures that do not change."""
         self.stream.log(entity, *content, static=True)
