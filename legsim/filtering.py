@@ -6,7 +6,7 @@ All weights come from the nominal geometry of the projections. Filtering is row 
 import os
 from collections import deque
 from collections.abc import Callable, Iterator
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from itertools import islice
 from typing import Literal, get_args
@@ -165,31 +165,35 @@ def _cosine_terms(geometry: ConeBeamGeometry, arc: SourceArc) -> tuple[FloatArra
 
 
 def filtered_views(
-    projections: Projections, options: FilterOptions, progress: Callable[[int, int], None] | None = None
+    projections: Projections,
+    options: FilterOptions,
+    progress: Callable[[int, int], None] | None = None,
+    *,
+    finish: Callable[[Float32Array, slice], Float32Array] = lambda filtered, _: filtered,
 ) -> Iterator[tuple[slice, Float32Array]]:
     """Yields (views, filtered (n, rows, columns)) in order; back-projected with 1 / depth^2 (m) they add up to attenuation in 1/m.
 
-    Two batches per core are under way at once.
+    Two batches per core are under way at once. ``finish`` is applied to (filtered, views) by the thread that filtered them.
     """
     plan = plan_filter(projections.geometry, options)
     views, rows, _ = projections.line_integrals.shape
     size = max(1, _BATCH_ELEMENTS // (rows * plan.length))
     slices = [slice(k, min(k + size, views)) for k in range(0, views, size)]
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else (os.cpu_count() or 1)
+
+    def filtered(where: slice) -> Float32Array:
+        return finish(filter_batch(plan, projections.line_integrals[where], where), where)
+
     with ThreadPoolExecutor(cores) as pool:
         waiting = iter(slices)
-        pending = deque(_submitted(pool, plan, projections, s) for s in islice(waiting, 2 * cores))
+        pending = deque((s, pool.submit(filtered, s)) for s in islice(waiting, 2 * cores))
         while pending:
             done, future = pending.popleft()
             batch = future.result()
-            pending.extend(_submitted(pool, plan, projections, s) for s in islice(waiting, 1))
+            pending.extend((s, pool.submit(filtered, s)) for s in islice(waiting, 1))
             yield done, batch
             if progress is not None:
                 progress(done.stop, views)
-
-
-def _submitted(pool: ThreadPoolExecutor, plan: FilterPlan, projections: Projections, views: slice) -> tuple[slice, "Future[Float32Array]"]:
-    return views, pool.submit(filter_batch, plan, projections.line_integrals[views], views)
 
 
 def filter_batch(plan: FilterPlan, images: Float32Array, views: slice) -> Float32Array:

@@ -104,6 +104,10 @@ class Device:
         cl.enqueue_fill_buffer(self.queue, buffer, np.zeros(1, dtype), 0, int(count) * np.dtype(dtype).itemsize)
         return buffer
 
+    def write(self, buffer: cl.Buffer, array: np.ndarray, offset: int) -> None:
+        """Copies a C-contiguous array into ``buffer``, from element ``offset`` of its own type on; waits until it is there."""
+        cl.enqueue_copy(self.queue, buffer, np.ascontiguousarray(array), dst_offset=offset * array.itemsize)
+
     def download(self, buffer: cl.Buffer, array: np.ndarray) -> np.ndarray:
         """Fills ``array`` from ``buffer``, waiting for all that was queued before."""
         cl.enqueue_copy(self.queue, array, buffer)

@@ -1,5 +1,6 @@
 """Plain float64 back-projection and analytic ellipsoid projections: what the kernels and FDK are held against."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,12 +10,19 @@ from legsim.geometry import ConeBeamGeometry, Projections, VolumeGrid
 
 def backproject(images: np.ndarray, matrices: np.ndarray, grid: VolumeGrid) -> np.ndarray:
     """(z, y, x) sums of bilinear image(u, v) / depth^2; images fade to zero within one pixel beyond their outermost pixel centers."""
-    x, y, z = grid.axes()
-    points = np.stack([*np.meshgrid(z, y, x, indexing="ij")[::-1], np.ones(grid.shape_zyx)], -1)
-    volume = np.zeros(grid.shape_zyx)
-    for image, matrix in zip(images, matrices, strict=True):
-        volume += back_projected_at(image, points @ matrix.T)
-    return volume
+    return backproject_moved(images, matrices, grid, lambda points, _: points)
+
+
+def backproject_moved(
+    images: np.ndarray, matrices: np.ndarray, grid: VolumeGrid, moved: Callable[[np.ndarray, int], np.ndarray]
+) -> np.ndarray:
+    """As :func:`backproject`, each voxel looked up at moved(points (n, 3), view)."""
+    z, y, x = np.meshgrid(*grid.axes()[::-1], indexing="ij")
+    points = np.stack([x, y, z], -1).reshape(-1, 3)
+    volume = np.zeros(len(points))
+    for view, (image, matrix) in enumerate(zip(images, matrices, strict=True)):
+        volume += back_projected_at(image, moved(points, view) @ matrix[:, :3].T + matrix[:, 3])
+    return volume.reshape(grid.shape_zyx)
 
 
 def back_projected_at(image: np.ndarray, homogeneous: np.ndarray) -> np.ndarray:
