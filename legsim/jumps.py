@@ -56,14 +56,14 @@ def find(positions: FloatArray, dt: float) -> BoolArray:
 
 
 def _cut(positions: FloatArray, seen: NDArray[np.intp], dt: float) -> tuple[_Pieces, FloatArray]:
-    """(pieces without a gap or a jump inside, deviation in metres of the step into each sample from its neighbors')."""
+    """(pieces that run smoothly, short gaps included, and the deviation in metres of the step into each sample from its neighbors')."""
     gap = np.diff(seen)
     velocity = np.diff(positions[seen], axis=0) / gap[:, None]
     distance = np.linalg.norm(velocity - _neighbors_median(velocity), axis=1) * gap
     adjacent = distance[gap == 1]
     own = np.quantile(adjacent, 0.9) if adjacent.size else 0.0
     threshold = max(MIN_STEP + IMPACT * dt**2, SMOOTHNESS * float(own))
-    cut = (gap > 1) | (distance > threshold)
+    cut = distance > threshold
     starts, ends = seen[np.r_[True, cut]], seen[np.r_[cut, True]]
     speeds = np.linalg.norm(velocity, axis=1) / dt
     deviation = np.zeros(len(positions))

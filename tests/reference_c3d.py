@@ -45,7 +45,10 @@ def c3d_bytes(
     analog_words: int = 0,
     model_outputs: Sequence[str] = (),
 ) -> bytes:
-    """File with points (n, m, 3) in the file's unit; NaN is written as a leftover position with residual -1; positive scale stores 16-bit numbers."""
+    """File with points (n, m, 3) in the file's unit; a positive scale stores 16-bit numbers.
+
+    NaN is written as a leftover position with residual -1.
+    """
     n, m = positions.shape[:2]
     order = ORDER[processor]
     integer = {"USED": m, "FRAMES": n, "DATA_START": 0}

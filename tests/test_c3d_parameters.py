@@ -51,13 +51,15 @@ def test_damage_is_refused_in_one_line(change, message):
         c3d_parameters.read_header(PATH, change(c3d_bytes(POINTS, "ABC")))
 
 
-def test_a_chain_of_records_that_bites_its_tail_ends():
-    data = bytearray(c3d_bytes(POINTS, "ABC"))
+@pytest.mark.parametrize("step", [0, 1])
+def test_a_chain_of_records_that_bites_its_tail_ends(step):
+    data = bytearray(c3d_bytes(POINTS, "ABC", processor=86))
     place = data.index(b"RATE") + 4
-    data[place : place + 2] = b"\x00\x00"
+    data[place : place + 2] = bytes([0, step])
     header = c3d_parameters.read_header(PATH, bytes(data))
     assert header.numbers("POINT", "RATE").size == 1
     assert header.texts("POINT", "LABELS") == ()
+    assert header.notes == ()
 
 
 def test_a_parameter_that_reaches_beyond_its_section_ends_the_chain_with_a_note():

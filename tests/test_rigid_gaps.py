@@ -29,6 +29,11 @@ def test_on_a_rigid_body_the_marker_is_rebuilt_exactly(body, gap):
     np.testing.assert_allclose(found, body[:, 0], atol=1e-12)
 
 
+@pytest.mark.parametrize("three", [[1, 2, 3], [1, 2, 4], [2, 3, 4]])
+def test_three_others_suffice_and_never_mirror_the_marker(body, three):
+    np.testing.assert_allclose(rigid_gaps.fill(hidden(body), body[:, three], [GAP]), body[:, 0], atol=1e-12)
+
+
 def test_noise_is_not_enlarged(body, rng):
     noisy = body + rng.normal(0, 0.0002, body.shape)
     found = rigid_gaps.fill(hidden(noisy), noisy[:, 1:], [GAP])
