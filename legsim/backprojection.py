@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike
 from scipy import ndimage
 
 from legsim import mls, transforms
@@ -112,11 +111,11 @@ def _column_axis(geometry: ConeBeamGeometry, grid: VolumeGrid, motion: Motion | 
     """(axis, mirrored views, curve), from how a lattice of points and their neighbors one voxel on project; curve None: no axis will do."""
     lattice = np.stack(np.meshgrid(*(axis[np.unique([0, len(axis) // 2, len(axis) - 1])] for axis in grid.axes())), -1).reshape(-1, 3)
 
-    def seen(offset: ArrayLike) -> tuple[FloatArray, FloatArray]:
+    def seen(offset: FloatArray) -> tuple[FloatArray, FloatArray]:
         return geometry.project(_carried(lattice + offset, motion, len(geometry)))
 
     steps = np.diag(grid.spacing_xyz)
-    at, depths = seen(0.0)
+    at, depths = seen(np.zeros(3))
     axis, slope, change, further = 1, np.inf, np.zeros_like(at), depths
     for candidate in (1, 0, 2):
         beyond, depths_beyond = seen(steps[candidate])

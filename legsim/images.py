@@ -6,17 +6,28 @@ Files appear whole or not at all.
 """
 
 import os
+import shutil
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import SimpleITK as sitk
+from numpy.typing import NDArray
 
 from legsim.arrays import Float32Array
 from legsim.errors import LegsimError, at
 from legsim.geometry import ConeBeamGeometry, Projections, Volume, VolumeGrid
 
 WRITABLE = (".mha", ".nii", ".nii.gz", ".nrrd")
+_MHA_START = """ObjectType = Image
+NDims = 3
+BinaryData = True
+BinaryDataByteOrderMSB = False
+CompressedData = False
+TransformMatrix = 1 0 0 0 1 0 0 0 1
+CenterOfRotation = 0 0 0
+AnatomicalOrientation = RAI
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,6 +66,90 @@ def load_volume(path: Path | str) -> Volume:
     spacing = tuple(1e-3 * s for s in header.spacing_mm)
     center = tuple(1e-3 * (o + 0.5 * (n - 1) * s) for o, n, s in zip(header.origin_mm, header.size, header.spacing_mm, strict=True))
     return Volume(VolumeGrid(values.shape, spacing, center), values)  # type: ignore[arg-type]
+
+
+def load_labels(path: Path | str, grid: VolumeGrid) -> NDArray[np.int32]:
+    """Reads whole numbers (z, y, x) that mark regions of a volume on ``grid``.
+
+    Raises:
+        LegsimError: no image, another grid than the volume's (by more than a hundredth of a voxel), or values that are no whole numbers.
+    """
+    path = Path(path)
+    values, header = _read(path)
+    spacing_mm, origin_mm = 1e3 * np.array(grid.spacing_xyz), 1e3 * grid.origin
+    tolerance = 0.01 * spacing_mm.min()
+    far = np.abs(np.array(header.origin_mm) - origin_mm).max() > tolerance
+    if values.shape != grid.shape_zyx or far or np.abs(np.array(header.spacing_mm) - spacing_mm).max() * max(header.size) > tolerance:
+        raise at(
+            path,
+            f"has {header.size} voxels of {header.spacing_mm} mm from {header.origin_mm} mm, the volume {grid.shape_zyx[::-1]} of "
+            f"{tuple(spacing_mm.tolist())} mm from {tuple(origin_mm.tolist())} mm",
+            "resample the labels to the volume's grid",
+        )
+    if not (values == np.rint(values)).all():
+        raise at(path, "holds values that are no whole numbers", "expected one whole number a region, 0 outside")
+    return values.astype(np.int32)
+
+
+class VolumeWriter:
+    """Writes a volume to an .mha file slab by slab, so that it never has to be in memory whole.
+
+    Use it in a ``with`` block and call :meth:`write` for consecutive slabs. The file appears when the block ends well and every slice
+    has come; otherwise nothing is left.
+
+    Raises:
+        LegsimError: the name does not end in .mha, the disk has too little room, slabs do not follow each other, or some are missing.
+    """
+
+    def __init__(self, path: Path | str, grid: VolumeGrid) -> None:
+        self._path, self._grid = Path(path), grid
+        if self._path.suffix.lower() != ".mha":
+            raise LegsimError(f"{path}: slabs can only be written to .mha; name such a file")
+        self._partial = self._path.with_name(f".{self._path.stem}.partial-{os.getpid()}.mha")
+        self._next = 0
+
+    def __enter__(self) -> "VolumeWriter":
+        numbers = {
+            "Offset": 1e3 * self._grid.origin,
+            "ElementSpacing": 1e3 * np.array(self._grid.spacing_xyz),
+            "DimSize": self._grid.shape_zyx[::-1],
+        }
+        placed = "".join(
+            f"{key} = {' '.join(repr(n.item() if isinstance(n, np.generic) else n) for n in v)}\n" for key, v in numbers.items()
+        )
+        needed = 4 * int(np.prod(self._grid.shape_zyx, dtype=np.int64))
+        try:
+            free = shutil.disk_usage(self._path.parent).free
+            if free < needed:
+                raise at(
+                    self._path, f"needs {needed / 2**30:.1f} GiB, the disk has {free / 2**30:.1f} GiB", "make room or take another disk"
+                )
+            self._file = self._partial.open("wb")
+        except OSError as error:
+            raise at(self._path, f"cannot be written ({error})", "check the folder") from error
+        self._file.write(f"{_MHA_START}{placed}ElementType = MET_FLOAT\nElementDataFile = LOCAL\n".encode())
+        return self
+
+    def write(self, first_slice: int, slab: Float32Array) -> None:
+        """Appends slices (n, y, x) in 1/m; the first one's number must be that of the next slice."""
+        if first_slice != self._next or slab.shape[1:] != self._grid.shape_zyx[1:]:
+            raise LegsimError(f"{self._path}: slices {slab.shape} from {first_slice} do not follow slice {self._next - 1} of the grid")
+        self._next += len(slab)
+        try:
+            for part in slab:
+                self._file.write((part * np.float32(1e-3)).astype("<f4").tobytes())
+        except OSError as error:
+            raise at(self._path, f"cannot be written ({error})", "check the space left on the disk") from error
+
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        self._file.close()
+        whole = self._next == self._grid.shape_zyx[0]
+        if kind is None and whole:
+            self._partial.replace(self._path)
+            return
+        self._partial.unlink(missing_ok=True)
+        if kind is None:
+            raise LegsimError(f"{self._path}: only {self._next} of {self._grid.shape_zyx[0]} slices came; write all of them")
 
 
 def save_projections(path: Path | str, projections: Projections) -> None:

@@ -130,3 +130,50 @@ def test_a_failed_write_leaves_the_old_file_and_nothing_else(
 def test_unknown_endings_are_refused(tmp_path: Path, rng: np.random.Generator) -> None:
     with pytest.raises(LegsimError, match=r"\.mha"):
         images.save_volume(tmp_path / "v.xyz", some_volume(rng))
+
+
+def test_slabs_on_disk_are_the_volume(tmp_path: Path, rng: np.random.Generator) -> None:
+    volume = some_volume(rng)
+    with images.VolumeWriter(tmp_path / "v.mha", volume.grid) as writer:
+        writer.write(0, volume.attenuation[:2])
+        assert not (tmp_path / "v.mha").exists()
+        writer.write(2, volume.attenuation[2:])
+    images.save_volume(tmp_path / "whole.mha", volume)
+    assert images.read_header(tmp_path / "v.mha") == images.read_header(tmp_path / "whole.mha")
+    np.testing.assert_array_equal(
+        images.load_volume(tmp_path / "v.mha").attenuation, images.load_volume(tmp_path / "whole.mha").attenuation
+    )
+
+
+def test_an_interrupted_writer_leaves_nothing(tmp_path: Path, rng: np.random.Generator) -> None:
+    volume = some_volume(rng)
+    with pytest.raises(KeyboardInterrupt), images.VolumeWriter(tmp_path / "v.mha", volume.grid) as writer:
+        writer.write(0, volume.attenuation[:2])
+        raise KeyboardInterrupt
+    with pytest.raises(LegsimError, match="only 2 of 3 slices"), images.VolumeWriter(tmp_path / "v.mha", volume.grid) as writer:
+        writer.write(0, volume.attenuation[:2])
+    with pytest.raises(LegsimError, match="do not follow"), images.VolumeWriter(tmp_path / "v.mha", volume.grid) as writer:
+        writer.write(1, volume.attenuation[1:])
+    with pytest.raises(LegsimError, match=r"\.mha"):
+        images.VolumeWriter(tmp_path / "v.nii", volume.grid)
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_writer_needs_room_on_the_disk(tmp_path: Path) -> None:
+    huge = VolumeGrid((1 << 16, 1 << 14, 1 << 14), (1e-4,) * 3, (0.0, 0.0, 0.0))
+    with pytest.raises(LegsimError, match="GiB"), images.VolumeWriter(tmp_path / "v.mha", huge):
+        pass
+
+
+def test_labels_must_lie_on_the_volumes_grid(tmp_path: Path) -> None:
+    grid = VolumeGrid((3, 4, 5), (0.001, 0.002, 0.0005), (0.1, -0.2, 0.03))
+    marks = np.arange(60).reshape(3, 4, 5)
+    image = sitk.GetImageFromArray(marks.astype(np.uint8))
+    image.SetSpacing([1.0, 2.0, 0.5])
+    image.SetOrigin(list(1e3 * grid.origin))
+    sitk.WriteImage(image, str(tmp_path / "labels.nii.gz"))
+    np.testing.assert_array_equal(images.load_labels(tmp_path / "labels.nii.gz", grid), marks)
+    image.SetOrigin(list(1e3 * grid.origin + [0.5, 0, 0]))
+    sitk.WriteImage(image, str(tmp_path / "moved.mha"))
+    with pytest.raises(LegsimError, match="resample"):
+        images.load_labels(tmp_path / "moved.mha", grid)
