@@ -1,12 +1,14 @@
 """Both legs as closed surfaces: loaded from models/leg_phantom, sized to a person, posed by the segments of the leg model."""
 
 import tomllib
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from functools import cache
 from typing import Literal
 
 import numpy as np
+import trimesh
+from numpy.typing import ArrayLike
 
 from legsim import materials, skinning, transforms
 from legsim.anatomy import SEGMENTS, SegmentScales
@@ -23,6 +25,7 @@ SIDES = ("l", "r")
 _HIP_HALF_WIDTH = 0.0835
 _FEMUR_TIBIA = np.array([-0.004499856517536013, -0.39582069644835033, 0.0])
 _FEMUR_PATELLA = np.array([0.04431, -0.41876, -0.00275])
+_PATELLA_MIDDLE = np.array([0.0, 0.022, 0.0])
 _PATELLA_TILT = 0.00113686
 _TIBIA_TALUS = np.array([0.0, -0.43, 0.0])
 _TALUS_CALCN = np.array([-0.04877, -0.04195, 0.00792])
@@ -57,8 +60,23 @@ def _recipes(detail: str) -> tuple[_Recipe, ...]:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class _Group:
+    """All parts that one segment carries, end to end, so that posing is a few large products."""
+
+    segment: str
+    parts: tuple[int, ...]
+    ends: tuple[int, ...]
+    points: FloatArray
+    """(p, 3) m, in the frame of the segment; soft ones in the frame of the straight leg's femur"""
+    weights: SoftWeights | None
+    """None for what is rigid"""
+    offsets: FloatArray | None = None
+    """(p, 3) m in world, added after the points have moved: small spheres on the skin stay spheres"""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class LegPhantom:
-    """A phantom that can be posed. Its reference pose is the straight leg: every coordinate zero, hips at height 0."""
+    """A phantom that can be posed. Its reference pose is the straight leg: every coordinate zero, the pelvis at the origin."""
 
     phantom: Phantom
     """parts in world of the reference pose, outermost first, named ``<part>_<side>``"""
@@ -67,8 +85,7 @@ class LegPhantom:
     reference_world_from_segment: FloatArray
     """(13, 4, 4) in the order of :data:`legsim.anatomy.SEGMENTS`"""
     _axes: tuple[LegAxes, LegAxes]
-    _weights: tuple[SoftWeights | None, ...]
-    """a soft part's weights; None where a part is rigid"""
+    _groups: tuple[_Group, ...]
 
     def part_index(self, name: str) -> int:
         """Place of a part.
@@ -81,81 +98,205 @@ class LegPhantom:
             raise LegsimError(f"the phantom has no part named {name!r}; there are: {', '.join(names)}")
         return names.index(name)
 
-    def posed(self, world_from_segment: FloatArray, segment_names: Sequence[str]) -> tuple[FloatArray, ...]:
+    def in_segment(self, name: str) -> FloatArray:
+        """Vertices (p, 3) of a bone's surface in the frame of its segment."""
+        k = self.part_index(name)
+        pose = self.reference_world_from_segment[SEGMENTS.index(self.segments[k])]
+        return transforms.apply(transforms.inverse(pose), self.phantom.parts[k].vertices)
+
+    def posed(self, world_from_segment: ArrayLike, segment_names: Sequence[str]) -> tuple[FloatArray, ...]:
         """Vertices of every part, each (p, 3) m in world, for one pose (s, 4, 4) of the named segments.
 
         Raises:
             LegsimError: a segment that carries a part has no pose.
         """
-        moved = self.moved_from_reference(world_from_segment, segment_names)
-        return tuple(
-            transforms.apply(moved[segment], part.vertices)
-            if weights is None
-            else self._soft(part.vertices, weights, moved, segment[-1])
-            for part, segment, weights in zip(self.phantom.parts, self.segments, self._weights, strict=True)
-        )
-
-    def moved_from_reference(self, world_from_segment: FloatArray, segment_names: Sequence[str]) -> "dict[str, FloatArray]":
-        """World motion (4, 4) of each bone since the reference pose, by segment name: the truth of the rigid parts."""
-        needed = {s for s in self.segments if not s.startswith("soft")} | {f"calcn_{side}" for side in SIDES}
-        missing = sorted(needed - set(segment_names))
-        if missing:
-            raise LegsimError(f"no pose for the segments {', '.join(missing)}; there are: {', '.join(segment_names)}")
-        poses = np.asarray(world_from_segment, float)
-        return {
-            name: poses[list(segment_names).index(name)] @ transforms.inverse(self.reference_world_from_segment[SEGMENTS.index(name)])
-            for name in sorted(needed)
-        }
+        poses = _Poses.of(world_from_segment, segment_names)
+        vertices: list[FloatArray] = [np.empty((0, 3))] * len(self.phantom.parts)
+        for group in self._groups:
+            if group.weights is None:
+                moved = transforms.apply(poses[group.segment], group.points)
+            else:
+                moved = self._soft(group.points, group.weights, poses, group.segment[-1])
+            moved = moved if group.offsets is None else moved + group.offsets
+            for part, piece in zip(group.parts, np.split(moved, group.ends[:-1]), strict=True):
+                vertices[part] = piece
+        return tuple(vertices)
 
     def displaced(
         self,
-        points: FloatArray,
+        points_world: ArrayLike,
         segment: str,
         *,
-        start: FloatArray,
-        end: FloatArray,
+        start: ArrayLike,
+        end: ArrayLike,
         segment_names: Sequence[str],
     ) -> FloatArray:
-        """Where material points (p, 3), in world at pose ``start``, are at pose ``end`` (each (s, 4, 4)).
+        """Where material points (p, 3), in world at pose ``start``, are at pose ``end`` (each (s, 4, 4)): the truth of motion.
 
         ``segment`` says what carries them: a bone (``tibia_l``) or ``soft_l``, ``soft_r``, as in :attr:`segments`.
         """
-        before, after = self.moved_from_reference(start, segment_names), self.moved_from_reference(end, segment_names)
-        points = np.asarray(points, float)
+        before, after = _Poses.of(start, segment_names), _Poses.of(end, segment_names)
+        points = np.asarray(points_world, float)
+        if segment not in self.segments:
+            raise LegsimError(f"no part moves with {segment!r}; there are: {', '.join(sorted(set(self.segments)))}")
         if not segment.startswith("soft"):
             return transforms.apply(after[segment] @ transforms.inverse(before[segment]), points)
-        reference = self._unposed(points, before, segment[-1])
-        return self._soft(reference, self._weights_at(reference, segment[-1]), after, segment[-1])
+        side = segment[-1]
+        straight = self._straightened(points, before, side)
+        return self._soft(straight, SoftWeights.at(straight, self._axes[SIDES.index(side)]), after, side)
 
-    def _weights_at(self, points: FloatArray, side: str) -> SoftWeights:
-        hip = self.reference_world_from_segment[SEGMENTS.index(f"femur_{side}")]
-        return SoftWeights.at(transforms.apply(transforms.inverse(hip), points), self._axes[SIDES.index(side)])
+    def shank_share(self, points_world: ArrayLike, side: str, *, pose: ArrayLike, segment_names: Sequence[str]) -> FloatArray:
+        """(p,) 0 where soft tissue at world points (p, 3) goes with the thigh, 1 where it goes with the shank, between about the knee."""
+        straight = self._straightened(np.asarray(points_world, float), _Poses.of(pose, segment_names), side)
+        return SoftWeights.at(straight, self._axes[SIDES.index(side)]).knee_share
 
-    def _soft(self, points: FloatArray, weights: SoftWeights, moved: "dict[str, FloatArray]", side: str) -> FloatArray:
-        """Points (p, 3) of the reference pose, in world, carried by the soft map of one side."""
-        hip = self.reference_world_from_segment[SEGMENTS.index(f"femur_{side}")]
-        femur, tibia, foot = (moved[f"{name}_{side}"] @ hip for name in ("femur", "tibia", "calcn"))
-        return skinning.deform(points - hip[:3, 3], weights, femur, tibia, foot)
+    def skin_points(self, side: str, *, heights: ArrayLike, directions: ArrayLike) -> FloatArray:
+        """(n, 3) places on the skin of the reference pose, in world, for beads and the like.
 
-    def _unposed(self, points: FloatArray, moved: "dict[str, FloatArray]", side: str) -> FloatArray:
-        """The reference points that the soft map carries to ``points`` (p, 3): Newton's method, differences for the slope."""
-        guess = transforms.apply(transforms.inverse(moved[f"femur_{side}"]), points)
-        below = transforms.apply(transforms.inverse(moved[f"tibia_{side}"]), points)
-        knee = self._axes[SIDES.index(side)].knee[1]
-        guess = np.where(below[:, 1:2] < guess[:, 1:2].clip(max=knee), below, guess)
-        step = 1e-6
+        ``heights`` (n,) m above the knee axis; ``directions`` (n,) rad about the vertical: 0 in front, positive to the outer side.
+        """
+        part = self.phantom.parts[self.part_index(f"skin_{side}")]
+        knee = self._reference(f"tibia_{side}")[:3, 3]
+        outward = 1.0 if side == "r" else -1.0
+        heights, directions = np.broadcast_arrays(np.asarray(heights, float), np.asarray(directions, float))
+        aims = np.stack([np.cos(directions), np.zeros(directions.shape), outward * np.sin(directions)], -1)
+        starts = knee + heights[..., None] * np.array([0.0, 1.0, 0.0])
+        return np.array([_first_exit(part, start, aim) for start, aim in zip(starts, aims, strict=True)]).reshape(-1, 3)
+
+    def with_spheres(
+        self,
+        name: str,
+        centers: ArrayLike,
+        *,
+        segment: str,
+        radius: float,
+        material: str = "tantalum",
+        energy_kev: float = materials.DEFAULT_ENERGY_KEV,
+    ) -> "LegPhantom":
+        """The same phantom with a sphere at each of ``centers`` (n, 3), parts ``<name>_0`` and on: beads on the skin, fiducials of sensors.
+
+        ``segment`` carries them: a bone's name, with centers in its frame, or ``soft_l`` or ``soft_r``, with centers in world of the
+        reference pose (see :meth:`skin_points`).
+        """
+        centers = np.asarray(centers, float).reshape(-1, 3)
+        soft = segment in ("soft_l", "soft_r")
+        if not soft and segment not in SEGMENTS:
+            raise LegsimError(f"no segment named {segment!r}; there are: soft_l, soft_r, {', '.join(SEGMENTS)}")
+        if len(centers) == 0 or not radius > 0:
+            raise LegsimError(
+                f"spheres {name!r}: {len(centers)} centers of radius {radius} m; at least one and a positive radius are needed"
+            )
+        ball = trimesh.creation.icosphere(subdivisions=2, radius=radius)
+        offsets, triangles = np.asarray(ball.vertices), np.asarray(ball.faces)
+        world_from_carrier = self._reference(f"femur_{segment[-1]}" if soft else segment)
+        world = centers if soft else transforms.apply(world_from_carrier, centers)
+        points = np.repeat(transforms.apply(transforms.inverse(world_from_carrier), world), len(offsets), axis=0)
+        value = materials.attenuation(material, energy_kev)
+        first = len(self.phantom.parts)
+        parts = [Part(f"{name}_{k}", material, value, c + offsets, triangles) for k, c in enumerate(world)]
+        weights = SoftWeights.at(points, self._axes[SIDES.index(segment[-1])]) if soft else None
+        members = tuple(range(first, first + len(parts)))
+        group = _Group(
+            segment, members, tuple(len(offsets) * (k + 1) for k in range(len(parts))), points, weights, np.tile(offsets, (len(parts), 1))
+        )
+        return replace(
+            self,
+            phantom=Phantom((*self.phantom.parts, *parts)),
+            segments=(*self.segments, *[segment] * len(parts)),
+            _groups=(*self._groups, group),
+        )
+
+    def _reference(self, segment: str) -> FloatArray:
+        return self.reference_world_from_segment[SEGMENTS.index(segment)]
+
+    def _soft(self, points: FloatArray, weights: SoftWeights, poses: "_Poses", side: str) -> FloatArray:
+        """Points (p, 3) in the femur's frame of the straight leg, carried to world by the soft map."""
+        hip = self._reference(f"femur_{side}")
+        femur, tibia, patella, foot = (
+            poses[f"{name}_{side}"] @ transforms.inverse(self._reference(f"{name}_{side}")) @ hip
+            for name in ("femur", "tibia", "patella", "calcn")
+        )
+        return skinning.deform(points, weights, femur=femur, tibia=tibia, patella=patella, foot=foot)
+
+    def _straightened(self, points: FloatArray, poses: "_Poses", side: str) -> FloatArray:
+        """The points of the straight leg that the soft map carries to world ``points`` (p, 3): damped Newton from two starts."""
+        axes = self._axes[SIDES.index(side)]
 
         def carried(p: FloatArray) -> FloatArray:
-            return self._soft(p, self._weights_at(p, side), moved, side)
+            return self._soft(p, SoftWeights.at(p, axes), poses, side)
 
-        for _ in range(30):
-            residual = carried(guess) - points
-            if np.abs(residual).max(initial=0.0) < 1e-9:
-                break
-            slope = np.stack([(carried(guess + step * e) - carried(guess - step * e)) / (2 * step) for e in np.eye(3)], -1)
-            change = np.linalg.solve(slope, residual[..., None])[..., 0]
-            guess = guess - change * np.minimum(1.0, 0.02 / np.maximum(np.linalg.norm(change, axis=-1, keepdims=True), 1e-12))
-        return guess
+        offset = transforms.inverse(self._reference(f"femur_{side}")) @ self._reference(f"tibia_{side}")
+        thigh = transforms.apply(transforms.inverse(poses[f"femur_{side}"]), points)
+        shank = transforms.apply(offset @ transforms.inverse(poses[f"tibia_{side}"]), points)
+        found, best = thigh.copy(), np.full(len(points), np.inf)
+        for start in (thigh, shank, 0.5 * (thigh + shank)):
+            left = np.flatnonzero(best > 1e-9)
+            trial = _newton(carried, points[left], start[left])
+            error = np.linalg.norm(carried(trial) - points[left], axis=-1)
+            better = left[error < best[left]]
+            found[better], best[better] = trial[error < best[left]], error[error < best[left]]
+        return found
+
+
+@dataclass(frozen=True, slots=True)
+class _Poses:
+    """One pose of named segments."""
+
+    names: tuple[str, ...]
+    world_from_segment: FloatArray
+
+    @classmethod
+    def of(cls, world_from_segment: ArrayLike, segment_names: Sequence[str]) -> "_Poses":
+        poses = np.asarray(world_from_segment, float)
+        if poses.shape != (len(segment_names), 4, 4):
+            raise LegsimError(f"world_from_segment has shape {poses.shape}; {len(segment_names)} segments are named: expected (s, 4, 4)")
+        return cls(tuple(segment_names), poses)
+
+    def __getitem__(self, name: str) -> FloatArray:
+        if name not in self.names:
+            raise LegsimError(f"no pose for the segment {name}, which carries a part; there are: {', '.join(self.names)}")
+        return self.world_from_segment[self.names.index(name)]
+
+
+def _first_exit(part: Part, start: FloatArray, aim: FloatArray) -> FloatArray:
+    """Where a ray from inside a closed part leaves it last (Moeller and Trumbore's test against every triangle).
+
+    Raises:
+        LegsimError: the ray meets no triangle.
+    """
+    a, b, c = (part.vertices[part.triangles[:, k]] for k in range(3))
+    normal = np.cross(b - a, c - a)
+    facing = normal @ aim
+    with np.errstate(divide="ignore", invalid="ignore"):
+        along = np.einsum("ij,ij->i", normal, a - start) / facing
+        across = np.cross(start - a, aim)
+        u, v = -np.einsum("ij,ij->i", c - a, across) / facing, np.einsum("ij,ij->i", b - a, across) / facing
+        hit = (facing > 0) & (along > 0) & (u >= -1e-9) & (v >= -1e-9) & (u + v <= 1 + 1e-9)
+    if not hit.any():
+        raise LegsimError(
+            f"a ray from {np.round(start, 3).tolist()} toward {np.round(aim, 3).tolist()} does not leave {part.name}; choose another height"
+        )
+    return start + aim * along[hit].max()
+
+
+def _newton(function: Callable[[FloatArray], FloatArray], goal: FloatArray, start: FloatArray) -> FloatArray:
+    """Points (p, 3) with function(points) = goal, each by Newton's method with central differences; steps of at most 1 cm."""
+    points, step = start.copy(), 1e-6
+    unsolved = np.arange(len(points))
+    for _ in range(40):
+        base = points[unsolved]
+        residual = function(base) - goal[unsolved]
+        far = np.abs(residual).max(-1) > 1e-10
+        unsolved, base, residual = unsolved[far], base[far], residual[far]
+        if len(unsolved) == 0:
+            break
+        slope = np.stack([(function(base + step * e) - function(base - step * e)) / (2 * step) for e in np.eye(3)], -1)
+        # damped normal equations: a singular slope gives a small step instead of none
+        turned = np.swapaxes(slope, -1, -2)
+        change = np.linalg.solve(turned @ slope + 1e-12 * np.eye(3), turned @ residual[..., None])[..., 0]
+        length = np.linalg.norm(change, axis=-1, keepdims=True)
+        points[unsolved] = base - change * np.minimum(1.0, 0.02 / np.maximum(length, 1e-12))
+    return points
 
 
 def load(
@@ -169,24 +310,33 @@ def load(
     The knee keeps one size, the femur's, on both of its sides, so that the joint faces fit; sizes change smoothly along the shafts.
     """
     scales = scales or SegmentScales.uniform()
-    recipes = _recipes(detail)
     reference = reference_pose(scales)
     parts: list[Part] = []
+    local: list[FloatArray] = []
     segments: list[str] = []
-    weights: list[SoftWeights | None] = []
-    axes = tuple(_axes(scales, side) for side in SIDES)
-    for recipe in recipes:
-        for side, leg_axes in zip(SIDES, axes, strict=True):
-            local = _scaled(recipe.vertices, recipe.segment, scales, side)
+    for recipe in _recipes(detail):
+        value = materials.attenuation(recipe.material, energy_kev)
+        for side in SIDES:
+            vertices = _scaled(recipe.vertices, recipe.segment, scales, side)
             triangles = recipe.triangles if side == "r" else recipe.triangles[:, ::-1]
             carrier = "femur" if recipe.segment == "soft" else recipe.segment
-            world = transforms.apply(reference[SEGMENTS.index(f"{carrier}_{side}")], local)
-            parts.append(
-                Part(f"{recipe.name}_{side}", recipe.material, materials.attenuation(recipe.material, energy_kev), world, triangles)
-            )
+            world = transforms.apply(reference[SEGMENTS.index(f"{carrier}_{side}")], vertices)
+            parts.append(Part(f"{recipe.name}_{side}", recipe.material, value, world, triangles))
+            local.append(vertices)
             segments.append(f"{recipe.segment}_{side}")
-            weights.append(SoftWeights.at(local, leg_axes) if recipe.segment == "soft" else None)
-    return LegPhantom(Phantom(tuple(parts)), tuple(segments), reference, (axes[0], axes[1]), tuple(weights))
+    axes = (_axes(scales, "l"), _axes(scales, "r"))
+    return LegPhantom(Phantom(tuple(parts)), tuple(segments), reference, axes, _grouped(segments, local, axes))
+
+
+def _grouped(segments: Sequence[str], local: Sequence[FloatArray], axes: tuple[LegAxes, LegAxes]) -> tuple[_Group, ...]:
+    groups = []
+    for segment in sorted(set(segments)):
+        members = tuple(k for k, name in enumerate(segments) if name == segment)
+        points = np.concatenate([local[k] for k in members])
+        weights = SoftWeights.at(points, axes[SIDES.index(segment[-1])]) if segment.startswith("soft") else None
+        ends = tuple(int(n) for n in np.cumsum([len(local[k]) for k in members]))
+        groups.append(_Group(segment, members, ends, points, weights))
+    return tuple(groups)
 
 
 def reference_pose(scales: SegmentScales) -> FloatArray:
@@ -210,7 +360,10 @@ def reference_pose(scales: SegmentScales) -> FloatArray:
 def _axes(scales: SegmentScales, side: str) -> LegAxes:
     knee = _FEMUR_TIBIA * scales.of(f"femur_{side}")
     ankle = knee + _TIBIA_TALUS * scales.of(f"tibia_{side}")
-    return LegAxes((knee[0], knee[1], 0.0), (ankle[0], ankle[1], 0.0), float(scales.of(f"femur_{side}")[1]))
+    size = float(scales.of(f"femur_{side}")[1])
+    mirror = np.array([1, 1, 1 if side == "r" else -1])
+    patella = (_FEMUR_PATELLA * scales.of(f"femur_{side}") + _PATELLA_MIDDLE * size) * mirror
+    return LegAxes((knee[0], knee[1], 0.0), (ankle[0], ankle[1], 0.0), (patella[0], patella[1], patella[2]), size)
 
 
 def _scaled(vertices: FloatArray, segment: str, scales: SegmentScales, side: str) -> FloatArray:
@@ -223,11 +376,15 @@ def _scaled(vertices: FloatArray, segment: str, scales: SegmentScales, side: str
         return _scaled_thigh(vertices, femur) * mirror
     if segment == "tibia":
         return _scaled_shank(vertices, femur, tibia) * mirror
+    if segment in ("talus", "calcn"):
+        return vertices * scales.of(f"{segment}_{side}") * mirror
     below = vertices - _FEMUR_TIBIA
     shank = _scaled_shank(below, femur, tibia) + _FEMUR_TIBIA * femur
     foot_origin = _TIBIA_TALUS + _TALUS_CALCN
     foot = (below - foot_origin) * calcn + _TALUS_CALCN * scales.of(f"talus_{side}") + _TIBIA_TALUS * tibia + _FEMUR_TIBIA * femur
-    share = smooth_step((-0.38 - below[:, 1:2]) / 0.06)
+    # instep and heel are the foot's although they reach up to the ankle
+    share = smooth_step((-0.38 - below[:, 1:2] + 0.45 * np.abs(below[:, :1])) / 0.06)
+    share = np.where(below[:, 1:2] < -0.33, share, 0.0)
     leg = np.where(below[:, 1:2] > 0, _scaled_thigh(vertices, femur), shank * (1 - share) + foot * share)
     return leg * mirror
 
@@ -242,7 +399,9 @@ def _scaled_thigh(points: FloatArray, femur: FloatArray) -> FloatArray:
     x, y, z = points.T
     near = smooth_step((-0.28 - y) / 0.09)
     depth = x - _FEMUR_TIBIA[0]
-    return np.stack([_FEMUR_TIBIA[0] * femur[0] + near * _knee_depth(depth, femur) + (1 - near) * depth * femur[0], y * femur[1], z * femur[2]], -1)
+    return np.stack(
+        [_FEMUR_TIBIA[0] * femur[0] + near * _knee_depth(depth, femur) + (1 - near) * depth * femur[0], y * femur[1], z * femur[2]], -1
+    )
 
 
 def _scaled_shank(points: FloatArray, femur: FloatArray, tibia: FloatArray) -> FloatArray:

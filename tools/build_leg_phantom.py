@@ -13,7 +13,9 @@ import numpy as np
 import trimesh
 from leg_anatomy_fields import Array, Field, graded_axis, mesh_of
 from leg_anatomy_joint import (
+    FOOT,
     Grid,
+    femur_cartilage,
     femur_layers,
     fibula_layers,
     menisci,
@@ -22,10 +24,10 @@ from leg_anatomy_joint import (
     tibia_cartilages,
     tibia_layers,
 )
-from leg_anatomy_soft import MUSCLES, TENDONS, Rows, fat, muscle, skin, tendon
+from leg_anatomy_soft import MUSCLES, TENDONS, VESSELS, Rows, fat, muscle, skin, tendon
 
 FOLDER = Path(__file__).parents[1] / "models/leg_phantom"
-DETAILS = {"coarse": 1.0, "fine": 0.42}
+DETAILS = {"coarse": 1.0, "fine": 0.50}
 """factor on all grid spacings"""
 
 Layers = Callable[[Grid], dict[str, Array]]
@@ -74,16 +76,20 @@ def around(name: str, rows: Rows, field: Field, step: float, along: float) -> Bl
 def blocks() -> list[Block]:
     """All surfaces of the right leg."""
     return [
-        Block(single("skin", skin), (-0.13, -0.915, -0.10), (0.23, 0.10, 0.12), 0.0110, 0.018, [(-0.45, -0.34)]),
-        Block(single("fat", fat), (-0.13, -0.915, -0.10), (0.23, 0.10, 0.12), 0.0110, 0.018, [(-0.45, -0.34)]),
-        *(around(f"muscle_{name}", rows, muscle(name), 0.0085, 0.016) for name, rows in MUSCLES.items()),
-        *(around(name, rows, tendon(name), 0.0025, 0.004) for name, rows in TENDONS.items()),
+        Block(single("skin", skin), (-0.13, -0.915, -0.10), (0.23, 0.10, 0.12), 0.0130, 0.020, [(-0.45, -0.34)]),
+        Block(single("fat", fat), (-0.13, -0.915, -0.10), (0.23, 0.10, 0.12), 0.0130, 0.020, [(-0.45, -0.34)]),
+        *(around(f"muscle_{name}", rows, muscle(name), 0.0048 if name == "sartorius" else 0.0105, 0.020) for name, rows in MUSCLES.items()),
+        *(around(name, rows, tendon(name), 0.0030, 0.007) for name, rows in (TENDONS | VESSELS).items()),
         Block(tibia_cartilages, (-0.034, -0.040, -0.042), (0.024, -0.029, 0.040), 0.0019, 0.0019, [(-0.05, 0.0)]),
         Block(menisci, (-0.033, -0.036, -0.041), (0.022, -0.022, 0.040), 0.0019, 0.0019, [(-0.05, 0.0)]),
-        Block(femur_layers, (-0.040, -0.436, -0.052), (0.048, 0.034, 0.084), 0.0042, 0.012, [(-0.44, -0.37)]),
-        Block(tibia_layers, (-0.040, -0.460, -0.046), (0.042, -0.018, 0.046), 0.0040, 0.012, [(-0.07, -0.02)]),
-        Block(fibula_layers, (-0.038, -0.464, 0.016), (0.012, -0.030, 0.048), 0.0034, 0.012, [(-0.05, -0.04)]),
-        Block(patella_layers, (-0.018, -0.006, -0.028), (0.020, 0.049, 0.028), 0.0026, 0.0026, [(-0.1, 0.1)]),
+        Block(femur_cartilage, (-0.036, -0.434, -0.044), (0.044, -0.355, 0.044), 0.0023, 0.0023, [(-1, 1)]),
+        Block(femur_layers, (-0.040, -0.436, -0.052), (0.048, 0.034, 0.084), 0.0050, 0.010, [(-0.44, -0.37)]),
+        Block(tibia_layers, (-0.040, -0.460, -0.046), (0.042, -0.018, 0.046), 0.0050, 0.012, [(-0.07, -0.02)]),
+        Block(fibula_layers, (-0.038, -0.464, 0.016), (0.012, -0.030, 0.048), 0.0040, 0.012, [(-0.05, -0.04)]),
+        Block(FOOT["talus"], (-0.030, -0.040, -0.026), (0.050, 0.012, 0.024), 0.0062, 0.0062, [(-1, 1)]),
+        Block(FOOT["calcaneus"], (-0.018, -0.016, -0.024), (0.090, 0.038, 0.018), 0.0062, 0.0062, [(-1, 1)]),
+        Block(FOOT["midfoot"], (0.070, -0.026, -0.036), (0.184, 0.032, 0.034), 0.0062, 0.0062, [(-1, 1)]),
+        Block(patella_layers, (-0.018, -0.006, -0.028), (0.020, 0.049, 0.028), 0.0021, 0.0021, [(-0.1, 0.1)]),
     ]
 
 

@@ -13,9 +13,11 @@ mpl.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 from leg_anatomy_fields import Array
-from leg_anatomy_motion import femur_from_patella, femur_from_tibia
+from leg_anatomy_motion import leg_poses
+from matplotlib.axes import Axes
+from matplotlib.collections import PolyCollection
 
-from legsim import leg_phantom, transforms
+from legsim import leg_phantom
 from legsim.anatomy import SEGMENTS
 from legsim.leg_phantom import LegPhantom
 
@@ -23,22 +25,9 @@ FOLDER = Path(__file__).parents[1] / "docs/images"
 AXES = "xyz"
 
 
-def flexed(phantom: LegPhantom, degrees: float, *, hip_degrees: float = 0.0) -> Array:
-    """world_from_segment (13, 4, 4) with both knees flexed by ``degrees`` and both hips by ``hip_degrees`` (unscaled leg)."""
-    poses = np.array(phantom.reference_world_from_segment)
-    reference = phantom.reference_world_from_segment
-    angle = np.radians([degrees])
-    for side in leg_phantom.SIDES:
-        index = {name: SEGMENTS.index(f"{name}_{side}") for name in ("femur", "tibia", "patella", "talus", "calcn", "toes")}
-        hip = reference[index["femur"]] @ transforms.rigid(transforms.axis_rotation((0, 0, 1), np.radians(hip_degrees)), np.zeros(3))
-        poses[index["femur"]] = hip
-        poses[index["tibia"]] = hip @ femur_from_tibia(angle)[0]
-        patella = femur_from_patella(angle)[0]
-        patella[2, 3] *= 1 if side == "r" else -1
-        poses[index["patella"]] = hip @ patella
-        for name in ("talus", "calcn", "toes"):
-            poses[index[name]] = poses[index["tibia"]] @ transforms.inverse(reference[index["tibia"]]) @ reference[index[name]]
-    return poses
+def flexed(degrees: float, *, hip_degrees: float = 0.0) -> Array:
+    """world_from_segment (13, 4, 4) with both knees flexed by ``degrees`` and both hips by ``hip_degrees``."""
+    return leg_poses(np.radians([degrees]), hip_flexion=float(np.radians(hip_degrees))).world_from_segment[0]
 
 
 def crossing_segments(vertices: Array, triangles: np.ndarray, axis: int, position: float) -> Array:
@@ -83,7 +72,9 @@ def slice_image(
     return image
 
 
-def draw_slices(phantom: LegPhantom, vertices: Sequence[Array], path: Path, planes: Sequence[tuple[int, float]], around: Array, half: float) -> None:
+def draw_slices(
+    phantom: LegPhantom, vertices: Sequence[Array], path: Path, planes: Sequence[tuple[int, float]], around: Array, half: float
+) -> None:
     """Pictures of several planes, (axis, offset from ``around``), in gray like a scan."""
     figure, frames = plt.subplots(2, (len(planes) + 1) // 2, figsize=(4.1 * ((len(planes) + 1) // 2), 8.4))
     for frame in frames.flat:
@@ -106,7 +97,7 @@ def draw_poses(phantom: LegPhantom, path: Path, angles: Sequence[float]) -> None
     """The right leg from its side at several flexions: skin outline with the bones inside, shaded."""
     figure, frames = plt.subplots(1, len(angles), figsize=(4.2 * len(angles), 7))
     for angle, frame in zip(angles, frames.flat, strict=True):
-        vertices = phantom.posed(flexed(phantom, angle, hip_degrees=0.5 * angle), SEGMENTS)
+        vertices = phantom.posed(flexed(angle, hip_degrees=0.5 * angle), SEGMENTS)
         for part, moved in zip(phantom.phantom.parts, vertices, strict=True):
             if part.name.endswith("_r") and (part.name.startswith("skin") or part.material in ("cortical_bone", "cartilage")):
                 _shade(frame, np.asarray(moved), part.triangles, 0.25 if part.name.startswith("skin") else 1.0)
@@ -118,7 +109,7 @@ def draw_poses(phantom: LegPhantom, path: Path, angles: Sequence[float]) -> None
     plt.close(figure)
 
 
-def _shade(frame: "plt.Axes", vertices: Array, triangles: np.ndarray, opacity: float) -> None:
+def _shade(frame: Axes, vertices: Array, triangles: np.ndarray, opacity: float) -> None:
     corners = vertices[triangles]
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normal /= np.linalg.norm(normal, axis=1, keepdims=True) + 1e-20
@@ -127,7 +118,7 @@ def _shade(frame: "plt.Axes", vertices: Array, triangles: np.ndarray, opacity: f
     shade = 0.35 + 0.6 * np.clip(normal[front] @ np.array([0.4, 0.4, 0.82]), 0, 1)
     tint = np.array([0.85, 0.65, 0.55]) if opacity < 1 else np.array([1.0, 0.98, 0.9])
     colors = np.concatenate([shade[:, None] * tint, np.full((len(front), 1), opacity)], 1)
-    frame.add_collection(mpl.collections.PolyCollection(list(corners[front][:, :, :2]), facecolors=colors, edgecolors="none"))
+    frame.add_collection(PolyCollection(list(corners[front][:, :, :2]), facecolors=colors, edgecolors="none"))
     frame.autoscale_view()
 
 
@@ -141,8 +132,10 @@ def main() -> None:
     phantom = leg_phantom.load(detail=arguments.detail)
     planes = [(1, 0.004), (1, -0.018), (1, -0.042), (1, -0.08), (2, 0.0), (2, 0.024), (2, -0.024), (0, -0.012)]
     for degrees in (0, 60):
-        poses = flexed(phantom, degrees)
-        knee = poses[SEGMENTS.index("tibia_r"), :3, 3] if degrees else phantom.reference_world_from_segment[SEGMENTS.index("tibia_r"), :3, 3]
+        poses = flexed(degrees)
+        knee = (
+            poses[SEGMENTS.index("tibia_r"), :3, 3] if degrees else phantom.reference_world_from_segment[SEGMENTS.index("tibia_r"), :3, 3]
+        )
         name = "phantom_slices.png" if degrees == 0 else f"phantom_slices_{degrees}.png"
         draw_slices(phantom, phantom.posed(poses, SEGMENTS), arguments.out / name, planes, knee, 0.085)
     draw_poses(phantom, arguments.out / "phantom_poses.png", (0, 30, 60, 100))

@@ -16,14 +16,40 @@ CONDYLE_CENTER, CONDYLE_HALF_WIDTH = 0.0245, 0.0155
 PATELLA_GAP = 0.0004
 """m that stay free between patella and groove, so that meshes of finite fineness do not cross"""
 
-_POSTERIOR_TOP = [(-0.0262, -0.391), (-0.0205, -0.3825), (-0.010, -0.378), (0.005, -0.374), (0.020, -0.368)]
-_LATERAL_FRONT = [(0.032, -0.365), (0.0375, -0.377), (0.0390, -0.391), (0.0370, -0.404), (0.0300, -0.416), (0.0180, -0.4245), (0.005, -0.4275)]
-_MEDIAL_FRONT = [(0.031, -0.366), (0.0350, -0.377), (0.0358, -0.391), (0.0335, -0.404), (0.0265, -0.416), (0.0160, -0.4245), (0.005, -0.4275)]
+_POSTERIOR_TOP = [(-0.0230, -0.391), (-0.0172, -0.3825), (-0.008, -0.378), (0.005, -0.374), (0.020, -0.368)]
+_LATERAL_FRONT = [
+    (0.032, -0.365),
+    (0.0375, -0.377),
+    (0.0390, -0.391),
+    (0.0370, -0.404),
+    (0.0300, -0.416),
+    (0.0180, -0.4234),
+    (0.005, -0.4267),
+]
+_MEDIAL_FRONT = [
+    (0.031, -0.366),
+    (0.0350, -0.377),
+    (0.0358, -0.391),
+    (0.0335, -0.404),
+    (0.0265, -0.416),
+    (0.0160, -0.4238),
+    (0.005, -0.4267),
+]
 # the anterior half, from the flange down to the roof of the notch (Blumensaat's line)
 _BRIDGE = [
-    (0.030, -0.363), (0.0355, -0.377), (0.0365, -0.391), (0.0335, -0.404), (0.026, -0.414), (0.014, -0.4205), (0.006, -0.4205),
-    (0.000, -0.4135), (-0.010, -0.4015), (-0.0205, -0.389), (-0.020, -0.378), (0.000, -0.366),
-]  # fmt: skip
+    (0.030, -0.363),
+    (0.0355, -0.377),
+    (0.0365, -0.391),
+    (0.0335, -0.404),
+    (0.026, -0.414),
+    (0.014, -0.4205),
+    (0.006, -0.4205),
+    (0.000, -0.4135),
+    (-0.010, -0.4015),
+    (-0.0205, -0.389),
+    (-0.020, -0.378),
+    (0.000, -0.366),
+]
 
 
 @cache
@@ -39,10 +65,11 @@ def _bridge_outline() -> Outline:
 
 def condyles(x: Array, y: Array, z: Array) -> Array:
     """Both condyles up to their cartilage faces, before the groove is cut: what the plateau meets."""
-    narrower = 0.0045 * smooth_step((np.asarray(x) - 0.002) / 0.036)  # seen from below, the front is narrower than the back
+    narrower = 0.0050 * smooth_step((np.asarray(x) + 0.012) / 0.052)  # seen from below, the front is narrower than the back
+    behind = smooth_step((0.005 - np.asarray(x)) / 0.025)
     center, half = CONDYLE_CENTER - narrower, CONDYLE_HALF_WIDTH - narrower
-    lateral = rounded_slab(_condyle_outline(tuple(_LATERAL_FRONT))(x, y), np.abs(z - center) - half, 0.012)
-    medial = rounded_slab(_condyle_outline(tuple(_MEDIAL_FRONT))(x, y), np.abs(z + center) - half, 0.012)
+    lateral = rounded_slab(_condyle_outline(tuple(_LATERAL_FRONT))(x, y), np.abs(z - center) - half, 0.0105 + 0.0035 * behind)
+    medial = rounded_slab(_condyle_outline(tuple(_MEDIAL_FRONT))(x, y), np.abs(z + center) - half, 0.0105 + 0.0035 * behind)
     return np.minimum(lateral, medial)
 
 
@@ -57,13 +84,23 @@ def femur_uncut(x: Array, y: Array, z: Array) -> Array:
 
 @cache
 def _femur_shaft() -> Field:
-    return loft([
-        (-0.018, -0.009, 0.049, 0.012, 0.013), (-0.035, -0.009, 0.047, 0.015, 0.0165), (-0.060, -0.008, 0.044, 0.0160, 0.0165),
-        (-0.090, -0.004, 0.0405, 0.0145, 0.0148), (-0.140, 0.002, 0.035, 0.0138, 0.0138), (-0.200, 0.006, 0.027, 0.0136, 0.0136),
-        (-0.260, 0.0065, 0.019, 0.0142, 0.0140), (-0.300, 0.0065, 0.0135, 0.0152, 0.0158), (-0.330, 0.0075, 0.009, 0.0180, 0.0205),
-        (-0.350, 0.0080, 0.006, 0.0215, 0.0270), (-0.370, 0.0065, 0.003, 0.0250, 0.0330), (-0.383, 0.0040, 0.001, 0.0255, 0.0360),
-        (-0.392, 0.0020, 0.000, 0.0230, 0.0340),
-    ])  # fmt: skip
+    return loft(
+        [
+            (-0.018, -0.009, 0.049, 0.012, 0.013),
+            (-0.035, -0.009, 0.047, 0.015, 0.0165),
+            (-0.060, -0.008, 0.044, 0.0160, 0.0165),
+            (-0.090, -0.004, 0.0405, 0.0145, 0.0148),
+            (-0.140, 0.002, 0.035, 0.0138, 0.0138),
+            (-0.200, 0.006, 0.027, 0.0136, 0.0136),
+            (-0.260, 0.0065, 0.019, 0.0142, 0.0140),
+            (-0.300, 0.0065, 0.0135, 0.0152, 0.0158),
+            (-0.330, 0.0075, 0.009, 0.0180, 0.0205),
+            (-0.350, 0.0080, 0.006, 0.0215, 0.0270),
+            (-0.370, 0.0065, 0.003, 0.0250, 0.0330),
+            (-0.383, 0.0040, 0.001, 0.0255, 0.0360),
+            (-0.392, 0.0020, 0.000, 0.0230, 0.0340),
+        ]
+    )
 
 
 def proximal_femur(x: Array, y: Array, z: Array) -> Array:
@@ -80,10 +117,22 @@ def proximal_femur(x: Array, y: Array, z: Array) -> Array:
 
 @cache
 def _patella_outline() -> Outline:
-    return Outline.through([
-        (0.000, -0.001), (0.009, 0.004), (0.0175, 0.014), (0.0220, 0.027), (0.0185, 0.0375), (0.009, 0.0430), (-0.001, 0.0437),
-        (-0.011, 0.0420), (-0.0195, 0.0365), (-0.0215, 0.027), (-0.0165, 0.014), (-0.009, 0.004),
-    ])  # fmt: skip
+    return Outline.through(
+        [
+            (0.000, -0.001),
+            (0.009, 0.004),
+            (0.0175, 0.014),
+            (0.0220, 0.027),
+            (0.0185, 0.0375),
+            (0.009, 0.0430),
+            (-0.001, 0.0437),
+            (-0.011, 0.0420),
+            (-0.0195, 0.0365),
+            (-0.0215, 0.027),
+            (-0.0165, 0.014),
+            (-0.009, 0.004),
+        ]
+    )
 
 
 def patella_articular(y: Array, z: Array) -> Array:
@@ -130,40 +179,67 @@ def femur(x: Array, y: Array, z: Array) -> Array:
 def femur_cartilage_thickness(x: Array, y: Array, z: Array) -> Array:
     """m of cartilage at a place of the femur's face: condyles and trochlea, tapering to their borders, also to the negative."""
     around = np.arctan2(np.asarray(x) + 0.0045, -(np.asarray(y) + 0.3958))  # 0 down, positive forward
-    behind = smooth_step((np.radians(118) + around) / np.radians(12))
-    above = smooth_step((np.radians(112) - around) / np.radians(12))
-    near = smooth_step((0.043 - np.hypot(x + 0.004, y + 0.3958)) / 0.003 + 1.0)
-    inner = np.where(around < np.radians(20), smooth_step((np.abs(z) - 0.0095) / 0.003), 1.0)
-    outer = smooth_step((0.0375 - np.abs(z)) / 0.004)
-    return 0.0026 * behind * above * near * inner * outer - 0.0003
+    behind = smooth_step((np.radians(122) + around) / np.radians(20))
+    above = smooth_step((np.radians(114) - around) / np.radians(16))
+    near = smooth_step((0.046 - np.hypot(x + 0.004, y + 0.3958)) / 0.003)
+    beside_notch = smooth_step((np.abs(z) - 0.0085) / 0.006)
+    trochlea = smooth_step((around - np.radians(8)) / np.radians(24))
+    outer = smooth_step((0.0385 - 0.004 * trochlea - np.abs(z)) / 0.007)
+    return 0.0026 * behind * above * near * (beside_notch + trochlea - beside_notch * trochlea) * outer - 0.0003
 
 
 @cache
 def _tibia_shaft() -> Field:
-    return loft([
-        (-0.042, -0.005, 0.000, 0.0200, 0.0330), (-0.048, -0.006, 0.000, 0.0225, 0.0345), (-0.056, -0.005, 0.000, 0.0220, 0.0315),
-        (-0.070, -0.001, -0.001, 0.0205, 0.0250, 0.05), (-0.090, 0.001, -0.002, 0.0185, 0.0190, 0.10),
-        (-0.120, 0.002, -0.003, 0.0162, 0.0152, 0.13), (-0.180, 0.002, -0.004, 0.0142, 0.0128, 0.14),
-        (-0.260, 0.001, -0.003, 0.0125, 0.0115, 0.12), (-0.330, 0.000, -0.002, 0.0125, 0.0118, 0.06),
-        (-0.380, -0.001, 0.000, 0.0145, 0.0150), (-0.408, -0.001, -0.001, 0.0175, 0.0200), (-0.4215, -0.001, -0.001, 0.0180, 0.0210),
-    ])  # fmt: skip
+    return loft(
+        [
+            (-0.042, -0.005, 0.000, 0.0205, 0.0330),
+            (-0.048, -0.0045, 0.000, 0.0240, 0.0345),
+            (-0.056, -0.0035, -0.0005, 0.0245, 0.0328),
+            (-0.070, -0.001, -0.001, 0.0232, 0.0280, 0.03),
+            (-0.090, 0.001, -0.002, 0.0202, 0.0215, 0.08),
+            (-0.120, 0.002, -0.003, 0.0170, 0.0162, 0.12),
+            (-0.180, 0.002, -0.004, 0.0142, 0.0128, 0.14),
+            (-0.260, 0.001, -0.003, 0.0125, 0.0115, 0.12),
+            (-0.330, 0.000, -0.002, 0.0125, 0.0118, 0.06),
+            (-0.380, -0.001, 0.000, 0.0145, 0.0150),
+            (-0.408, -0.001, -0.001, 0.0175, 0.0200),
+            (-0.4215, -0.001, -0.001, 0.0180, 0.0210),
+        ]
+    )
 
 
 @cache
 def plateau_outline() -> Outline:
     """Rim of the tibial plateau seen from above, (x, z): the medial side deeper, a notch behind."""
-    return Outline.through([
-        (0.0195, 0.000), (0.0195, 0.012), (0.0140, 0.026), (0.0020, 0.0355), (-0.0120, 0.0345), (-0.0240, 0.0240), (-0.0265, 0.0130),
-        (-0.0215, 0.0010), (-0.0275, -0.0110), (-0.0300, -0.0220), (-0.0200, -0.0345), (-0.0040, -0.0375), (0.0120, -0.0310), (0.0195, -0.0150),
-    ])  # fmt: skip
+    return Outline.through(
+        [
+            (0.0195, 0.000),
+            (0.0195, 0.012),
+            (0.0140, 0.026),
+            (0.0020, 0.0355),
+            (-0.0120, 0.0345),
+            (-0.0240, 0.0240),
+            (-0.0265, 0.0130),
+            (-0.0215, 0.0010),
+            (-0.0275, -0.0110),
+            (-0.0300, -0.0220),
+            (-0.0200, -0.0345),
+            (-0.0040, -0.0375),
+            (0.0120, -0.0310),
+            (0.0195, -0.0150),
+        ]
+    )
 
 
 def tibia_bone(x: Array, y: Array, z: Array) -> Array:
     """Tibia without cartilage, before it is cleared of the path of the condyles."""
-    head = rounded_slab(np.asarray(plateau_outline()(x, z)), np.abs(y + 0.0435) - 0.0090, 0.0030)
-    body = smooth_union(_tibia_shaft()(x, y, z), head, 0.004)
+    head = rounded_slab(np.asarray(plateau_outline()(x, z)), np.abs(y + 0.0415) - 0.0070, 0.0030)
+    body = smooth_union(_tibia_shaft()(x, y, z), head, 0.008)
     body = smooth_union(body, ellipsoid((0.0215, -0.066, 0.003), (0.0095, 0.018, 0.011))(x, y, z), 0.010)
-    for spine in (ellipsoid((-0.004, -0.0345, -0.0055), (0.009, 0.0095, 0.0036)), ellipsoid((-0.006, -0.0345, 0.0055), (0.008, 0.0080, 0.0036))):
+    for spine in (
+        ellipsoid((-0.004, -0.0345, -0.0055), (0.009, 0.0095, 0.0036)),
+        ellipsoid((-0.006, -0.0345, 0.0055), (0.008, 0.0080, 0.0036)),
+    ):
         body = smooth_union(body, spine(x, y, z), 0.003)
     malleolus = ellipsoid((0.001, -0.434, -0.0235), (0.0125, 0.0165, 0.0065))(x, y, z)
     return smooth_union(body, malleolus, 0.008)
@@ -171,15 +247,43 @@ def tibia_bone(x: Array, y: Array, z: Array) -> Array:
 
 @cache
 def _fibula_shaft() -> Field:
-    return loft([
-        (-0.052, -0.021, 0.0355, 0.0075, 0.0070), (-0.068, -0.022, 0.0360, 0.0058, 0.0055), (-0.100, -0.021, 0.0340, 0.0060, 0.0058, 0.08),
-        (-0.200, -0.018, 0.0300, 0.0068, 0.0062, 0.12), (-0.300, -0.014, 0.0275, 0.0064, 0.0060, 0.10),
-        (-0.380, -0.0105, 0.0275, 0.0070, 0.0062), (-0.415, -0.008, 0.0290, 0.0095, 0.0065), (-0.440, -0.008, 0.0300, 0.0085, 0.0060),
-    ])  # fmt: skip
+    return loft(
+        [
+            (-0.052, -0.021, 0.0355, 0.0075, 0.0070),
+            (-0.068, -0.022, 0.0360, 0.0058, 0.0055),
+            (-0.100, -0.021, 0.0340, 0.0060, 0.0058, 0.08),
+            (-0.200, -0.018, 0.0300, 0.0068, 0.0062, 0.12),
+            (-0.300, -0.014, 0.0275, 0.0064, 0.0060, 0.10),
+            (-0.380, -0.0105, 0.0275, 0.0070, 0.0062),
+            (-0.415, -0.008, 0.0290, 0.0095, 0.0065),
+            (-0.440, -0.008, 0.0300, 0.0085, 0.0060),
+        ]
+    )
 
 
 def fibula(x: Array, y: Array, z: Array) -> Array:
     """Fibula with head, neck and lateral malleolus, in the tibia frame."""
-    head = ellipsoid((-0.0205, -0.049, 0.0345), (0.0105, 0.0125, 0.0090))(x, y, z)
+    head = ellipsoid((-0.0205, -0.049, 0.0335), (0.0105, 0.0125, 0.0090))(x, y, z)
     malleolus = ellipsoid((-0.008, -0.436, 0.0300), (0.0115, 0.0185, 0.0072))(x, y, z)
     return smooth_union(smooth_union(_fibula_shaft()(x, y, z), head, 0.006), malleolus, 0.006)
+
+
+def talus(x: Array, y: Array, z: Array) -> Array:
+    """Talus in its frame: trochlea under the ankle joint, neck and head."""
+    body = ellipsoid((-0.002, -0.010, 0.001), (0.022, 0.0165, 0.0165))(x, y, z)
+    return smooth_union(body, cone((0.008, -0.014, -0.002), (0.032, -0.021, -0.008), 0.013, 0.012)(x, y, z), 0.008)
+
+
+def calcaneus(x: Array, y: Array, z: Array) -> Array:
+    """Heel bone in the frame of calcn."""
+    body = cone((0.006, 0.014, -0.003), (0.052, 0.016, -0.004), 0.0165, 0.0135)(x, y, z)
+    body = smooth_union(body, cone((0.052, 0.014, -0.003), (0.074, 0.014, 0.002), 0.0125, 0.0105)(x, y, z), 0.006)
+    return smooth_union(body, ellipsoid((0.004, 0.008, -0.003), (0.014, 0.016, 0.015))(x, y, z), 0.008)
+
+
+def midfoot(x: Array, y: Array, z: Array) -> Array:
+    """Tarsal bones and metatarsals in the frame of calcn, in one piece: enough to shade the foot."""
+    inner = cone((0.092, 0.003, -0.014), (0.170, -0.012, -0.024), 0.010, 0.007)(x, y, z)
+    middle = cone((0.088, 0.007, -0.004), (0.172, -0.012, -0.004), 0.011, 0.006)(x, y, z)
+    outer = cone((0.084, 0.004, 0.010), (0.155, -0.013, 0.022), 0.010, 0.006)(x, y, z)
+    return smooth_union(smooth_union(inner, middle, 0.006), outer, 0.006)

@@ -10,7 +10,7 @@ import numpy as np
 import trimesh
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline, PchipInterpolator, RegularGridInterpolator
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 from skimage import measure
 
 Array = NDArray[np.float64]
@@ -96,7 +96,7 @@ class Outline:
         curve = np.asarray(CubicSpline(chord, knots, bc_type="periodic")(np.linspace(0, chord[-1], 3000)[:-1]))
         axes = [np.arange(lo - margin, hi + margin, 2 * step) for lo, hi in zip(curve.min(0), curve.max(0), strict=True)]
         grid = np.stack(np.meshgrid(*axes, indexing="ij"), -1)
-        distance = cKDTree(curve).query(grid.reshape(-1, 2))[0].reshape(grid.shape[:2])
+        distance = KDTree(curve).query(grid.reshape(-1, 2))[0].reshape(grid.shape[:2])
         inside = measure.points_in_poly(grid.reshape(-1, 2), curve).reshape(grid.shape[:2])
         return cls(RegularGridInterpolator(axes, np.where(inside, -distance, distance), bounds_error=False, fill_value=margin))
 
@@ -106,7 +106,7 @@ class Outline:
         return self.table(np.stack([a, b], -1))
 
 
-def rounded_slab(profile: Array, across: Array, radius: float) -> Array:
+def rounded_slab(profile: Array, across: Array, radius: float | Array) -> Array:
     """A profile extruded between two planes (``across`` is the distance to them) with edges of ``radius``."""
     a, b = profile + radius, across + radius
     return np.sqrt(np.maximum(a, 0) ** 2 + np.maximum(b, 0) ** 2) + np.minimum(np.maximum(a, b), 0) - radius
@@ -138,14 +138,21 @@ def mesh_of(values: Array, axes: Sequence[Array], name: str) -> trimesh.Trimesh:
         raise ValueError(f"{name}: the grid cuts the surface (border {border:.4g}) or misses it (lowest {values.min():.4g})")
     vertices, faces, _, _ = measure.marching_cubes(values.astype(np.float32), 1e-9, allow_degenerate=False)
     positions = np.stack([np.interp(vertices[:, k], np.arange(len(axis)), axis) for k, axis in enumerate(axes)], -1)
-    return largest_piece(trimesh.Trimesh(positions, faces, process=False))
+    return largest_piece(trimesh.Trimesh(positions, faces, process=False), name)
 
 
-def largest_piece(mesh: trimesh.Trimesh) -> trimesh.Trimesh:
-    """Drops crumbs that a tapering sheet leaves; a hollow inside one body is dropped too."""
+def largest_piece(mesh: trimesh.Trimesh, name: str) -> trimesh.Trimesh:
+    """Drops crumbs that a tapering sheet leaves; a hollow inside one body is dropped too.
+
+    Raises:
+        ValueError: more than crumbs would go: the grid is too coarse for a thin sheet.
+    """
     label = trimesh.graph.connected_component_labels(mesh.face_adjacency, node_count=len(mesh.faces))
     if label.max() == 0:
         return mesh
-    keep = np.asarray(mesh.faces)[label == np.argmax(np.bincount(label))]
+    counts = np.bincount(label)
+    if counts.max() < 0.9 * counts.sum():
+        raise ValueError(f"{name}: falls into {len(counts)} pieces, the largest with {counts.max()} of {counts.sum()} triangles")
+    keep = np.asarray(mesh.faces)[label == np.argmax(counts)]
     used, renumbered = np.unique(keep, return_inverse=True)
     return trimesh.Trimesh(np.asarray(mesh.vertices)[used], renumbered.reshape(-1, 3), process=False)

@@ -1,24 +1,29 @@
 """Right leg's bones in layers, cartilages and menisci, as values on a grid whose surface is where they are 0 (m, segment frames)."""
 
+from collections.abc import Callable
+
 import numpy as np
 from leg_anatomy_bones import (
     PLATEAU,
-    condyles,
+    calcaneus,
     femur,
     femur_cartilage_thickness,
+    femur_uncut,
     fibula,
+    midfoot,
     patella,
     patella_articular,
     patella_bone,
     plateau_outline,
+    talus,
     tibia_bone,
 )
-from leg_anatomy_fields import Array, normalized, smooth_intersection, smooth_step
+from leg_anatomy_fields import Array, Field, normalized, smooth_intersection, smooth_step
 from leg_anatomy_motion import femur_from_tibia
 
 JOINT_GAP = 0.0002
 """m that stay free between the femoral cartilage and all that the tibia carries, over the whole range of flexion"""
-CRUST = 0.0012
+CRUST = 0.0020
 """m that a cartilage reaches into its bone, which displaces it there: no two surfaces coincide"""
 
 Grid = tuple[Array, Array, Array]
@@ -29,13 +34,13 @@ def sparse(axes: Grid) -> Grid:
     return axes[0][:, None, None], axes[1][None, :, None], axes[2][None, None, :]
 
 
-def cleared_of_condyles(x: Array, y: Array, z: Array) -> Array:
-    """Least distance to the femoral condyles over 0 to 115 degrees of flexion, in the tibia frame."""
+def cleared_of_femur(x: Array, y: Array, z: Array, *, last_degrees: float = 110.0) -> Array:
+    """Least distance to the femur, its groove filled, over 0 to ``last_degrees`` of flexion, in the tibia frame."""
     nearest = np.full(np.broadcast_shapes(x.shape, y.shape, z.shape), np.inf)
-    for matrix in femur_from_tibia(np.radians(np.arange(0.0, 116.0, 5.0))):
+    for matrix in femur_from_tibia(np.radians(np.arange(0.0, last_degrees + 1, 5.0))):
         fx = matrix[0, 0] * x + matrix[0, 1] * y + matrix[0, 3]
         fy = matrix[1, 0] * x + matrix[1, 1] * y + matrix[1, 3]
-        np.minimum(nearest, condyles(fx, fy, z), out=nearest)
+        np.minimum(nearest, femur_uncut(fx, fy, z), out=nearest)
     return nearest
 
 
@@ -50,35 +55,40 @@ def cortex_thickness(y: Array, places: list[tuple[float, float]]) -> Array:
 
 
 def cavity(inner: Array, y: Array, low: float, high: float) -> Array:
-    """Marrow cavity of a shaft between two heights: 0.5 mm of trabeculae stay on its wall, its ends are round."""
-    return smooth_intersection(inner + 0.0005, np.maximum(low - y, y - high) + 0 * inner, 0.006)
+    """Marrow cavity of a shaft between two heights: 0.8 mm of trabeculae stay on its wall, its ends are round."""
+    return smooth_intersection(inner + 0.0008, np.maximum(low - y, y - high) + 0 * inner, 0.006)
+
+
+def femur_cartilage(axes: Grid) -> dict[str, Array]:
+    """Cartilage of condyles and trochlea, one sheet; it ends where it is thinner than half a millimeter."""
+    x, y, z = sparse(axes)
+    total, thickness = normalized(femur(x, y, z), axes), femur_cartilage_thickness(x, y, z)
+    bone = total + np.maximum(thickness, 0)
+    return {"femur_cartilage": np.maximum(np.maximum(total, -(bone + CRUST)), 0.0005 - thickness)}
 
 
 def femur_layers(axes: Grid) -> dict[str, Array]:
-    """Femur: cartilage, cortex, cancellous bone, marrow cavity."""
+    """Femur: cortex, cancellous bone, marrow cavity."""
     x, y, z = sparse(axes)
     total = normalized(femur(x, y, z), axes)
-    thickness = femur_cartilage_thickness(x, y, z)
-    bone = normalized(total + np.maximum(thickness, 0), axes)
-    wall = cortex_thickness(y, [(-0.45, 0.0011), (-0.36, 0.0012), (-0.31, 0.003), (-0.24, 0.0062), (-0.13, 0.0066), (-0.07, 0.0042), (-0.03, 0.0018)])
+    bone = normalized(total + np.maximum(femur_cartilage_thickness(x, y, z), 0), axes)
+    wall = cortex_thickness(
+        y, [(-0.45, 0.0011), (-0.36, 0.0012), (-0.31, 0.003), (-0.24, 0.0062), (-0.13, 0.0066), (-0.07, 0.0042), (-0.03, 0.0018)]
+    )
     inner = bone + wall
-    cartilage = np.maximum(np.maximum(total, -(bone + CRUST)), 0.0005 - thickness)
-    return {
-        "femur_cartilage": cartilage,
-        "femur_cortex": bone,
-        "femur_cancellous": inner,
-        "femur_marrow": cavity(inner, y, -0.315, -0.065),
-    }
+    return {"femur_cortex": bone, "femur_cancellous": inner, "femur_marrow": cavity(inner, y, -0.315, -0.065)}
 
 
 def tibia_layers(axes: Grid) -> dict[str, Array]:
-    """Tibia: cortex, cancellous bone, marrow cavity; cleared of the condyles' path by the thickness of the cartilages."""
+    """Tibia: cortex, cancellous bone, marrow cavity; cleared of the femur's path by the thickness of the cartilages."""
     x, y, z = sparse(axes)
     bone = tibia_bone(x, y, z)
     top = axes[1] > -0.06
-    bone[:, top] = smooth_intersection(bone[:, top], 0.0022 - cleared_of_condyles(x, y[:, top], z), 0.001)
+    bone[:, top] = smooth_intersection(bone[:, top], 0.0022 - cleared_of_femur(x, y[:, top], z), 0.001)
     bone = normalized(bone, axes)
-    wall = cortex_thickness(y, [(-0.44, 0.0012), (-0.40, 0.0014), (-0.34, 0.0032), (-0.26, 0.0048), (-0.16, 0.0050), (-0.09, 0.0030), (-0.05, 0.0012)])
+    wall = cortex_thickness(
+        y, [(-0.44, 0.0012), (-0.40, 0.0014), (-0.34, 0.0032), (-0.26, 0.0048), (-0.16, 0.0050), (-0.09, 0.0030), (-0.05, 0.0012)]
+    )
     inner = bone + wall
     return {"tibia_cortex": bone, "tibia_cancellous": inner, "tibia_marrow": cavity(inner, y, -0.355, -0.105)}
 
@@ -96,24 +106,30 @@ def patella_layers(axes: Grid) -> dict[str, Array]:
     x, y, z = sparse(axes)
     total, bone = normalized(patella(x, y, z), axes), normalized(patella_bone(x, y, z), axes)
     articular = 0.0030 * patella_articular(y, z) - 0.0005 + 0 * total
-    cartilage = np.maximum(np.maximum(total, -(bone + CRUST)), -articular)
+    cartilage = np.maximum(np.maximum(total, -(bone + CRUST)), np.maximum(-articular, x - 0.003))
     return {"patella_cartilage": cartilage, "patella_cortex": bone, "patella_cancellous": bone + 0.0013}
 
 
 def tibia_cartilages(axes: Grid) -> dict[str, Array]:
     """Medial and lateral cartilage of the plateau, to y = PLATEAU, 2.5 mm thick."""
     x, y, z = sparse(axes)
-    clear = JOINT_GAP - cleared_of_condyles(x, y, z)
+    clear = JOINT_GAP - cleared_of_femur(x, y, z)
     rim = plateau_outline()(x, z) + 0.0015
     layer = np.maximum(np.abs(y - (PLATEAU - 0.0020)) - 0.0020, clear)
     sides = {"medial": z + 0.0085, "lateral": -z + 0.0085}
-    return {f"tibia_cartilage_{side}": np.maximum(smooth_intersection(rim + 0 * y, inward + 0 * rim, 0.004), layer) for side, inward in sides.items()}
+    return {
+        f"tibia_cartilage_{side}": np.maximum(smooth_intersection(rim + 0 * y, inward + 0 * rim, 0.004), layer)
+        for side, inward in sides.items()
+    }
 
 
 def menisci(axes: Grid) -> dict[str, Array]:
-    """Wedges on the rim of the plateau that fill what the condyles leave free: C-shaped medially, nearly a ring laterally."""
+    """Wedges on the rim of the plateau that fill what the straight leg's condyles leave free: C-shaped medially, more a ring laterally.
+
+    They do not deform: where a flexed condyle presses into them, it displaces them, being later in the list of parts.
+    """
     x, y, z = sparse(axes)
-    clear = 0.0003 - cleared_of_condyles(x, y, z)
+    clear = 0.0003 - cleared_of_femur(x, y, z, last_degrees=5.0)
     height = np.maximum(PLATEAU - 0.0008 - y, y - (PLATEAU + 0.0068))
     rings = {
         "medial": ((-0.0045, -0.0205), (0.0240, 0.0165), 0.0105, z + 0.0075),
@@ -125,3 +141,21 @@ def menisci(axes: Grid) -> dict[str, Array]:
         ring = np.maximum(outer, -(outer + width))
         values[f"meniscus_{side}"] = smooth_intersection(np.maximum(ring, opening), np.maximum(height, clear), 0.0008)
     return values
+
+
+def short_bone(name: str, bone: Field, wall: float) -> Callable[[Grid], dict[str, Array]]:
+    """Layers of a bone of the foot: a thin cortex around cancellous bone."""
+
+    def layers(axes: Grid) -> dict[str, Array]:
+        values = normalized(bone(*sparse(axes)), axes)
+        return {f"{name}_cortex": values, f"{name}_cancellous": values + wall}
+
+    return layers
+
+
+FOOT = {
+    "talus": short_bone("talus", talus, 0.0012),
+    "calcaneus": short_bone("calcaneus", calcaneus, 0.0012),
+    "midfoot": short_bone("midfoot", midfoot, 0.0015),
+}
+"""Layers of the bones of the foot by name"""

@@ -1,47 +1,32 @@
 """How knee and patella of the unscaled leg model move: what the joint faces of the phantom are shaped by."""
 
-import tomllib
-from functools import cache
-from pathlib import Path
-
 import numpy as np
 from leg_anatomy_fields import Array
 
 from legsim import transforms
-from legsim.resources import model_file
-from legsim.simm_spline import SimmSpline
-
-PATELLA_ORIGIN = (-0.00809, -0.40796, -0.00275)
-"""Patellofemoral joint in the femur frame (Rajagopal2016)"""
+from legsim.leg import COORDINATES, Leg
+from legsim.signals import JointTrajectories, SegmentPoses
 
 
-@cache
-def _coupling(joint: str) -> tuple[SimmSpline, float]:
-    rows = tomllib.loads(Path(model_file("lower_body/couplings.toml")).read_text())["coupling"]
-    row = next(r for r in rows if r["joint"] == joint)
-    return SimmSpline(row["x"], row["y"]), float(row["sign"])
-
-
-def _coupled(joint: str, flexion: Array) -> Array:
-    spline, sign = _coupling(joint)
-    return spline(-sign * np.asarray(flexion))
-
-
-def _planar(x: Array, y: Array, angle: Array, z: float) -> Array:
-    zero = np.zeros_like(x)
-    return transforms.rigid(transforms.axis_rotation((0, 0, 1), angle), np.stack([x, y, zero + z], -1))
+def leg_poses(flexion: Array, *, hip_flexion: float = 0.0) -> SegmentPoses:
+    """Poses of the unscaled leg model at knee flexions (n,) in rad, the same on both sides; all else straight but the hips."""
+    values = np.zeros((len(flexion), len(COORDINATES)))
+    for side in "lr":
+        values[:, COORDINATES.index(f"knee_angle_{side}")] = -np.asarray(flexion)
+        values[:, COORDINATES.index(f"hip_flexion_{side}")] = hip_flexion
+    return Leg.load().segment_poses(JointTrajectories(np.arange(len(flexion), dtype=float), COORDINATES, values))
 
 
 def femur_from_tibia(flexion: Array) -> Array:
     """(n, 4, 4) of the right knee at flexion angles (n,) in rad."""
-    return _planar(_coupled("knee_tx_r", flexion), _coupled("knee_ty_r", flexion), -np.asarray(flexion), 0.0)
+    poses = leg_poses(flexion)
+    return transforms.inverse(poses.of("femur_r")) @ poses.of("tibia_r")
 
 
 def femur_from_patella(flexion: Array) -> Array:
     """(n, 4, 4) of the right patella at flexion angles (n,) in rad."""
-    x = _coupled("patella_tx_r", flexion) + PATELLA_ORIGIN[0]
-    y = _coupled("patella_ty_r", flexion) + PATELLA_ORIGIN[1]
-    return _planar(x, y, _coupled("patella_angle_r", flexion), PATELLA_ORIGIN[2])
+    poses = leg_poses(flexion)
+    return transforms.inverse(poses.of("femur_r")) @ poses.of("patella_r")
 
 
 def plateau_contact(flexion: Array, plateau: float) -> Array:
