@@ -1,5 +1,10 @@
 """The projector against float64 ray casting, exact hits of edges and vertices, invariances and the rule for overlaps."""
 
+import importlib.util
+import os
+import sys
+from pathlib import Path
+
 import numpy as np
 import pytest
 import reference_projector
@@ -222,3 +227,20 @@ def test_posed_vertices_must_fit(device):
         projector.project(phantom, circular(), device, posed=lambda view: [np.zeros((3, 3))])
     with pytest.raises(LegsimError, match="not a finite number"):
         projector.project(phantom, circular(), device, posed=lambda view: [np.full((642, 3), np.nan)])
+
+
+@pytest.mark.peer
+def test_images_agree_with_gvirtualxray(device, monkeypatch):
+    """On nested lumpy balls; gVirtualXray rasterises in float32 and keeps 1000 photons a pixel, hence the margin."""
+    python = os.environ.get("LEGSIM_GVXR_PYTHON") or (sys.executable if importlib.util.find_spec("gvxrPython3") else None)
+    if python is None:
+        pytest.skip("gVirtualXray is not installed (pip install gvxr here, or name a Python that has it in LEGSIM_GVXR_PYTHON)")
+    monkeypatch.syspath_prepend(Path(__file__).parents[1] / "tools")
+    import bench_project
+
+    phantom, geometry = bench_project.scene("1e4"), bench_project.scan(3)
+    ours = projector.project(phantom, geometry, device).line_integrals
+    theirs, _ = bench_project.gvxr_images(phantom, geometry, python)
+    difference = np.abs(ours - theirs) / bench_project.ATTENUATIONS[0]
+    assert difference.mean() < 1e-5
+    assert np.quantile(difference, 0.999) < 1e-3

@@ -27,5 +27,43 @@ def ik(
         bench_ik.replace_section(out, text)
 
 
+@app.command()
+def project(
+    sizes: Annotated[str, typer.Option(help="Comma-separated, of 1e4, 1e5, 1e6, 1e7 triangles.")] = "1e4,1e5,1e6",
+    views: Annotated[int, typer.Option(help="Views a scene; 248 make a scan.")] = 8,
+    device: Annotated[str | None, typer.Option(help="OpenCL device, as in LEGSIM_DEVICE.")] = None,
+    gvxr_python: Annotated[str | None, typer.Option(help="A Python with the gvxr wheel, to compare with.")] = None,
+    out: Annotated[Path | None, typer.Option(help="JSON file for the rows.")] = None,
+) -> None:
+    """Projection: seconds a view of 620x480 against triangles, beside gVirtualXray's on the same meshes."""
+    import bench_project
+
+    bench_project.run(sizes.split(","), views, device, gvxr_python, out, typer.echo)
+
+
+@app.command()
+def project_errors(device: Annotated[str | None, typer.Option(help="OpenCL device, as in LEGSIM_DEVICE.")] = None) -> None:
+    """Projection: path lengths against float64 ray casting, situation by situation."""
+    import bench_project_errors
+
+    from legsim import opencl
+
+    bench_project_errors.table(opencl.open_device(device), typer.echo)
+
+
+@app.command()
+def fdk(
+    views: Annotated[int, typer.Option(help="Views over the paper's range of 197.6 degrees.")] = 248,
+    count: Annotated[int, typer.Option(help="Voxels along each side of the cube of 256 mm.")] = 512,
+    binning: Annotated[int, typer.Option(help="Detector pixels are this many times as large as the paper's 0.616 mm.")] = 1,
+    device: Annotated[str | None, typer.Option(help="Part of an OpenCL device's label.")] = None,
+    rtk_python: Annotated[Path | None, typer.Option(help="A Python with itk-rtk, to run RTK on the same projections.")] = None,
+) -> None:
+    """Filtered back-projection: seconds and errors, beside RTK's."""
+    import bench_fdk
+
+    typer.echo(bench_fdk.run(views, count, binning, device, rtk_python))
+
+
 if __name__ == "__main__":
     app()
