@@ -12,6 +12,7 @@ from typing import Annotated
 
 import typer
 import typer.exceptions
+from rich import box
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.table import Table
@@ -30,6 +31,9 @@ geometry_app = typer.Typer(
     help="Look at a scan geometry, or convert it between legsim JSON, RTK XML and plain matrices.", no_args_is_help=True
 )
 app.add_typer(geometry_app, name="geometry")
+
+_INTERRUPTED = 130
+"""exit code of a command that Ctrl-C ended, as shells have it and typer returns it"""
 
 _out = Console(highlight=False, soft_wrap=True)
 _err = Console(stderr=True, highlight=False, soft_wrap=True)
@@ -76,12 +80,13 @@ def _progress() -> Iterator[pipeline.OnProgress]:
 
 
 def _table(title: str, columns: tuple[str, ...], rows: list[tuple[str, ...]]) -> None:
-    table = Table(title=title, title_justify="left")
+    table = Table(title=title, title_justify="left", box=box.SIMPLE)
     for k, column in enumerate(columns):
-        table.add_column(column, justify="left" if k == 0 else "right")
+        table.add_column(column, justify="left" if k == 0 else "right", no_wrap=True)
     for row in rows:
         table.add_row(*row)
-    _out.print(table)
+    # a line that the terminal wraps can still be read; a cell cut short cannot
+    Console(highlight=False, width=max(_out.width, 140)).print(table)
 
 
 @app.command()
@@ -273,10 +278,10 @@ def main(arguments: list[str] | None = None) -> None:
     if "--debug" in arguments:  # wherever it stands on the line
         arguments = ["--debug", *(a for a in arguments if a != "--debug")]
     try:
-        sys.exit(app(args=arguments, prog_name="legsim", standalone_mode=False) or 0)
-    except (KeyboardInterrupt, typer.Abort):
-        _err.print("interrupted; what was finished is kept, the same command goes on from there")
-        sys.exit(130)
+        code = app(args=arguments, prog_name="legsim", standalone_mode=False) or 0
+        if code == _INTERRUPTED:
+            _err.print("interrupted; what was finished is kept, the same command goes on from there")
+        sys.exit(code)
     except typer.exceptions.TyperException as error:
         _err.print(f"error: {error.format_message()} (the command's --help says more)".replace("\n", " "), style="red")
         sys.exit(error.exit_code)

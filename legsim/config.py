@@ -17,7 +17,7 @@ class _Section(BaseModel):
 class MotionConfig(_Section):
     """The recording and how it is cleaned."""
 
-    file: str = "subject01/squat_30.trc"
+    file: str = "subject01/squat_60.trc"
     """a path, or one of the project's own recordings by its name under motions/"""
     marker_map: str = "auto"
     """a TOML file, the name of a shipped marker set, or "auto" for the shipped one that covers the file"""

@@ -12,13 +12,15 @@ from legsim import artifacts, marker_sets, marker_sites, markers, motion_files, 
 from legsim.arrays import FloatArray
 from legsim.config import MotionConfig
 from legsim.errors import LegsimError, at
-from legsim.leg import Leg
+from legsim.leg import COORDINATES, Leg
 from legsim.markers import CleaningReport
 from legsim.replay import IkReport
 from legsim.scaling import Scaling
 from legsim.signals import JointTrajectories, Motion
 
 _Result = TypeVar("_Result")
+_LARGEST_EXTENSION_DEG = 20.0
+"""more than any knee overextends"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -43,6 +45,8 @@ class Recovery:
     trajectories: JointTrajectories
     fit: MarkerFit | None
     """None where the file held coordinates"""
+    notes: tuple[str, ...] = ()
+    """what was put right on the way in"""
 
     def summary(self) -> dict[str, Any]:
         """Numbers about the fit, for kinematics.json."""
@@ -79,7 +83,8 @@ class Recovery:
     def lines(self) -> list[str]:
         """A short account for the terminal."""
         if self.fit is None:
-            return [f"{self.name}: {len(self.trajectories.times)} samples of {len(self.trajectories.coordinate_names)} coordinates"]
+            count = len(self.trajectories.times)
+            return [f"{self.name}: {count} samples of {len(self.trajectories.coordinate_names)} coordinates", *self.notes]
         ik, cleaning = self.fit.ik, self.fit.cleaning
         filled, jumps = sum(r.filled for r in cleaning.roles), sum(r.jumps_removed for r in cleaning.roles)
         loose = [n for n, share in zip(ik.coordinate_names, ik.coordinate_share, strict=True) if share < 0.5]
@@ -171,10 +176,26 @@ def _from_coordinates(config: MotionConfig, path: Path, filtered: bool) -> Recov
     if config.scaling_file:
         reference = _cleaned(config, source(config.scaling_file))[0]
         leg = Leg.load(scaling.fit(leg, reference, marker_sites.load()).scales)
-    values = _named(path, lambda: leg.values_of(loaded))
+    values, notes = _with_our_knee_sign(_named(path, lambda: leg.values_of(loaded)), loaded.coordinate_names)
     if filtered and config.filter_hz > 0:
         values = _low_passed(values, loaded.times, config.filter_hz)
-    return Recovery(path.name, leg, JointTrajectories(loaded.times, leg.coordinate_names, values), None)
+    return Recovery(path.name, leg, JointTrajectories(loaded.times, leg.coordinate_names, values), None, notes)
+
+
+def _with_our_knee_sign(values: FloatArray, file_names: tuple[str, ...]) -> tuple[FloatArray, tuple[str, ...]]:
+    """Knee angles negative in flexion, as in gait2392, and a note where the file had them the other way round.
+
+    Rajagopal2016 and its kin count flexion positive: they have a patella coordinate (knee_angle_r_beta), or bend where no knee
+    of gait2392 can (its limit is 10 degrees of extension).
+    """
+    knees = [COORDINATES.index(f"knee_angle_{side}") for side in "rl"]
+    bends = np.degrees(values[:, knees])
+    rajagopal = "knee_angle_r_beta" in file_names or (bends.max() > _LARGEST_EXTENSION_DEG and bends.max() > -bends.min())
+    if not rajagopal:
+        return values, ()
+    turned = values.copy()
+    turned[:, knees] *= -1
+    return turned, ("knee angles were positive in flexion (as in Rajagopal2016); their sign was turned to gait2392's",)
 
 
 def _low_passed(values: FloatArray, times: FloatArray, filter_hz: float) -> FloatArray:

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from legsim import opencl
+from legsim import config, opencl, pipeline
 
 SHARED = Path(os.environ.get("LEGSIM_SHARED", Path(__file__).parents[2] / "shared"))
 
@@ -37,3 +37,21 @@ def shared_data() -> Path:
     if not folder.is_dir():
         pytest.skip(f"no folder of real recordings at {folder} (set LEGSIM_SHARED)")
     return folder
+
+
+@pytest.fixture(scope="session")
+def tiny_settings() -> config.RunConfig:
+    """The paper's scan at a fifth of its resolution, every fourth view: seconds, and still a scan of 8 s."""
+    return config.load(
+        preset="paper",
+        overrides=(
+            *("scan.views=62", "scan.increment_deg=3.2", "scan.rate_hz=7.75", "scan.columns=124", "scan.rows=96", "scan.pixel_mm=3.08"),
+            *("grid.voxels=80", "grid.voxel_mm=3.0", 'methods.run=["static","uncorrected","oracle","rigid"]'),
+        ),
+    )
+
+
+@pytest.fixture(scope="session")
+def tiny_run(tmp_path_factory: pytest.TempPathFactory, tiny_settings: config.RunConfig) -> pipeline.RunResult:
+    """That scan, run once for all tests that look at what a run leaves."""
+    return pipeline.run(tiny_settings, tmp_path_factory.mktemp("run"), on_progress=lambda *_: None)

@@ -1,0 +1,157 @@
+import json
+import os
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from legsim import artifacts, config, geometry_files, images, pipeline, storage
+from legsim.errors import LegsimError
+
+pytestmark = pytest.mark.filterwarnings("ignore::legsim.redundancy.ShortScanWarning")
+PROMISED = {
+    *("manifest.json", "config.toml", "coordinates.mot", "joint_centres.csv", "poses.npz", "imu.csv", "geometry.json", "geometry_rtk.xml"),
+    *("projections.mha", "motion-oracle.npz", "motion-rigid.npz", "volume-static.mha", "volume-uncorrected.mha", "volume-oracle.mha"),
+    *("volume-rigid.mha", "metrics.json", "recording.rrd", "report.html"),
+}
+
+
+def quiet(*_: object) -> None:
+    """No progress."""
+
+
+def test_a_run_leaves_what_was_promised(tiny_run):
+    assert {p.name for p in tiny_run.folder.iterdir()} >= PROMISED
+    assert not list(tiny_run.folder.glob(".*"))
+
+
+def test_rigid_imu_correction_is_far_better_than_none_and_as_good_as_the_truth(tiny_run):
+    ssim = {m.method: m.metrics.of("leg").ssim for m in tiny_run.methods}
+    rmse = {m.method: m.metrics.of("leg").rmse for m in tiny_run.methods}
+    assert ssim["static"] == pytest.approx(1)
+    assert 1 - ssim["rigid"] < 0.6 * (1 - ssim["uncorrected"])
+    assert rmse["rigid"] < 0.6 * rmse["uncorrected"]
+    assert abs(ssim["rigid"] - ssim["oracle"]) < 2e-3
+    assert abs(rmse["rigid"] - rmse["oracle"]) < 1e-3
+
+
+def test_noise_free_sensors_find_the_shanks_true_motion(tiny_run):
+    truth, found = (artifacts.load_motion(tiny_run.folder / f"motion-{name}.npz") for name in ("oracle", "rigid"))
+    knee = geometry_files.load(tiny_run.folder / "geometry.json").rotation_center()
+    at_knee = np.array([*knee, 1.0])
+    assert np.abs((truth.moved_from_reference - found.moved_from_reference) @ at_knee).max() < 0.05e-3
+
+
+def test_the_resting_scan_repeats_its_first_pose(tiny_run):
+    geometry = geometry_files.load(tiny_run.folder / "geometry.json")
+    moving, still = (images.load_projections(tiny_run.folder / f"{name}.mha", geometry) for name in ("projections", "projections-static"))
+    np.testing.assert_array_equal(moving.line_integrals[0], still.line_integrals[0])
+    assert np.abs(moving.line_integrals[-1] - still.line_integrals[-1]).max() > 0.05
+
+
+def test_files_hold_the_units_and_names_that_were_promised(tiny_run):
+    header = (tiny_run.folder / "joint_centres.csv").read_text().splitlines()[0].split(",")
+    assert header[:4] == ["time_s", "hip_l_x_m", "hip_l_y_m", "hip_l_z_m"]
+    assert "knee_angle_l" in storage.load(tiny_run.folder / "coordinates.mot").coordinate_names
+    content = json.loads((tiny_run.folder / "geometry.json").read_text())
+    assert (content["unit"], content["columns"], content["rows"], len(content["matrices"][0])) == ("mm", 124, 96, 12)
+    assert config.load(tiny_run.folder / "config.toml").scan.views == 62
+
+
+def test_both_geometry_files_say_the_same(tiny_run):
+    ours = geometry_files.load(tiny_run.folder / "geometry.json")
+    rtk = geometry_files.load(tiny_run.folder / "geometry_rtk.xml")
+    points = ours.rotation_center() + 0.05 * np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
+    np.testing.assert_allclose(rtk.project(points)[0], ours.project(points)[0], atol=1e-5)
+
+
+def test_the_recording_is_whole(tiny_run):
+    verified = subprocess.run([sys.executable, "-m", "rerun", "rrd", "verify", str(tiny_run.folder / "recording.rrd")], check=False)
+    assert verified.returncode == 0
+
+
+def test_a_second_run_computes_nothing_again(tiny_run, tiny_settings):
+    before = {p: p.stat().st_mtime_ns for p in tiny_run.folder.iterdir() if p.suffix in (".mha", ".npz", ".rrd", ".csv", ".mot")}
+    again = pipeline.run(tiny_settings, tiny_run.folder, on_progress=quiet)
+    assert {p: p.stat().st_mtime_ns for p in before} == before
+    assert again.rows() == tiny_run.rows()
+
+
+def test_a_changed_setting_computes_again_what_hangs_on_it_and_nothing_else(tiny_run, tiny_settings, tmp_path):
+    for path in tiny_run.folder.iterdir():
+        if path.is_file():
+            os.link(path, tmp_path / path.name)
+    projections = (tmp_path / "projections.mha").stat().st_mtime_ns
+    volume = (tmp_path / "volume-static.mha").stat().st_mtime_ns
+    coarser = tiny_settings.model_copy(update={"grid": config.GridConfig(voxels=40, voxel_mm=6.0)})
+    pipeline.run(coarser, tmp_path, on_progress=quiet)
+    assert (tmp_path / "projections.mha").stat().st_mtime_ns == projections
+    assert (tmp_path / "volume-static.mha").stat().st_mtime_ns != volume
+    assert images.load_volume(tmp_path / "volume-static.mha").grid.shape_zyx == (40, 40, 40)
+
+
+def test_ctrl_c_loses_nothing_that_was_finished(tiny_run, tiny_settings, tmp_path):
+    for name in ("coordinates.mot", "joint_centres.csv", "poses.npz", "kinematics.json", "imu.csv", "geometry.json", "geometry_rtk.xml"):
+        os.link(tiny_run.folder / name, tmp_path / name)
+    manifest = json.loads((tiny_run.folder / "manifest.json").read_text())
+    manifest["stages"] = {k: v for k, v in manifest["stages"].items() if k in ("kinematics", "imu", "geometry")}
+    (tmp_path / "manifest.json").write_text(json.dumps(manifest))
+
+    def interrupt(stage: str, done: int, total: int) -> None:
+        if stage == "projecting" and done > total // 2:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        pipeline.run(tiny_settings, tmp_path, on_progress=interrupt)
+    assert not (tmp_path / "projections.mha").exists()
+    assert not list(tmp_path.glob(".*"))
+    assert artifacts.RunFolder(tmp_path, {}).done("imu", manifest["stages"]["imu"]["key"])
+
+
+def test_rows_have_a_cell_a_column(tiny_run):
+    assert all(len(row) == 3 + 2 * len(tiny_run.region_names) for row in tiny_run.rows())
+    assert all((tiny_run.folder / line.split(": ")[1]).exists() or "legsim view" in line for line in tiny_run.places())
+
+
+def test_a_scan_longer_than_the_recording_is_refused(tiny_settings, tmp_path):
+    slow = tiny_settings.model_copy(update={"scan": tiny_settings.scan.model_copy(update={"rate_hz": 1.0})})
+    with pytest.raises(LegsimError, match=r"recording lasts .* s, the scan 61.00 s"):
+        pipeline.run(slow, tmp_path, on_progress=quiet)
+
+
+def test_the_papers_chain_runs_on_real_standing(shared_data, tiny_settings, tmp_path):
+    motion = replace_file(tiny_settings, shared_data / "mocap/standing_bmc/static_run.trc")
+    result = pipeline.run(motion, tmp_path, on_progress=quiet)
+    rmse = {m.method: m.metrics.of("leg").rmse for m in result.methods}
+    assert rmse["rigid"] < rmse["uncorrected"]
+    assert abs(rmse["rigid"] - rmse["oracle"]) < 1e-3
+
+
+def replace_file(settings: config.RunConfig, path: Path) -> config.RunConfig:
+    return settings.model_copy(update={"motion": settings.motion.model_copy(update={"file": str(path)})})
+
+
+def test_replay_of_markers_and_of_the_coordinates_it_wrote_agree(tiny_run, tmp_path):
+    settings = config.load(overrides=(f"motion.file={tiny_run.folder / 'coordinates.mot'}",))
+    result = pipeline.replay(settings, tmp_path, filtered=False, image=tmp_path / "still.png", on_progress=quiet)
+    assert {p.name for p in tmp_path.iterdir()} >= {
+        "coordinates.mot",
+        "joint_centres.csv",
+        "poses.npz",
+        "imu.csv",
+        "recording.rrd",
+        "still.png",
+    }
+    assert any("legsim view" in line for line in result.lines())
+    first, second = (storage.load(folder / "coordinates.mot") for folder in (tiny_run.folder, tmp_path))
+    np.testing.assert_array_equal(first.values, second.values)
+
+
+def test_residual_of_the_truth_is_what_the_femur_adds(tiny_run):
+    results = {m.method: m for m in tiny_run.methods}
+    assert results["static"].residual_mm is None
+    assert 0 < results["oracle"].residual_mm < results["uncorrected"].residual_mm
+    assert replace(results["rigid"], residual_mm=0).method == "rigid"

@@ -1,0 +1,105 @@
+import numpy as np
+import pytest
+
+from legsim import recovery, storage, trc
+from legsim.config import MotionConfig
+from legsim.errors import LegsimError
+from legsim.signals import JointTrajectories, Motion
+
+SQUAT = "subject01/squat_30.trc"
+
+
+@pytest.fixture(scope="module")
+def squat() -> Motion:
+    return trc.load(recovery.source(SQUAT))
+
+
+def saved(folder, motion: Motion, name="moved.trc") -> MotionConfig:
+    trc.save(folder / name, motion)
+    return MotionConfig(file=str(folder / name))
+
+
+def short(motion: Motion, count: int = 240) -> Motion:
+    return Motion(motion.times[:count], motion.marker_names, motion.positions_world[:count])
+
+
+def test_a_shipped_recording_becomes_a_bent_knee():
+    recovered = recovery.recover(MotionConfig(file=SQUAT))
+    bend = -np.degrees(recovered.trajectories.coordinate("knee_angle_l"))
+    assert 20 < bend.mean() < 40
+    assert recovered.fit is not None
+    assert recovered.fit.ik.rms < 5e-3
+    assert any("RMS" in line for line in recovered.lines())
+    assert {m["role"] for m in recovered.summary()["markers"]} >= {"sacrum", "epicondyle_lateral_l"}
+
+
+def test_coordinates_are_taken_as_they_are(tmp_path):
+    recovered = recovery.recover(MotionConfig(file=SQUAT))
+    storage.save(tmp_path / "c.mot", recovered.trajectories)
+    again = recovery.recover(MotionConfig(file=str(tmp_path / "c.mot")))
+    np.testing.assert_array_equal(again.trajectories.values, recovered.trajectories.values)
+    assert again.fit is None
+
+
+def test_flexion_positive_coordinates_are_turned_to_the_models_sign(tmp_path):
+    recovered = recovery.recover(MotionConfig(file=SQUAT))
+    names = recovered.trajectories.coordinate_names
+    flipped = recovered.trajectories.values.copy()
+    flipped[:, [names.index("knee_angle_r"), names.index("knee_angle_l")]] *= -1
+    storage.save(tmp_path / "c.mot", JointTrajectories(recovered.trajectories.times, names, flipped))
+    again = recovery.recover(MotionConfig(file=str(tmp_path / "c.mot")))
+    np.testing.assert_array_equal(again.trajectories.values, recovered.trajectories.values)
+    assert any("positive in flexion" in line for line in again.lines())
+
+
+def test_filtering_coordinates_on_request_removes_what_is_fast(tmp_path):
+    recovered = recovery.recover(MotionConfig(file=SQUAT))
+    shaken = recovered.trajectories.values + 0.01 * np.sin(2 * np.pi * 25 * recovered.trajectories.times)[:, None]
+    storage.save(tmp_path / "c.mot", JointTrajectories(recovered.trajectories.times, recovered.trajectories.coordinate_names, shaken))
+    calm = recovery.recover(MotionConfig(file=str(tmp_path / "c.mot")), filter_coordinates=True)
+    assert np.abs(calm.trajectories.values - recovered.trajectories.values)[60:-60].max() < 1e-3
+
+
+def test_a_real_mot_of_opensim_opens(shared_data):
+    recovered = recovery.recover(MotionConfig(file=str(shared_data / "mocap/squats_subject4/squats1_manual_scaling_ik.mot")))
+    assert np.degrees(recovered.trajectories.coordinate("knee_angle_r").min()) < -90
+
+
+@pytest.mark.parametrize("name", ["nowhere.trc", "subject99/squat_30.trc"])
+def test_a_missing_file_is_named(name):
+    with pytest.raises(LegsimError, match=r"no such motion file, here or among the shipped ones"):
+        recovery.recover(MotionConfig(file=name))
+
+
+def test_what_is_no_trc_is_refused(tmp_path):
+    (tmp_path / "a.trc").write_text("hello\n")
+    with pytest.raises(LegsimError, match=r"a\.trc") as caught:
+        recovery.recover(MotionConfig(file=str(tmp_path / "a.trc")))
+    assert "\n" not in str(caught.value)
+
+
+def test_a_leg_of_a_kilometer_is_refused_with_its_unit(tmp_path, squat):
+    config = saved(tmp_path, Motion(squat.times, squat.marker_names, 1000 * squat.positions_world))
+    with pytest.raises(LegsimError, match=r"moved\.trc.*unit"):
+        recovery.recover(config)
+
+
+def test_a_role_without_a_marker_is_named(tmp_path, squat):
+    kept = [k for k, name in enumerate(squat.marker_names) if name != "LKNE"]
+    config = saved(tmp_path, Motion(squat.times, tuple(squat.marker_names[k] for k in kept), squat.positions_world[:, kept]))
+    with pytest.raises(LegsimError, match=r"moved\.trc.*epicondyle_lateral_l"):
+        recovery.recover(config)
+
+
+def test_a_marker_that_is_never_seen_is_named(tmp_path, squat):
+    positions = short(squat).positions_world.copy()
+    positions[:, squat.marker_names.index("LKNE")] = np.nan
+    config = saved(tmp_path, Motion(short(squat).times, squat.marker_names, positions))
+    with pytest.raises(LegsimError, match=r"moved\.trc.*LKNE|moved\.trc.*epicondyle_lateral_l"):
+        recovery.recover(config)
+
+
+def test_coordinates_that_are_not_a_legs_are_refused(tmp_path):
+    storage.save(tmp_path / "c.mot", JointTrajectories(np.arange(5.0), ("elbow",), np.zeros((5, 1))))
+    with pytest.raises(LegsimError, match=r"c\.mot: the motion has no coordinate pelvis_tilt"):
+        recovery.recover(MotionConfig(file=str(tmp_path / "c.mot")))

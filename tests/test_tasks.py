@@ -1,0 +1,95 @@
+import json
+
+import numpy as np
+import pytest
+import trimesh
+
+from legsim import geometry_files, images, tasks
+from legsim.errors import LegsimError
+from legsim.geometry import ConeBeamGeometry, Volume, VolumeGrid
+
+
+def quiet(*_: object) -> None:
+    """No progress."""
+
+
+@pytest.fixture(scope="module")
+def ball_scan(tmp_path_factory):
+    """Projections of a ball of 0.02/mm, made by the command, with their geometry."""
+    folder = tmp_path_factory.mktemp("ball")
+    ball = trimesh.creation.icosphere(subdivisions=4, radius=30.0)
+    ball.apply_translation([10, 0, -5])
+    ball.export(folder / "ball.ply")
+    (folder / "phantom.toml").write_text('[[part]]\nname = "ball"\nfile = "ball.ply"\nunit = "mm"\nattenuation_per_mm = 0.02\n')
+    angles = np.radians(np.arange(0, 360, 4.0))
+    geometry = ConeBeamGeometry.circular(
+        times=np.arange(90) / 30, angles=angles, source_isocenter=0.78, source_detector=1.198, shape_vu=(64, 96), pixel_pitch=2e-3
+    )
+    geometry_files.save(folder / "geometry.json", geometry)
+    lines = tasks.project(
+        folder / "phantom.toml", folder / "geometry.json", folder / "p.mha", energy_kev=60, device=None, on_progress=quiet
+    )
+    assert any("90 views of 96x64 pixels" in line for line in lines)
+    return folder
+
+
+def reconstruct(folder, out, **changes):
+    options = {"motion": None, "like": None, "shape_zyx": (40, 40, 40), "spacing_mm": (2.0, 2.0, 2.0), "center_mm": None}
+    return tasks.reconstruct(folder / "p.mha", folder / "geometry.json", out, **(options | changes), device=None, on_progress=quiet)
+
+
+def test_a_projected_ball_is_reconstructed_where_it_was_with_its_attenuation(ball_scan):
+    reconstruct(ball_scan, ball_scan / "v.mha")
+    volume = images.load_volume(ball_scan / "v.mha")
+    x, y, z = volume.grid.axes()
+    distance = np.sqrt((x - 0.01) ** 2 + y[:, None] ** 2 + (z[:, None, None] + 0.005) ** 2)
+    assert volume.attenuation[distance < 0.02].mean() == pytest.approx(20, rel=0.02)
+    assert abs(volume.attenuation[(distance > 0.034) & (distance < 0.038)].mean()) < 0.5
+
+
+def test_like_takes_the_grid_of_another_volume(ball_scan, tmp_path):
+    grid = VolumeGrid((10, 12, 14), (0.004, 0.003, 0.002), (0.01, 0.0, 0.0))
+    images.save_volume(tmp_path / "like.mha", Volume(grid, np.zeros(grid.shape_zyx, np.float32)))
+    reconstruct(ball_scan, tmp_path / "v.mha", like=tmp_path / "like.mha", shape_zyx=None, spacing_mm=None)
+    found = images.load_volume(tmp_path / "v.mha").grid
+    assert found.shape_zyx == grid.shape_zyx
+    np.testing.assert_allclose(found.center, grid.center, atol=1e-9)
+
+
+def test_a_grid_must_be_said_once(ball_scan, tmp_path):
+    with pytest.raises(LegsimError, match="which grid"):
+        reconstruct(ball_scan, tmp_path / "v.mha", shape_zyx=None)
+    with pytest.raises(LegsimError, match="already says the grid"):
+        reconstruct(ball_scan, tmp_path / "v.mha", like=ball_scan / "p.mha")
+
+
+def test_a_volume_equals_itself_by_the_command(ball_scan, tmp_path):
+    reconstruct(ball_scan, tmp_path / "v.mha")
+    rows = tasks.evaluate(tmp_path / "v.mha", tmp_path / "v.mha", tmp_path / "m.json", regions=None, register=True)
+    assert rows[0][:3] == ("cylinder", "1.0000", "0.0000")
+    assert json.loads((tmp_path / "m.json").read_text())["regions"][0]["ssim"] == pytest.approx(1)
+
+
+def test_labels_name_the_regions(ball_scan, tmp_path):
+    reconstruct(ball_scan, tmp_path / "v.mha")
+    grid = images.load_volume(tmp_path / "v.mha").grid
+    labels = np.zeros(grid.shape_zyx, np.float32)
+    labels[:20, 10:30, 10:30], labels[20:, 10:30, 10:30] = 1, 7
+    images.save_volume(tmp_path / "l.mha", Volume(grid, 1e3 * labels))
+    rows = tasks.evaluate(tmp_path / "v.mha", tmp_path / "v.mha", tmp_path / "m.json", regions=tmp_path / "l.mha", register=False)
+    assert [row[0] for row in rows] == ["label 1", "label 7"]
+    images.save_volume(tmp_path / "l.mha", Volume(grid, 0 * labels))
+    with pytest.raises(LegsimError, match="holds no label above 0"):
+        tasks.evaluate(tmp_path / "v.mha", tmp_path / "v.mha", tmp_path / "m.json", regions=tmp_path / "l.mha", register=False)
+
+
+def test_geometry_is_described_and_converted(ball_scan, tmp_path):
+    assert any("90" in line for line in tasks.describe_geometry(ball_scan / "geometry.json"))
+    tasks.convert_geometry(ball_scan / "geometry.json", tmp_path / "g.xml", columns=None, rows=None, pixel_mm=None)
+    back = geometry_files.load(tmp_path / "g.xml")
+    np.testing.assert_allclose(back.matrices, geometry_files.load(ball_scan / "geometry.json").matrices, rtol=1e-7, atol=1e-6)
+
+
+def test_a_folder_without_a_recording_is_named(tmp_path):
+    with pytest.raises(LegsimError, match=r"recording\.rrd: no such recording"):
+        tasks.open_recording(tmp_path)
