@@ -164,7 +164,7 @@ def _rows(path: Path, lines: list[str], header: _Header) -> _Rows:
     unlabelled = 0
     for k in range(header.first_row, len(lines)):
         line = lines[k]
-        if not line.strip(" \t,;"):
+        if not re.sub(r"[\s,;]", "", line):
             continue
         place = f"line {k + 1}"
         frame, time_text, cells = _cells(path, place, line, width)

@@ -116,6 +116,7 @@ def test_any_bytes_give_an_error_in_one_line(tmp_path, data):
     lambda s: s.replace("\t6\n", "\t6\t\t\t\n"),
     lambda s: s.replace("\t1\t2\t3", "\t1.0E+00\t2e0\t3.000"),
     lambda s: s.replace("\n\n", "\n\t\t\t\n\n"),
+    lambda s: s.replace("\n\n", "\n\t\x0b\t\n"),
     lambda s: s.replace("\n\n", "\n"),
     lambda s: s.replace("\tX1\tY1\tZ1\tX2\tY2\tZ2", ""),
     lambda s: s.replace("A\t\t\tB", " A \t\t\tB "),
