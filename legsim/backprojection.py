@@ -94,7 +94,9 @@ def plan(
     slab = int(np.clip(slab_bytes // per_slice, 1, nz))
     node_bytes = 12 * (slab // _SPACING + 2) * (ny // _SPACING + 2) * (nx // _SPACING + 2)
     batch = int(np.clip(_NODE_BYTES // node_bytes, 1, _VIEWS_AT_ONCE))
-    found = BackprojectionPlan(chosen, axis, curve or 0, mirrored, slab, batch, image_bytes, 2 * slab * per_slice + batch * node_bytes)
+    if curve is None:
+        curve = 2 if isinstance(motion, ControlPointMotion | FieldMotion) else 1
+    found = BackprojectionPlan(chosen, axis, curve, mirrored, slab, batch, image_bytes, 2 * slab * per_slice + batch * node_bytes)
     if found.device_bytes > device.candidate.memory_bytes:
         raise LegsimError(
             f"{len(geometry)} views of {columns} x {rows} pixels and a slab need {found.device_bytes / 2**30:.1f} GiB, "

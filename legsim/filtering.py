@@ -118,13 +118,23 @@ class FilterPlan:
     cosine_square: FloatArray
     """(v, 3, 3): quadratic form of (u, v, 1) that gives the squared length of the ray"""
 
+    first_cosines: Float32Array
+    """(rows, columns + 2 reach) those of the first view, which serve all views of a circular scan"""
+
     def cosines(self, view: int) -> Float32Array:
         """(rows, columns + 2 reach) cosine of the angle between each ray and the line from source to axis."""
-        rows, columns = self.geometry.shape_vu
-        u, v = np.arange(-self.reach, columns + self.reach, dtype=np.float32), np.arange(rows, dtype=np.float32)[:, None]
-        n, g = self.cosine_numerator[view].astype(np.float32), self.cosine_square[view].astype(np.float32)
-        square = (g[0, 0] * u + 2 * g[0, 2]) * u + v * (g[1, 1] * v + 2 * g[0, 1] * u + 2 * g[1, 2]) + g[2, 2]
-        return (n[0] * u + n[1] * v + n[2]) / np.sqrt(square)
+        same = np.allclose(self.cosine_numerator[view], self.cosine_numerator[0], rtol=1e-9, atol=1e-12)
+        if same and np.allclose(self.cosine_square[view], self.cosine_square[0], rtol=1e-9, atol=1e-12):
+            return self.first_cosines
+        return cosines(self.geometry.shape_vu, self.reach, self.cosine_numerator[view], self.cosine_square[view])
+
+
+def cosines(shape_vu: tuple[int, int], reach: int, numerator: FloatArray, square: FloatArray) -> Float32Array:
+    """(rows, columns + 2 reach) numerator . (u, v, 1) over the root of the quadratic form: see :class:`FilterPlan`."""
+    u, v = np.arange(-reach, shape_vu[1] + reach, dtype=np.float32), np.arange(shape_vu[0], dtype=np.float32)[:, None]
+    n, g = numerator.astype(np.float32), square.astype(np.float32)
+    squared = (g[0, 0] * u + 2 * g[0, 2]) * u + v * (g[1, 1] * v + 2 * g[0, 1] * u + 2 * g[1, 2]) + g[2, 2]
+    return (n[0] * u + n[1] * v + n[2]) / np.sqrt(squared)
 
 
 def plan_filter(geometry: ConeBeamGeometry, options: FilterOptions) -> FilterPlan:
@@ -147,7 +157,9 @@ def plan_filter(geometry: ConeBeamGeometry, options: FilterOptions) -> FilterPla
     water = options.water_attenuation * pixel_at_axis if options.water_attenuation is not None else None
     scale = arc.increments * arc.radii * focal
     numerator, square = _cosine_terms(geometry, arc)
-    return FilterPlan(geometry, reach, water, length, response, (shares * scale[:, None]).astype(np.float32), numerator, square)
+    weights = (shares * scale[:, None]).astype(np.float32)
+    first = cosines(geometry.shape_vu, reach, numerator[0], square[0])
+    return FilterPlan(geometry, reach, water, length, response, weights, numerator, square, first)
 
 
 def focal_lengths(geometry: ConeBeamGeometry) -> FloatArray:
@@ -201,7 +213,8 @@ def filter_batch(plan: FilterPlan, images: Float32Array, views: slice) -> Float3
     columns = images.shape[-1]
     rows = extended_rows(images, plan.reach, plan.water_pixels) if plan.reach and plan.water_pixels else images.copy()
     for k, view in enumerate(range(views.start, views.stop)):
-        rows[k] *= plan.cosines(view) * plan.shares[view]
+        rows[k] *= plan.cosines(view)
+        rows[k] *= plan.shares[view]
     spectrum = np.asarray(fft.rfft(rows, plan.length, axis=-1, overwrite_x=True))
     spectrum *= plan.response
     filtered = np.asarray(fft.irfft(spectrum, plan.length, axis=-1, overwrite_x=True))

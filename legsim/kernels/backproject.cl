@@ -196,6 +196,27 @@ inline float8 blend(__global const float *rows, const float8 u, const int steps)
     return sum;
 }
 
+/* The same where the columns change by less than one: u is low + tilt lane. */
+inline float8 blend_1(__global const float *rows, const float low, const float tilt)
+{
+    const int left = clamp((int)(low + min(7.0f * tilt, 0.0f) + PAD), 0, COLUMNS + 2 * PAD - 3);
+    const float8 t = (low - (float)(left - PAD)) + tilt * LANES, near = min(t, 1.0f);
+    __global const float *column = rows + left * STRIDE;
+    const float8 a = vload8(0, column), b = vload8(0, column + STRIDE), c = vload8(0, column + 2 * STRIDE);
+    return a + near * (b - a) + (t - near) * (c - b);
+}
+
+/* Blends rows r, in eights, up to where end is reached, along the line offset + tilt row; returns the next r. */
+inline int blend_rows(__global const float *image, float *column, int r, const float end, const float offset, const float tilt,
+                      const int sideways)
+{
+    for (; (float)r < end; r += 8) {
+        const float low = offset + tilt * (float)r;
+        vstore8(sideways == 1 ? blend_1(image + r, low, tilt) : blend(image + r, low + tilt * LANES, sideways), 0, column + r);
+    }
+    return r;
+}
+
 /* ids: (b, a) of one voxel column; volume: (a, b, stride), stride a multiple of eight; nodes: as of trace_nodes, NODES along c */
 __attribute__((intel_vec_len_hint(1)))
 __kernel void backproject_columns(__global const float *images, PLACE, __global const float *nodes, const int first, const int views,
@@ -277,25 +298,14 @@ __kernel void backproject_columns(__global const float *images, PLACE, __global 
         const int first_row = clamp((int)from, 0, STRIDE) & ~7, last_row = clamp((int)to + 2, 0, STRIDE);
         const int sideways = clamp((int)ceil(7.0f * steepest), 1, PAD - 3);
 #if CURVE == 1
-#define LINE_AT(r) const float low = offset + slope * (float)(r), tilt = slope
+        blend_rows(image, column, first_row, (float)last_row, offset, slope, sideways);
 #else
-        const float nodes_a_row = (float)(NODES - 1) / (rows[NODES - 1] - rows[0]);
-#define LINE_AT(r)                                                                                                                         \
-    int n = clamp((int)(nodes_a_row * ((float)(r) + 3.5f - rows[0])), 0, NODES - 2);                                                       \
-    n += (n < NODES - 2 && rows[n + 1] < (float)(r) + 3.5f) - (n > 0 && rows[n] > (float)(r) + 3.5f);                                      \
-    const float low = offsets[n] + slopes[n] * (float)(r), tilt = slopes[n]
+        /* every block of rows takes the line of the two nodes that its middle lies between */
+        int r = first_row;
+        for (int n = 0; n < NODES - 2; ++n)
+            r = blend_rows(image, column, r, min(rows[n + 1] - 3.5f, (float)last_row), offsets[n], slopes[n], sideways);
+        blend_rows(image, column, r, (float)last_row, offsets[NODES - 2], slopes[NODES - 2], sideways);
 #endif
-        if (sideways == 1) {
-            for (int r = first_row; r < last_row; r += 8) {
-                LINE_AT(r);
-                vstore8(blend(image + r, low + tilt * LANES, 1), 0, column + r);
-            }
-        } else {
-            for (int r = first_row; r < last_row; r += 8) {
-                LINE_AT(r);
-                vstore8(blend(image + r, low + tilt * LANES, sideways), 0, column + r);
-            }
-        }
         int begin = 0, end = count;
         while (begin < end && rows[begin / SPACING + 1] <= LEAD - 1.0f) begin += SPACING;
         while (end > begin && rows[(end - 1) / SPACING] >= LEAD + (float)ROWS) end -= SPACING;
