@@ -6,9 +6,12 @@ and which published models it rests on is said in motions/README.md and at the h
 
 import os
 
-os.environ |= {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}  # before numpy: one thread adds up in one order
+if __name__ == "__main__":
+    # before numpy is loaded: one thread always adds up in one order
+    os.environ |= {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
 
 import sys
+from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -16,17 +19,19 @@ from posture_body import Body
 from posture_controller import ControllerParams
 from posture_files import write_trc, write_truth
 from posture_markers import CameraParams, attach, on_skin, recorded
-from posture_simulation import Plan, hold, simulate
+from posture_plan import Plan, hold, squats
+from posture_report import write_readme
+from posture_simulation import footing, simulate
 from posture_subjects import SUBJECTS, Subject
 
 MOTIONS = Path(__file__).parents[1] / "motions"
-TRIALS = ("squat_30", "squat_60")
+TRIALS = ("squat_30", "squat_60", "squats")
 SEED = 20260
 
 
-def plan(body: Body, trial: str) -> Plan:
+def plan(body: Body, trial: str, rng: np.random.Generator) -> Plan:
     """What the person is asked to do."""
-    return hold(body, float(trial.removeprefix("squat_")))
+    return squats(body, rng) if trial == "squats" else hold(body, float(trial.removeprefix("squat_")), rng)
 
 
 def make(subject: Subject, number: int, trials: tuple[str, ...] = TRIALS) -> None:
@@ -36,16 +41,19 @@ def make(subject: Subject, number: int, trials: tuple[str, ...] = TRIALS) -> Non
     body, camera = Body(subject), CameraParams()
     attachment = attach(body, camera, np.random.default_rng([SEED, number]))
     for k, trial in enumerate(trials, start=1):
-        muscles, cameras = (np.random.default_rng([SEED, number, k, stream]) for stream in range(2))
-        performance = simulate(body, plan(body, trial), ControllerParams(), muscles)
+        muscles, cameras = (np.random.default_rng([SEED, number, k, stream, subject.draw]) for stream in range(2))
+        performance = simulate(body, plan(body, trial, muscles), ControllerParams(), muscles)
+        stood = footing(body, performance)
+        stood.check()
         motion = recorded(on_skin(body, performance, attachment, camera), camera, cameras)
         write_trc(folder / f"{trial}.trc", motion)
-        write_truth(folder / f"{trial}_truth.npz", body, performance, attachment)
+        write_truth(folder / f"{trial}_truth.npz", body, performance, attachment, stood)
         print(f"{subject.name} {trial}")
 
 
 if __name__ == "__main__":
     wanted = sys.argv[1:] or [subject.name for subject in SUBJECTS]
-    for number, subject in enumerate(SUBJECTS, start=1):
-        if subject.name in wanted:
-            make(subject, number)
+    chosen = [(number, subject) for number, subject in enumerate(SUBJECTS, start=1) if subject.name in wanted]
+    with ProcessPoolExecutor(max_workers=2) as pool:
+        list(pool.map(make, [subject for _, subject in chosen], [number for number, _ in chosen]))
+    write_readme(MOTIONS)

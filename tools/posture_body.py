@@ -4,6 +4,9 @@ MuJoCo gives mass matrix, bias forces and Jacobians. The knees' translations (ex
 velocity, so that no contact or spring softens them: a foot stays where it is to the rounding of the solver.
 """
 
+# mujoco is compiled and ships no type stubs
+# pyright: reportAttributeAccessIssue=false
+
 import tomllib
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,6 +14,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 from posture_subjects import Subject
+from scipy.interpolate import CubicHermiteSpline, PPoly
 
 from legsim import transforms
 from legsim.arrays import FloatArray
@@ -30,6 +34,17 @@ class Foothold:
 
     body: int
     world_from_calcn: FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class KneeSlides:
+    """One translation of both knees: q[joints] = sizes * value(q[knees])."""
+
+    joints: np.ndarray
+    knees: np.ndarray
+    sizes: FloatArray
+    value: PPoly
+    slope: PPoly
 
 
 def scale_of(subject: Subject, body: str) -> FloatArray:
@@ -52,10 +67,10 @@ class Body:
         self.names = tuple(self.model.joint(i).name for i in range(self.model.njnt))
         self.index = {name: i for i, name in enumerate(self.names)}
         self.size = len(self.names)
-        self._knees = _knee_couplings(subject, self.index)
+        self._knees = _knee_slides(subject, self.index)
         self.calcn = tuple(self.model.body(f"calcn_{side}").id for side in SIDES)
         self.feet = self._place_feet()
-        unactuated = {i for i, _, _ in self._knees} | set(range(6))
+        unactuated = {i for slides in self._knees for i in slides.joints} | set(range(6))
         self.muscle_joints = np.array([i for i in range(self.size) if i not in unactuated])
 
     # ---- kinematics -------------------------------------------------------------------------------------------------------
@@ -90,15 +105,14 @@ class Body:
     def constraints(self) -> tuple[FloatArray, FloatArray]:
         """(errors (16,), Jacobian (16, n)) of knee couplings and feet after :meth:`kinematics`."""
         error, jacobian = np.zeros(16), np.zeros((16, self.size))
-        for row, (slide, knee, spline) in enumerate(self._knees):
-            value, slope, _ = spline.with_derivatives(self.data.qpos[knee])
-            error[row] = self.data.qpos[slide] - value
-            jacobian[row, slide], jacobian[row, knee] = 1.0, -slope
+        for row, slides in enumerate(self._knees):
+            rows = [2 * row, 2 * row + 1]
+            flexed = self.data.qpos[slides.knees]
+            error[rows] = self.data.qpos[slides.joints] - slides.sizes * slides.value(flexed)
+            jacobian[rows, slides.joints], jacobian[rows, slides.knees] = 1.0, -slides.sizes * slides.slope(flexed)
         for k, foot in enumerate(self.feet):
             rows = slice(4 + 6 * k, 10 + 6 * k)
-            block = np.zeros((6, self.size))
-            mujoco.mj_jacBody(self.model, self.data, block[:3], block[3:], foot.body)
-            jacobian[rows] = block
+            mujoco.mj_jacBody(self.model, self.data, jacobian[rows][:3], jacobian[rows][3:], foot.body)
             error[rows] = self._foot_error(foot)
         return error, jacobian
 
@@ -180,8 +194,8 @@ class Body:
         for side in SIDES:
             q[self.index[f"knee_angle_{side}"]], q[self.index[f"hip_flexion_{side}"]] = -flexion, flexion
             q[self.index[f"ankle_angle_{side}"]] = 0.5 * flexion
-        for slide, knee, spline in self._knees:
-            q[slide] = spline(q[knee])
+        for slides in self._knees:
+            q[slides.joints] = slides.sizes * slides.value(q[slides.knees])
         q[0], q[2], q[5] = *self.subject.place, np.radians(self.subject.heading_deg)
         q[1] = 0.9 * self.subject.thigh[1]
         return q
@@ -189,7 +203,7 @@ class Body:
     def _posture_goals(self, q: FloatArray, flexion: float) -> tuple[FloatArray, FloatArray]:
         subject, index, n = self.subject, self.index, self.size
         tilt = -subject.pelvis_tilt * flexion
-        wanted = {"pelvis_tilt": tilt, "pelvis_rotation": np.radians(subject.heading_deg)}
+        wanted = {"pelvis_tilt": tilt, "pelvis_rotation": np.radians(subject.heading_deg + subject.twist_deg)}
         wanted |= {"lumbar_extension": -subject.trunk_lean * flexion - tilt, "lumbar_bending": 0.0, "lumbar_rotation": 0.0}
         goal, jacobian = np.zeros(9), np.zeros((9, n))
         for row, (name, value) in enumerate(wanted.items()):
@@ -207,17 +221,18 @@ class Body:
         return transforms.axis_rotation([0, 1, 0], np.radians(self.subject.heading_deg))
 
 
-def _knee_couplings(subject: Subject, index: dict[str, int]) -> list[tuple[int, int, SimmSpline]]:
-    """(slide, knee, spline) of the four knee translations, scaled with the femur."""
-    couplings = tomllib.loads((MODEL / "couplings.toml").read_text())["coupling"]
+def _knee_slides(subject: Subject, index: dict[str, int]) -> tuple[KneeSlides, ...]:
+    """Forward and upward translation of both knees, scaled with the femurs."""
+    couplings = {c["joint"]: c for c in tomllib.loads((MODEL / "couplings.toml").read_text())["coupling"]}
     found = []
-    for coupling in couplings:
-        if coupling["joint"] in index:
-            axis = {"knee_tx": 0, "knee_ty": 1}[coupling["joint"][:-2]]
-            factor = scale_of(subject, "femur_" + coupling["joint"][-1])[axis]
-            spline = SimmSpline(coupling["x"], np.array(coupling["y"]) * factor)
-            found.append((index[coupling["joint"]], index[coupling["coordinate"]], spline))
-    return found
+    for axis, name in enumerate(("knee_tx", "knee_ty")):
+        joints, knees = ([index[f"{joint}_{side}"] for side in SIDES] for joint in (name, "knee_angle"))
+        sizes = np.array([scale_of(subject, f"femur_{side}")[axis] for side in SIDES])
+        spline = SimmSpline(couplings[name]["x"], couplings[name]["y"])
+        # the same cubics, in a form that is quick for two numbers at a time
+        value = CubicHermiteSpline(spline.x, *spline.with_derivatives(spline.x)[:2])
+        found.append(KneeSlides(np.array(joints), np.array(knees), sizes, value, value.derivative()))
+    return tuple(found)
 
 
 def _scaled_model(subject: Subject) -> mujoco.MjModel:

@@ -7,8 +7,9 @@ multiples of m g h so that they go with a person's size and with the depth of th
 center, spread over the joints by the transposed Jacobian (virtual-model control), forwards and sideways alike.
 
 Noise has the two sources that van der Kooij and Peterka (2011, J Comput Neurosci 30:759-778) found necessary: sensory noise, which the
-controller takes for sway, and motor noise in proportion to the torque (signal-dependent: a coefficient of variation, after Hamilton, Jones
-and Wolpert 2004, Exp Brain Res 157:417-430). Both are low-pass filtered Gaussian noise.
+controller takes for sway, and motor noise; both grow with what the muscles do. Motor noise has a coefficient of variation (Hamilton, Jones
+and Wolpert 2004, Exp Brain Res 157:417-430). Both are low-pass filtered Gaussian noise. The published sources fix form and order of
+magnitude; the sizes below were set so that the sway lies in the range measured in quiet standing (motions/README.md).
 """
 
 from dataclasses import dataclass
@@ -42,11 +43,13 @@ class ControllerParams:
     """1/rad: stiffness of a contracted muscle per torque (Hunter and Kearney 1982, J Biomech 15:747-752: proportional to torque)"""
     damping_time: float = 0.04
     """s: damping over stiffness of all joints but the ankles"""
-    sensory_deg: float = 0.06
-    """standard deviation of the felt sway"""
-    sensory_time: float = 1.5
+    sensory_deg: float = 0.011
+    """standard deviation of the error of the felt sway, without effort"""
+    sensory_effort: float = 6.0
+    """growth of that error per effort; effort is the knees' mean torque over body weight times 0.1 m (0.3 at 30 deg, 0.55 at 60 deg)"""
+    sensory_time: float = 1.0
     """s: correlation time of the sensory noise"""
-    motor_variation: float = 0.012
+    motor_variation: float = 0.013
     """standard deviation of a torque over its mean"""
     motor_floor: float = 0.10
     """N m, of a muscle without load, at 75 kg"""
@@ -78,6 +81,14 @@ def filtered_noise(rng: np.random.Generator, samples: int, step: float, time: fl
         second = decay * second + (1 - decay) * first
         out[k] = second
     return out
+
+
+def smooth_noise(rng: np.random.Generator, samples: int, columns: int, step: float, time: float) -> FloatArray:
+    """(samples, columns) Gaussian noise of unit variance with the correlation exp(-t^2 / 2 time^2): smooth in all derivatives."""
+    reach = round(3 * time / step)
+    kernel = np.exp(-np.square(np.arange(-reach, reach + 1) * step / time))
+    white = rng.standard_normal((samples + 2 * reach, columns))
+    return np.stack([np.convolve(column, kernel / np.linalg.norm(kernel), "valid") for column in white.T], -1)
 
 
 class DelayedFeedback:

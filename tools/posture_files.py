@@ -5,7 +5,8 @@ from pathlib import Path
 import numpy as np
 from posture_body import Body, scale_of
 from posture_markers import LABELS, MARKERS, Attachment
-from posture_simulation import RATE, Performance
+from posture_plan import RATE
+from posture_simulation import Footing, Performance
 
 from legsim.anatomy import JOINT_CENTERS, SEGMENTS
 from legsim.arrays import FloatArray
@@ -33,7 +34,7 @@ def write_trc(path: Path, motion: Motion) -> None:
     path.write_text("\n".join(lines) + "\n", encoding="utf-8", newline="\n")
 
 
-def write_truth(path: Path, body: Body, performance: Performance, attachment: Attachment) -> None:
+def write_truth(path: Path, body: Body, performance: Performance, attachment: Attachment, stood: Footing) -> None:
     """What the markers only hint at, as .npz; see motions/README.md. Angles and lengths are counts of 1e-6 rad and 1e-6 m."""
     poses = body.poses(performance.q)
     centers = [poses[f"{_CENTER_BODY[name[:-2]]}_{name[-1]}"][:, :3, 3] for name in JOINT_CENTERS]
@@ -53,6 +54,8 @@ def write_truth(path: Path, body: Body, performance: Performance, attachment: At
         marker_names=np.array(LABELS),
         marker_segments=np.array([marker.body for marker in MARKERS]),
         marker_places_m=attachment.places,
+        pressure_range_m=stood.pressure_range,
+        friction=stood.friction,
     )
 
 

@@ -1,37 +1,17 @@
-"""Twenty seconds of a person holding a squat, or squatting, under gravity and under control."""
+"""Carries a plan out: the body under gravity, held by muscles with stiffness, late feedback and noise."""
 
 from dataclasses import dataclass
 
 import numpy as np
 from posture_body import Body
-from posture_controller import GRAVITY, ControllerParams, DelayedFeedback, filtered_noise, rest_stiffness
-from scipy.interpolate import CubicSpline
+from posture_controller import ControllerParams
+from posture_muscles import Muscles
+from posture_plan import RATE, STEP, SUBSTEPS, WARM_UP, Plan
 
 from legsim.arrays import FloatArray
 
-RATE = 120
-SUBSTEPS = 8
-STEP = 1.0 / (RATE * SUBSTEPS)
-DURATION = 20.0
-WARM_UP = 6.0
-
-
-@dataclass(frozen=True, slots=True)
-class Plan:
-    """What the person means to do, at every step of the simulation."""
-
-    q: FloatArray
-    """(n, c) coordinates"""
-    v: FloatArray
-    """(n, c) their rates"""
-    a: FloatArray
-    """(n, c) their accelerations"""
-    torques: FloatArray
-    """(n, c) muscle torques that would do it without noise"""
-    mass_center: FloatArray
-    """(n, 3) world"""
-    push: FloatArray
-    """(n, c, 2) muscle torques that push the mass center forwards, and to the right, by 1 N"""
+SOLE = (-0.03, 0.23, -0.04, 0.045)
+"""m in the axes of the generic calcn: heel, toes, inner and outer edge"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,77 +27,67 @@ class Performance:
     """(n, 2, 6) force and moment of the floor on each foot, right and left, world axes, about the calcn origin"""
 
 
+@dataclass(frozen=True, slots=True)
+class Footing:
+    """How the floor carried both feet; whether fixing them to the floor was fair."""
+
+    pressure_range: FloatArray
+    """(2, 4) of right and left foot: hindmost, foremost, innermost, outermost center of pressure, m in the axes of the generic calcn"""
+    friction: float
+    """largest horizontal over vertical force"""
+
+    def check(self) -> None:
+        """Raises where a real foot would have tipped or slid: the sole reaches from heel to toes, the floor's friction to 0.5."""
+        inside = (self.pressure_range[:, [0, 2]] > [SOLE[0], SOLE[2]]).all() and (self.pressure_range[:, [1, 3]] < [SOLE[1], SOLE[3]]).all()
+        if not inside or self.friction > 0.5:
+            raise RuntimeError(f"a foot would not stay: pressure {self.pressure_range.round(3).tolist()} m, friction {self.friction:.2f}")
+
+
+def footing(body: Body, performance: Performance) -> Footing:
+    """Center of pressure under each foot, from the constraint forces."""
+    ranges, slides = [], []
+    for k, foot in enumerate(body.feet):
+        force, moment = performance.foot_force[:, k, :3], performance.foot_force[:, k, 3:]
+        height = foot.world_from_calcn[1, 3]
+        forward = (moment[:, 2] - height * force[:, 0]) / force[:, 1]
+        right = -(moment[:, 0] + height * force[:, 2]) / force[:, 1]
+        local = np.stack([forward, 0 * forward, right], -1) @ foot.world_from_calcn[:3, :3] / body.subject.foot
+        outwards = local[:, 2] * (1, -1)[k]
+        ranges.append([local[:, 0].min(), local[:, 0].max(), outwards.min(), outwards.max()])
+        slides.append(np.linalg.norm(force[:, [0, 2]], axis=-1) / force[:, 1])
+        if (force[:, 1] <= 0).any():
+            raise RuntimeError(f"{body.subject.name}: a foot leaves the floor")
+    return Footing(np.array(ranges), float(np.max(slides)))
+
+
 def simulate(body: Body, plan: Plan, params: ControllerParams, rng: np.random.Generator) -> Performance:
-    """Integrates the closed chain with semi-implicit steps that obey the constraints on velocity (Moreau's scheme)."""
-    steps, n = plan.q.shape
-    muscles = body.muscle_joints
-    mass = body.subject.mass
-    noise = _motor_noise(plan, body, params, rng)
-    felt = np.stack([filtered_noise(rng, steps, STEP, params.sensory_time) for _ in range(2)], -1)
-    felt *= np.radians(params.sensory_deg) * body.subject.noise
-    felt_rate = np.gradient(felt, STEP, axis=0)
-    channels = [DelayedFeedback(params, STEP) for _ in range(2)]
-    level = body.heading()[:, [0, 2]].T
+    """Carries out the plan and records it after the warm-up, every coordinate put exactly onto the constraints."""
+    muscles = Muscles(body, plan, params, rng)
     q, v = plan.q[0].copy(), plan.v[0].copy()
-    kept_q, kept_center, kept_force = [], [], []
-    for k in range(steps):
-        inertia, bias = body.dynamics(q, v)
-        error, jacobian = body.constraints()
-        center, center_jacobian = body.mass_center(), level @ body.mass_center_jacobian()
-        height = plan.mass_center[k, 1]
-        load = mass * GRAVITY * height
-        sway = level @ (center - plan.mass_center[k]) / height + felt[k]
-        planned_rate = plan.v[k]
-        rate = center_jacobian @ (v - planned_rate) / height + felt_rate[k]
-        push = [channel(*pair, load, body.subject.gain) / height for channel, *pair in zip(channels, sway, rate, strict=True)]
-        stiffness, damping = _impedance(body, plan.torques[k], load, params)
-        torque = plan.torques[k] + noise[k] - stiffness * (q - plan.q[k]) - damping * (v - planned_rate)
-        torque += plan.push[k] @ push
-        implicit = inertia + np.diag(STEP * damping + STEP**2 * stiffness)
-        torque -= STEP * stiffness * v
-        torque[np.setdiff1d(np.arange(n), muscles)] = 0.0
-        system = np.block([[implicit, jacobian.T], [jacobian, np.zeros((16, 16))]])
-        right = np.concatenate([implicit @ v + STEP * (torque - bias), -0.2 * error / STEP])
-        solution = np.linalg.solve(system, right)
+    kept = []
+    for k in range(len(plan.q)):
+        before, (v, forces) = q, _step(body, muscles, k, q, v)
         if k % SUBSTEPS == 0:
-            kept_q.append(q.copy())
-            kept_center.append(center)
-            kept_force.append(-solution[n + 4 :].reshape(2, 6) / STEP)
-        v = solution[:n]
+            kept.append((before, body.mass_center(), forces))
         q = q + STEP * v
-    start = round(WARM_UP * RATE)
-    times = np.arange(len(kept_q) - start) / RATE
-    exact = np.array([body.settle(row) for row in kept_q[start:]])
-    return Performance(times, exact, np.array(kept_center[start:]), np.array(kept_force[start:]))
+    coordinates, centers, forces = (np.array(values) for values in zip(*kept[round(WARM_UP * RATE) :], strict=True))
+    exact = np.array([body.settle(row) for row in coordinates])
+    return Performance(np.arange(len(exact)) / RATE, exact, centers, forces)
 
 
-def _motor_noise(plan: Plan, body: Body, params: ControllerParams, rng: np.random.Generator) -> FloatArray:
-    steps = len(plan.q)
-    noise = np.zeros_like(plan.q)
-    for joint in body.muscle_joints:
-        halves = [filtered_noise(rng, steps, STEP, time) for time in params.motor_times]
-        size = params.motor_floor * body.subject.mass / 75.0 + params.motor_variation * np.abs(plan.torques[:, joint])
-        noise[:, joint] = body.subject.noise * size * (halves[0] + halves[1]) / np.sqrt(2)
-    return noise
+def _step(body: Body, muscles: Muscles, k: int, q: FloatArray, v: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Velocities (n,) after step k and the floor's force and moment (2, 6) on the feet.
 
-
-def _impedance(body: Body, torques: FloatArray, load: float, params: ControllerParams) -> tuple[FloatArray, FloatArray]:
-    stiffness, damping = np.zeros(body.size), np.zeros(body.size)
-    for i in body.muscle_joints:
-        stiffness[i] = rest_stiffness(body.names[i], body.subject.mass) + params.joint_stiffness * abs(torques[i])
-        damping[i] = params.damping_time * stiffness[i]
-        if body.names[i].startswith("ankle"):
-            stiffness[i], damping[i] = 0.5 * params.ankle_stiffness * load, 0.5 * params.ankle_damping * load
-    return stiffness, damping
-
-
-def hold(body: Body, flexion_deg: float) -> Plan:
-    """Stand still with the knees bent."""
-    steps = round((DURATION + WARM_UP) / STEP)
-    q = body.posture(np.radians(flexion_deg))
-    still = np.zeros_like(q)
-    torques = body.muscle_torques(q, still, still)
-    body.kinematics(q)
-    push = body.share((body.heading()[:, [0, 2]].T @ body.mass_center_jacobian()).T)
-    one = (q, still, still, torques, body.mass_center(), push)
-    return Plan(*(np.broadcast_to(row, (steps, *row.shape)) for row in one))
+    Semi-implicit, constraints obeyed by the new velocity (Moreau's time stepping); stiffness and damping act at the step's end.
+    """
+    n = body.size
+    inertia, bias = body.dynamics(q, v)
+    error, jacobian = body.constraints()
+    torques = muscles.torques(k, q, v)
+    system = np.zeros((n + len(error), n + len(error)))
+    system[:n, :n] = inertia + np.diag(STEP * (muscles.damping[k] + STEP * muscles.stiffness[k]))
+    system[:n, n:], system[n:, :n] = jacobian.T, jacobian
+    # what rounding leaves of position errors is taken out by and by
+    right = np.concatenate([inertia @ v + STEP * (torques - bias), -0.2 * error / STEP])
+    solution = np.asarray(np.linalg.solve(system, right), float)
+    return solution[:n], -solution[n + 4 :].reshape(2, 6) / STEP
