@@ -25,13 +25,14 @@ _DIRECTIONS = np.array([-180.0, -164, -140, -90, -40, -16, 0, 38, 62, 90, 110, 1
 _SHARES = np.array([0.0, 0.004, 0.115, 0.5, 0.885, 0.996, 1, 1, 0.95, 0.865, 0.79, 0.50, 0.15, 0.015, 0])
 _SLIDES = np.array([0.0, 0.004, 0.115, 0.5, 0.885, 0.996, 0.98, 0.5, 0.15, -0.04, -0.03, 0, 0, 0, 0])
 _SMOOTHING_DEG = 7.0
-_EXPONENT_BEHIND, _EXPONENT_FRONT = 0.20, 0.5
+_EXPONENT_BEHIND, _EXPONENT_FRONT = 0.20, 0.15
 _CORE, _RIM = 0.004, 0.045
 """m from the knee axis within which, and from which on, direction does not and does alone decide the share"""
 _VOLUME_NEAR, _VOLUME_FAR = 0.075, 0.130
 """m from the knee axis up to which volume is kept fully, and from which on distances from the axis stay"""
 _NEAR, _FAR = 0.120, 0.240
-"""m from the knee axis up to which direction alone decides, and from which on tissue keeps to its bone"""
+"""m from the knee axis up to which direction alone decides, and from which on tissue keeps to its bone; nearer above the kneecap,
+where nothing folds and wide turns would lift the front of the thigh"""
 _CORE_HEIGHT = 0.065
 _CORE_PLANES = ((0.6, 0.16), (0.35, -0.10))
 """(level, depth) of share and of slide in the core: planes level - y / _CORE_HEIGHT + x / depth that meet the rim's values best"""
@@ -108,7 +109,9 @@ def _knee_weights(from_knee: FloatArray) -> tuple[FloatArray, FloatArray, FloatA
     """Share of the flexion, its slope, and share of the slide at points (p, 3) seen from the knee, in template meters."""
     x, y, _ = from_knee.T
     radius, direction = np.hypot(x, y), np.arctan2(x, -y)
-    core, far = 1 - smooth_step((radius - _CORE) / (_RIM - _CORE)), smooth_step((radius - _NEAR) / (_FAR - _NEAR))
+    core = 1 - smooth_step((radius - _CORE) / (_RIM - _CORE))
+    closer = 1 - 0.4 * smooth_step((direction - np.radians(70)) / np.radians(40))
+    far = smooth_step((radius - closer * _NEAR) / (closer * (_FAR - _NEAR)))
     bone = (y < 0).astype(float)
     share, slide = (
         polar + (bone - polar) * far + (np.clip(level - y / _CORE_HEIGHT + x / depth, 0, 1) - polar) * core

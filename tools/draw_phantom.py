@@ -133,9 +133,7 @@ def main() -> None:
     planes = [(1, 0.004), (1, -0.018), (1, -0.042), (1, -0.08), (2, 0.0), (2, 0.024), (2, -0.024), (0, -0.012)]
     for degrees in (0, 60):
         poses = flexed(degrees)
-        knee = (
-            poses[SEGMENTS.index("tibia_r"), :3, 3] if degrees else phantom.reference_world_from_segment[SEGMENTS.index("tibia_r"), :3, 3]
-        )
+        knee = poses[SEGMENTS.index("tibia_r"), :3, 3]
         name = "phantom_slices.png" if degrees == 0 else f"phantom_slices_{degrees}.png"
         draw_slices(phantom, phantom.posed(poses, SEGMENTS), arguments.out / name, planes, knee, 0.085)
     draw_poses(phantom, arguments.out / "phantom_poses.png", (0, 30, 60, 100))
