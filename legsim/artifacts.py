@@ -11,7 +11,7 @@ import json
 import os
 import time
 import zipfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -20,9 +20,13 @@ import numpy as np
 
 from legsim.arrays import FloatArray
 from legsim.errors import LegsimError, at
+from legsim.geometry import VolumeGrid
+from legsim.motions import ControlPointMotion, FieldMotion
 from legsim.signals import ImuSignals, RigidMotion, SegmentPoses
 
 SCHEMA = 1
+
+Motion = RigidMotion | ControlPointMotion | FieldMotion
 
 
 @contextmanager
@@ -107,6 +111,10 @@ class RunFolder:
         """How long the stage took when it was computed."""
         return float(self._stages[stage]["seconds"])
 
+    def has(self, file: str) -> bool:
+        """Whether some finished stage wrote the file."""
+        return any(file in entry["files"] for entry in self._stages.values())
+
     def hash_of(self, file: str) -> str:
         """The recorded sha256 of a file that some stage wrote."""
         return next(entry["files"][file]["sha256"] for entry in self._stages.values() if file in entry["files"])
@@ -170,26 +178,42 @@ def load_poses(path: Path) -> SegmentPoses:
         return SegmentPoses(data["times"], tuple(data["segment_names"].tolist()), data["world_from_segment"])
 
 
-def save_motion(path: Path, motion: RigidMotion) -> None:
-    """motion-<method>.npz: times, moved_from_reference."""
-    _save_npz(path, times=motion.times, moved_from_reference=motion.moved_from_reference)
+def save_motion(path: Path, motion: Motion) -> None:
+    """motion-<method>.npz: times and moved_from_reference; or reference and moved points; or displacements with their grid."""
+    if isinstance(motion, RigidMotion):
+        _save_npz(path, times=motion.times, moved_from_reference=motion.moved_from_reference)
+    elif isinstance(motion, ControlPointMotion):
+        _save_npz(path, times=motion.times, reference=motion.reference, moved=motion.moved)
+    else:
+        grid = motion.grid
+        placed = {"grid_spacing_xyz": np.array(grid.spacing_xyz), "grid_center": np.array(grid.center)}
+        _save_npz(path, times=motion.times, displacements=motion.displacements, **placed)
 
 
-def load_motion(path: Path) -> RigidMotion:
-    """The inverse of :func:`save_motion`.
+def load_motion(path: Path) -> Motion:
+    """The inverse of :func:`save_motion`: what the file holds says which kind of motion it is.
 
     Raises:
         LegsimError: not such a file.
     """
     try:
         with path.open("rb") as stream, np.load(stream, allow_pickle=False) as data:
-            return RigidMotion(data["times"], data["moved_from_reference"])
+            return _motion(data)
     except FileNotFoundError:
         raise at(path, "no such file", "give a motion-<method>.npz") from None
     except (OSError, EOFError, KeyError, ValueError, zipfile.BadZipFile) as error:
         raise at(path, f"is not a motion file ({error})", "expected an .npz with times (v,) and moved_from_reference (v, 4, 4)") from None
     except LegsimError as error:
         raise at(path, str(error), "mend the file") from None
+
+
+def _motion(data: Mapping[str, np.ndarray]) -> Motion:
+    if "moved" in data:
+        return ControlPointMotion(data["times"], data["reference"], data["moved"])
+    if "displacements" in data:
+        nodes, spacing, center = data["displacements"], data["grid_spacing_xyz"].tolist(), data["grid_center"].tolist()
+        return FieldMotion(data["times"], VolumeGrid(nodes.shape[1:4], tuple(spacing), tuple(center)), nodes)
+    return RigidMotion(data["times"], data["moved_from_reference"])
 
 
 def _save_npz(path: Path, **arrays: np.ndarray) -> None:

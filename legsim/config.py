@@ -87,7 +87,7 @@ class GridConfig(_Section):
 class MethodsConfig(_Section):
     """Which corrections are compared, and from what."""
 
-    run: tuple[str, ...] = ("static", "uncorrected", "oracle", "rigid")
+    run: tuple[str, ...] = ("static", "uncorrected", "oracle", "rigid", "nonrigid-2d", "nonrigid-3d")
     scheme: Literal["accurate", "printed"] = "accurate"
     """how poses are integrated from the IMU signals"""
     sensor: str = "shank_l"

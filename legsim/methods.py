@@ -7,16 +7,25 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import cast
 
-from legsim import artifacts, correction, pose_estimation
+import numpy as np
+
+from legsim import artifacts, correction, mls, pose_estimation, projection_warp
 from legsim.arrays import FloatArray
-from legsim.correction import CorrectionMethod, Scan
+from legsim.correction import Correction, CorrectionMethod, Scan
 from legsim.errors import LegsimError, at
+from legsim.mls import AttachedPoint
+from legsim.motions import ControlPointMotion
+from legsim.opencl import Device
 from legsim.pose_estimation import Scheme
-from legsim.signals import RigidMotion
+from legsim.signals import RigidMotion, SegmentPoses
 
 ENTRY_POINTS = "legsim.methods"
 REFERENCE = "static"
 """the motion-free scan, which is no correction but what all are compared with"""
+PAPER_ALPHA = 0.8
+"""how far the hip and the ankle are drawn to the knee before they are projected (Maier et al., eq. 22 and 23)"""
+_KNEE = 1
+"""place of the knee among the joints"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -25,6 +34,10 @@ class Setup:
 
     scheme: Scheme
     sensor: str
+    """the one that rigid methods follow"""
+    joints: tuple[AttachedPoint, ...]
+    """hip, knee and ankle, each at the sensor that carries it: how the sensors were strapped on is known"""
+    device: Device
     true_shank: RigidMotion
 
 
@@ -39,10 +52,31 @@ def _rigid_printed_order(setup: Setup) -> CorrectionMethod:
     return correction.rigidly("rigid-printed-order", estimate)
 
 
+def followed_joints(scan: Scan, setup: Setup) -> ControlPointMotion:
+    """Where hip, knee and ankle go by the two sensors' signals."""
+    names = tuple(dict.fromkeys(joint.sensor for joint in setup.joints))
+    poses = np.stack([sensor_path(scan, name, setup.scheme) for name in names], 1)
+    return mls.follow(SegmentPoses(scan.times, names, poses), setup.joints)
+
+
+def _nonrigid_2d(setup: Setup) -> CorrectionMethod:
+    def correct(scan: Scan, /) -> Correction:
+        near_knee = mls.drawn_to(followed_joints(scan, setup), _KNEE, PAPER_ALPHA)
+        return Correction("nonrigid-2d", projection_warp.warp(scan.projections, near_knee, setup.device), None)
+
+    return correct
+
+
+def _nonrigid_3d(setup: Setup) -> CorrectionMethod:
+    return lambda scan: Correction("nonrigid-3d", scan.projections, followed_joints(scan, setup))
+
+
 BUILT_IN: dict[str, Callable[[Setup], CorrectionMethod]] = {
     "uncorrected": lambda _: correction.uncorrected,
     "oracle": lambda setup: correction.rigidly("oracle", correction.known(setup.true_shank)),
     "rigid": _rigid,
+    "nonrigid-2d": _nonrigid_2d,
+    "nonrigid-3d": _nonrigid_3d,
     "rigid-printed-order": _rigid_printed_order,
 }
 

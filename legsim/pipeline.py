@@ -43,6 +43,7 @@ from legsim.evaluation import Metrics, Region, RegionMetrics, Registration
 from legsim.geometry import ConeBeamGeometry, Projections, VolumeGrid
 from legsim.imu import JointSplines, Sensor
 from legsim.leg_phantom import LegPhantom
+from legsim.mls import AttachedPoint
 from legsim.opencl import Device
 from legsim.presentation import MethodResult
 from legsim.recovery import Recovery
@@ -234,7 +235,7 @@ def _reconstruct(
 ) -> tuple[tuple[NamedVolume, ...], dict[str, RigidMotion]]:
     """A volume a method, the motion-free one first; and the rigid motions that were estimated."""
     truth = correction.rigid_motion(body.times, body.poses.of("tibia_l"))
-    setup = methods.Setup(settings.methods.scheme, settings.methods.sensor, truth)
+    setup = methods.Setup(settings.methods.scheme, settings.methods.sensor, _carried_joints(body, scan), device, truth)
     names = list(dict.fromkeys([methods.REFERENCE, *settings.methods.run]))
     corrections = {name: methods.build(name, setup) for name in names if name != methods.REFERENCE}
     volumes, motions = [], {}
@@ -253,7 +254,7 @@ def _reconstruct(
             files = [path.name]
             with folder.stage(f"volume-{label}", key, files):
                 found = correction.Correction(label, still, None) if name == methods.REFERENCE else corrections[name](scan)
-                if isinstance(found.motion, RigidMotion):
+                if found.motion is not None:
                     artifacts.save_motion(motion_path, found.motion)
                     files.append(motion_path.name)
                 volume = fdk.reconstruct(
@@ -261,9 +262,21 @@ def _reconstruct(
                 )
                 images.save_volume(path, volume)
         volumes.append(NamedVolume(label, images.load_volume(path)))
-        if motion_path.exists() and name != methods.REFERENCE:
-            motions[label] = artifacts.load_motion(motion_path)
+        motion = artifacts.load_motion(motion_path) if folder.has(motion_path.name) else None
+        if isinstance(motion, RigidMotion):
+            motions[label] = motion
     return tuple(volumes), motions
+
+
+def _carried_joints(body: _Body, scan: Scan) -> tuple[AttachedPoint, ...]:
+    """Left hip by the thigh's sensor, knee and ankle by the shank's: the first of the sensors on each segment."""
+    centers = body.recovery.leg.joint_centers(body.poses)
+    carried = []
+    for joint, segment in (("hip_l", "femur_l"), ("knee_l", "tibia_l"), ("ankle_l", "tibia_l")):
+        sensor = next((s.name for s in body.sensors if s.segment == segment), None)
+        if sensor is not None:
+            carried.append(AttachedPoint.at_start(sensor, scan.start(sensor).world_from_sensor, centers.of(joint)[0]))
+    return tuple(carried)
 
 
 def _regions(settings: RunConfig, body: _Body, grid: VolumeGrid, device: Device) -> tuple[Region, ...]:
@@ -297,7 +310,7 @@ def _compare(
         for k, named in enumerate(volumes):
             on_progress("comparing", k, len(volumes))
             metrics = evaluation.evaluate(named.volume, volumes[0].volume, regions, register=settings.evaluation.register_volumes)
-            residual = residual_mm(body.poses, motions.get(named.name)) if k else None
+            residual = _residual_of(body.poses, named.name, motions)
             results.append(MethodResult(named.name, metrics, residual, folder.seconds(f"volume-{named.name}")))
         on_progress("comparing", len(volumes), len(volumes))
         content = {"scaling": "each volume to 0..1 inside the regions", "methods": [asdict(r) for r in results]}
@@ -311,6 +324,12 @@ def _result(entry: dict[str, Any]) -> MethodResult:
     registration = entry["metrics"]["registration"]
     metrics = Metrics(regions, None if registration is None else Registration(**registration))
     return MethodResult(entry["method"], metrics, entry["residual_mm"], entry["seconds"])
+
+
+def _residual_of(poses: SegmentPoses, method: str, motions: dict[str, RigidMotion]) -> float | None:
+    if method == "uncorrected":
+        return residual_mm(poses, None)
+    return residual_mm(poses, motions[method]) if method in motions else None
 
 
 def residual_mm(poses: SegmentPoses, motion: RigidMotion | None) -> float:

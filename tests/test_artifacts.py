@@ -6,6 +6,8 @@ import pytest
 
 from legsim import artifacts
 from legsim.errors import LegsimError
+from legsim.geometry import VolumeGrid
+from legsim.motions import ControlPointMotion, FieldMotion
 from legsim.signals import ImuSignals, RigidMotion, SegmentPoses
 
 
@@ -85,7 +87,24 @@ def test_poses_and_motion_survive_the_file(tmp_path, rng):
     np.testing.assert_array_equal(artifacts.load_poses(tmp_path / "p.npz").world_from_segment, poses.world_from_segment)
     motion = RigidMotion(np.arange(3.0), rng.normal(size=(3, 4, 4)))
     artifacts.save_motion(tmp_path / "m.npz", motion)
-    np.testing.assert_array_equal(artifacts.load_motion(tmp_path / "m.npz").moved_from_reference, motion.moved_from_reference)
+    loaded = artifacts.load_motion(tmp_path / "m.npz")
+    assert isinstance(loaded, RigidMotion)
+    np.testing.assert_array_equal(loaded.moved_from_reference, motion.moved_from_reference)
+
+
+def test_every_kind_of_motion_survives_the_file(tmp_path, rng):
+    points = ControlPointMotion(np.arange(3.0), rng.normal(size=(4, 3)), rng.normal(size=(3, 4, 3)))
+    artifacts.save_motion(tmp_path / "p.npz", points)
+    loaded = artifacts.load_motion(tmp_path / "p.npz")
+    assert isinstance(loaded, ControlPointMotion)
+    np.testing.assert_array_equal(loaded.moved, points.moved)
+    np.testing.assert_array_equal(loaded.reference, points.reference)
+    field = FieldMotion(np.arange(3.0), VolumeGrid((2, 3, 4), (0.1, 0.2, 0.3), (1, 2, 3)), rng.normal(size=(3, 2, 3, 4, 3)))
+    artifacts.save_motion(tmp_path / "f.npz", field)
+    loaded = artifacts.load_motion(tmp_path / "f.npz")
+    assert isinstance(loaded, FieldMotion)
+    assert loaded.grid == field.grid
+    np.testing.assert_array_equal(loaded.displacements, field.displacements)
 
 
 @pytest.mark.parametrize("content", [b"", b"not a zip", b"PK\x03\x04 broken"])

@@ -1,11 +1,11 @@
 import numpy as np
 import pytest
 
-from legsim import methods
+from legsim import methods, opencl
 from legsim.errors import LegsimError
 from legsim.signals import RigidMotion
 
-SETUP = methods.Setup("accurate", "shank_l", RigidMotion.identity(np.arange(3.0)))
+SETUP = methods.Setup("accurate", "shank_l", (), opencl.open_device(), RigidMotion.identity(np.arange(3.0)))
 OWN = """
 from legsim.correction import Correction
 
