@@ -250,3 +250,5 @@ def test_nothing_is_left_behind_when_writing_fails(scene, tmp_path, monkeypatch)
 def test_the_viewer_refuses_a_file_that_is_not_there(tmp_path):
     with pytest.raises(LegsimError, match="no such recording"):
         view.open_viewer(tmp_path / "recording.rrd")
+    with pytest.raises(LegsimError, match="no such recording"):
+        view.screenshot(tmp_path / "recording.rrd", tmp_path / "picture.png", time_s=0.0)

@@ -16,8 +16,7 @@ def open_viewer(path: Path) -> None:
     Raises:
         LegsimError: there is no such file, or the viewer cannot start.
     """
-    if not path.is_file():
-        raise at(path, "no such recording", "run or replay first, or name the folder that holds recording.rrd")
+    _must_exist(path)
     outcome = subprocess.run([sys.executable, "-m", "rerun", str(path)], check=False)
     if outcome.returncode != 0:
         raise LegsimError(
@@ -30,8 +29,9 @@ def screenshot(path: Path, picture: Path, *, time_s: float) -> None:
     """Saves what the viewer first shows of a recording at ``time_s`` as a PNG; needs a Vulkan driver but no screen.
 
     Raises:
-        LegsimError: the viewer cannot start or draw.
+        LegsimError: there is no such file, or the viewer cannot start or draw.
     """
+    _must_exist(path)
     from rerun.experimental import ViewerClient  # slow to import, and experimental
 
     try:
@@ -45,6 +45,11 @@ def screenshot(path: Path, picture: Path, *, time_s: float) -> None:
     except (RuntimeError, OSError) as error:
         reason = str(error).splitlines()[0]
         raise at(path, f"the rerun viewer cannot draw it ({reason})", "install a Vulkan driver (Debian: mesa-vulkan-drivers)") from error
+
+
+def _must_exist(path: Path) -> None:
+    if not path.is_file():
+        raise at(path, "no such recording", "run or replay first, or name the folder that holds recording.rrd")
 
 
 def _executable() -> Path:
