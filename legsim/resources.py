@@ -27,7 +27,7 @@ def motion_file(name: str) -> Path:
 
 def _find(folder: str, name: str) -> Path:
     # a wheel carries the folders inside the package; a checkout (also an editable install) has them beside it
-    roots = [_PACKAGE / folder, _PACKAGE.parent / folder]
+    roots = [_PACKAGE / "data" / folder, _PACKAGE.parent / folder]
     for root in roots:
         if (root / name).exists():
             return root / name

@@ -12,10 +12,10 @@ def test_the_model_is_found():
 
 def test_files_inside_an_installed_package_come_first(tmp_path, monkeypatch):
     package = tmp_path / "site" / "legsim"
-    for folder in (package, package.parent):
+    for folder in (package / "data", package.parent):
         (folder / "motions" / "walk").mkdir(parents=True)
     monkeypatch.setattr(resources, "_PACKAGE", package)
-    assert resources.motion_file("walk") == package / "motions" / "walk"
+    assert resources.motion_file("walk") == package / "data" / "motions" / "walk"
 
 
 def test_a_missing_file_is_named_with_what_is_there():
