@@ -77,6 +77,14 @@ def test_another_scene_gets_another_identity(scene):
     assert recording.content_id(scene) != recording.content_id(other)
 
 
+def test_one_voxel_makes_another_identity(scene):
+    last = scene.volumes[-1]
+    attenuation = last.volume.attenuation.copy()
+    attenuation[20, 20, 20] += 1e-3
+    other = replace(last, volume=replace(last.volume, attenuation=attenuation))
+    assert recording.content_id(scene) != recording.content_id(replace(scene, volumes=(*scene.volumes[:-1], other)))
+
+
 def test_joint_centers_on_both_timelines(scene, written):
     centers = scene.replay.joint_centers
     times, positions = read(written, "/world/joints", "Points3D:positions")
