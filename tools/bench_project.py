@@ -19,8 +19,8 @@ from legsim.phantom import Part, Phantom
 
 # subdivisions of an icosahedron, 20 * 4^n triangles, part by part
 SIZES = {"1e4": (4, 4), "1e5": (5, 6), "1e6": (7, 7, 7), "1e7": (9, 9)}
-RADII, ATTENUATIONS = (0.09, 0.055, 0.025), (20.0, 50.0, 25.0)
-"""m and 1/m"""
+RADII, ATTENUATIONS, MIDDLES = (0.09, 0.045, 0.02), (20.0, 50.0, 25.0), (0.0, -0.025, 0.055)
+"""m, 1/m and m along x: two balls side by side in a third, since gVirtualXray knows one level of nesting"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,17 +36,17 @@ class Row:
     """of path lengths, weighted to the first part's attenuation, from gVirtualXray's"""
 
 
-def lumpy(name: str, subdivisions: int, radius: float, attenuation: float) -> Part:
+def lumpy(name: str, subdivisions: int, radius: float, attenuation: float, middle: float) -> Part:
     """A ball with bumps of 5 %, so that silhouettes and hollows are those of a bone rather than of a ball."""
     mesh = trimesh.creation.icosphere(subdivisions=subdivisions)
     x, y, z = mesh.vertices.T
     bumps = 1 + 0.05 * np.sin(9 * x) * np.cos(7 * y + 1) * np.sin(8 * z + 2)
-    return Part(name, "tissue", attenuation, mesh.vertices * (radius * bumps)[:, None], mesh.faces)
+    return Part(name, "tissue", attenuation, mesh.vertices * (radius * bumps)[:, None] + np.array([middle, 0, 0]), mesh.faces)
 
 
 def scene(size: str) -> Phantom:
-    """Nested lumpy balls of about that many triangles."""
-    return Phantom(tuple(lumpy(f"part {k}", n, RADII[k], ATTENUATIONS[k]) for k, n in enumerate(SIZES[size])))
+    """Lumpy balls of about that many triangles."""
+    return Phantom(tuple(lumpy(f"part {k}", n, RADII[k], ATTENUATIONS[k], MIDDLES[k]) for k, n in enumerate(SIZES[size])))
 
 
 def scan(views: int) -> ConeBeamGeometry:
