@@ -90,6 +90,21 @@ def test_object_larger_than_the_detector_and_close_to_the_source(device):
     assert found.max() < WORST
 
 
+def test_long_slivers_are_exact_to_their_silhouette(device):
+    """A pipe of 400 facets a metre long: without exact edge functions its grazing rays are off by 0.04 mm."""
+    geometry = circular(1, (480, 620), 0.616e-3)
+    mesh = trimesh.creation.cylinder(radius=0.02, height=1.0, sections=400)
+    pipe = Phantom((part("pipe", mesh, moved=transforms.translation((0.03, 0, 0))),))
+    image = projector.project(pipe, geometry, device).line_integrals[0]
+    v, u = np.nonzero(image[:, 1:-1] * ((image[:, :-2] == 0) | (image[:, 2:] == 0)))
+    pixels = np.stack([u + 1, v], 1)
+    expected = reference_projector.line_integrals(pipe, geometry, 0, pixels.astype(float))
+    found = np.abs(image[pixels[:, 1], pixels[:, 0]] - expected)
+    assert len(found) > 500
+    assert found.mean() < MEAN
+    assert found.max() < WORST
+
+
 def test_overlapping_parts_give_way_to_the_last(device):
     parts = (sphere("a", 0.06, attenuation=20.0), sphere("b", 0.05, (0.04, 0.01, 0), 50.0), sphere("c", 0.05, (0, 0.01, 0.04), 5.0))
     for order in ((0, 1, 2), (2, 1, 0), (1, 0, 2)):
