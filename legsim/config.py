@@ -26,6 +26,8 @@ class MotionConfig(_Section):
     up: Literal["file", "x", "y", "z"] = "file"
     filter_hz: float = Field(default=6.0, ge=0)
     """cut-off of the 2nd-order zero-phase Butterworth filter; 0 leaves the markers as they are"""
+    longest_gap_s: float = Field(default=2.0, ge=0)
+    """gaps up to this long are bridged in time; in longer ones the marker stays unseen and is reported"""
     scaling_file: str = ""
     """recording that the model is scaled from; empty: the same one"""
 

@@ -21,7 +21,7 @@ from legsim.geometry import Volume, VolumeGrid
 
 SSIM_WINDOW = 7
 _SLAB = 32
-_REGISTRATION_SAMPLES = 100_000
+_REGISTRATION_SAMPLES = 20_000
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -155,7 +155,7 @@ def _cleaned(config: MotionConfig, path: Path) -> tuple[Motion, CleaningReport]:
 
     def cleaned() -> tuple[Motion, CleaningReport]:
         chosen = marker_sets.guess(raw.marker_names) if config.marker_map == "auto" else marker_sets.load(config.marker_map)
-        return markers.prepare(raw, chosen, filter_hz=config.filter_hz)
+        return markers.prepare(raw, chosen, filter_hz=config.filter_hz, longest_gap_s=config.longest_gap_s)
 
     return _named(path, cleaned)
 
