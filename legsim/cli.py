@@ -32,6 +32,10 @@ geometry_app = typer.Typer(
 )
 app.add_typer(geometry_app, name="geometry")
 
+ColumnsOption = Annotated[int | None, typer.Option("--columns", help="Detector columns, where the geometry file does not say.")]
+RowsOption = Annotated[int | None, typer.Option("--rows", help="Detector rows, where the geometry file does not say.")]
+PixelOption = Annotated[float | None, typer.Option("--pixel-mm", help="Pixel pitch, where the geometry file does not say.")]
+
 _INTERRUPTED = 130
 """exit code of a command that Ctrl-C ended, as shells have it and typer returns it"""
 
@@ -148,11 +152,15 @@ def project(
     geometry: GeometryOption,
     out: Annotated[Path, typer.Option("--out", help="Projections, 32-bit .mha.")] = Path("projections.mha"),
     energy_kev: Annotated[float, typer.Option(help="Photon energy for parts given by material.")] = 60.0,
+    columns: ColumnsOption = None,
+    rows: RowsOption = None,
+    pixel_mm: PixelOption = None,
     device: DeviceOption = None,
 ) -> None:
     """Line integrals of any set of closed meshes."""
     with _progress() as progress:
-        lines = tasks.project(phantom, geometry, out, energy_kev=energy_kev, device=device, on_progress=progress)
+        detector = tasks.Detector(columns, rows, pixel_mm)
+        lines = tasks.project(phantom, geometry, out, detector=detector, energy_kev=energy_kev, device=device, on_progress=progress)
     for line in lines:
         _out.print(line)
 
@@ -205,9 +213,15 @@ def evaluate(
 
 
 @geometry_app.command("show")
-def geometry_show(file: Annotated[Path, typer.Argument(help="legsim .json, RTK .xml, or matrices.")]) -> None:
-    """Field of view, angular range, magnification."""
-    for line in tasks.describe_geometry(file):
+def geometry_show(
+    file: Annotated[Path, typer.Argument(help="legsim .json, RTK .xml, or matrices.")],
+    phantom: Annotated[Path | None, typer.Option(help="A PHANTOM.toml: say what of it is cut off.")] = None,
+    columns: ColumnsOption = None,
+    rows: RowsOption = None,
+    pixel_mm: PixelOption = None,
+) -> None:
+    """Field of view, angular range, magnification, and what of a phantom is cut off."""
+    for line in tasks.describe_geometry(file, detector=tasks.Detector(columns, rows, pixel_mm), phantom=phantom):
         _out.print(line)
 
 
@@ -215,12 +229,12 @@ def geometry_show(file: Annotated[Path, typer.Argument(help="legsim .json, RTK .
 def geometry_convert(
     file: Annotated[Path, typer.Argument(help="legsim .json, RTK .xml, or matrices.")],
     out: Annotated[Path, typer.Option("--out", help="The ending says the format: .json, .xml, .txt or .npy.")],
-    columns: Annotated[int | None, typer.Option(help="Detector columns, where the file does not say.")] = None,
-    rows: Annotated[int | None, typer.Option(help="Detector rows, where the file does not say.")] = None,
-    pixel_mm: Annotated[float | None, typer.Option(help="Pixel pitch, where the file does not say.")] = None,
+    columns: ColumnsOption = None,
+    rows: RowsOption = None,
+    pixel_mm: PixelOption = None,
 ) -> None:
     """Write the same geometry in another format."""
-    for line in tasks.convert_geometry(file, out, columns=columns, rows=rows, pixel_mm=pixel_mm):
+    for line in tasks.convert_geometry(file, out, detector=tasks.Detector(columns, rows, pixel_mm)):
         _out.print(line)
 
 

@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Callable
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
@@ -14,17 +14,39 @@ from legsim.geometry import ConeBeamGeometry, Volume, VolumeGrid
 OnProgress = Callable[[str, int, int], None]
 
 
+@dataclass(frozen=True, slots=True)
+class Detector:
+    """What a geometry file of another toolkit may leave open; None: the file says it."""
+
+    columns: int | None = None
+    rows: int | None = None
+    pixel_mm: float | None = None
+
+    def geometry(self, path: Path) -> ConeBeamGeometry:
+        """The geometry of the file with this detector."""
+        return geometry_files.load(path, columns=self.columns, rows=self.rows, pixel_mm=self.pixel_mm)
+
+
 def project(
-    phantom_file: Path, geometry_file: Path, out: Path, *, energy_kev: float, device: str | None, on_progress: OnProgress
+    phantom_file: Path,
+    geometry_file: Path,
+    out: Path,
+    *,
+    detector: Detector,
+    energy_kev: float,
+    device: str | None,
+    on_progress: OnProgress,
 ) -> list[str]:
     """Line integrals of the meshes of a PHANTOM.toml; returns lines to print."""
-    geometry = geometry_files.load(geometry_file)
-    phantom = phantom_files.load(phantom_file, energy_kev=energy_kev)
+    geometry = detector.geometry(geometry_file)
+    read = phantom_files.read(phantom_file, energy_kev=energy_kev)
+    phantom = read.phantom
     opened = opencl.open_device(device)
     projections = projector.project(phantom, geometry, opened, progress=lambda done, total: on_progress("projecting", done, total))
     images.save_projections(out, projections)
     values = projections.line_integrals
     return [
+        *read.remarks,
         f"{len(geometry)} views of {geometry.shape_vu[1]}x{geometry.shape_vu[0]} pixels, {len(phantom.parts)} parts, on {opened.label}",
         f"line integrals from {values.min():.4g} to {values.max():.4g}",
         f"projections: {out}",
@@ -45,7 +67,7 @@ def reconstruct(
     on_progress: OnProgress,
 ) -> list[str]:
     """FDK of a projection file; returns lines to print."""
-    geometry = geometry_files.load(geometry_file)
+    geometry = _geometry_of(projections_file, geometry_file)
     grid = _grid(geometry, like, shape_zyx, spacing_mm, center_mm)
     projections = images.load_projections(projections_file, geometry)
     moved = None if motion is None else artifacts.load_motion(motion)
@@ -55,6 +77,12 @@ def reconstruct(
     )
     images.save_volume(out, volume)
     return [f"{grid.shape_zyx} voxels (z, y, x) from {len(geometry)} views on {opened.label}", f"volume (1/mm): {out}"]
+
+
+def _geometry_of(projections_file: Path, geometry_file: Path) -> ConeBeamGeometry:
+    """The geometry; where its file does not say the detector's size, the projections do."""
+    header = images.read_header(projections_file)
+    return Detector(header.size[0], header.size[1], header.spacing_mm[0]).geometry(geometry_file)
 
 
 def _grid(
@@ -106,14 +134,15 @@ def _labels(path: Path, reference: Volume) -> np.ndarray:
     return np.rint(1e-3 * labels.attenuation).astype(int)
 
 
-def describe_geometry(path: Path) -> list[str]:
-    """The lines of `legsim geometry show`."""
-    return list(geometry_summary.summarize(geometry_files.load(path)).lines())
+def describe_geometry(path: Path, *, detector: Detector, phantom: Path | None) -> list[str]:
+    """The lines of `legsim geometry show`; with a PHANTOM.toml also what of it is cut off."""
+    scanned = None if phantom is None else phantom_files.load(phantom)
+    return list(geometry_summary.summarize(detector.geometry(path), scanned).lines())
 
 
-def convert_geometry(path: Path, out: Path, *, columns: int | None, rows: int | None, pixel_mm: float | None) -> list[str]:
+def convert_geometry(path: Path, out: Path, *, detector: Detector) -> list[str]:
     """Writes a geometry in the format that the ending of ``out`` names."""
-    geometry = geometry_files.load(path, columns=columns, rows=rows, pixel_mm=pixel_mm)
+    geometry = detector.geometry(path)
     geometry_files.save(out, geometry)
     return [f"{len(geometry)} views: {out}"]
 

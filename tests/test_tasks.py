@@ -27,7 +27,13 @@ def ball_scan(tmp_path_factory):
     )
     geometry_files.save(folder / "geometry.json", geometry)
     lines = tasks.project(
-        folder / "phantom.toml", folder / "geometry.json", folder / "p.mha", energy_kev=60, device=None, on_progress=quiet
+        folder / "phantom.toml",
+        folder / "geometry.json",
+        folder / "p.mha",
+        detector=tasks.Detector(),
+        energy_kev=60,
+        device=None,
+        on_progress=quiet,
     )
     assert any("90 views of 96x64 pixels" in line for line in lines)
     return folder
@@ -84,10 +90,22 @@ def test_labels_name_the_regions(ball_scan, tmp_path):
 
 
 def test_geometry_is_described_and_converted(ball_scan, tmp_path):
-    assert any("90" in line for line in tasks.describe_geometry(ball_scan / "geometry.json"))
-    tasks.convert_geometry(ball_scan / "geometry.json", tmp_path / "g.xml", columns=None, rows=None, pixel_mm=None)
+    assert any(
+        "90" in line
+        for line in tasks.describe_geometry(ball_scan / "geometry.json", detector=tasks.Detector(), phantom=ball_scan / "phantom.toml")
+    )
+    tasks.convert_geometry(ball_scan / "geometry.json", tmp_path / "g.xml", detector=tasks.Detector())
     back = geometry_files.load(tmp_path / "g.xml")
     np.testing.assert_allclose(back.matrices, geometry_files.load(ball_scan / "geometry.json").matrices, rtol=1e-7, atol=1e-6)
+
+
+def test_bare_matrices_take_their_detector_from_the_projections(ball_scan, tmp_path):
+    tasks.convert_geometry(ball_scan / "geometry.json", tmp_path / "g.npy", detector=tasks.Detector())
+    grid = {"motion": None, "like": None, "shape_zyx": (20, 20, 20), "spacing_mm": (4.0, 4.0, 4.0), "center_mm": None}
+    for geometry, out in ((ball_scan / "geometry.json", "a.mha"), (tmp_path / "g.npy", "b.mha")):
+        tasks.reconstruct(ball_scan / "p.mha", geometry, tmp_path / out, **grid, device=None, on_progress=quiet)
+    first, second = (images.load_volume(tmp_path / name).attenuation for name in ("a.mha", "b.mha"))
+    np.testing.assert_allclose(first, second, atol=1e-2)
 
 
 def test_a_folder_without_a_recording_is_named(tmp_path):
