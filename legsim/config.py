@@ -28,8 +28,10 @@ class MotionConfig(_Section):
     """cut-off of the 2nd-order zero-phase Butterworth filter; 0 leaves the markers as they are"""
     longest_gap_s: float = Field(default=2.0, ge=0)
     """gaps up to this long are bridged in time; in longer ones the marker stays unseen and is reported"""
+    marker_noise_mm: float = Field(default=0.2, ge=0)
+    """RMS of a marker's white noise per axis: joint angles are filtered further, as low as that hides; 0 leaves them as the filter does"""
     scaling_file: str = ""
-    """recording that the model is scaled from; empty: the same one"""
+    """recording that the model is scaled from; empty: the person's active squats for legsim's own recordings, else the same one"""
 
 
 class SensorConfig(_Section):
@@ -45,10 +47,49 @@ class SensorConfig(_Section):
     """rotation vector of the sensor's axes against the segment's"""
 
 
+class NoiseConfig(_Section):
+    """Noise of the sensors, drawn from the run's seed. Each kind reads its own numbers; defaults are the BMI160's."""
+
+    kind: Literal["none", "density", "rms", "paper"] = "none"
+    acceleration_ug_per_sqrt_hz: float = Field(default=180.0, ge=0)
+    """density"""
+    angular_velocity_deg_per_s_per_sqrt_hz: float = Field(default=0.007, ge=0)
+    """density"""
+    acceleration_mg: float = Field(default=1.8, ge=0)
+    """rms"""
+    angular_velocity_deg_per_s: float = Field(default=0.07, ge=0)
+    """rms"""
+    bandwidth_hz: float = Field(default=100.0, gt=0)
+    """rms: that the RMS was measured in"""
+    f_a: float | Literal["none"] = 0.0
+    """paper: the accelerometer's RMS is divided by 10^f_a; "none" leaves it clean"""
+    f_g: float | Literal["none"] = 0.0
+    """paper: the same for the gyroscope"""
+    convention: Literal["SI", "per-sample"] = "SI"
+    """paper: "per-sample" leaves out the time steps, which is what reproduces the printed numbers"""
+    acceleration_bias_mg: float = Field(default=0.0, ge=0)
+    """standard deviation between sensors, of every kind but none"""
+    angular_velocity_bias_deg_per_s: float = Field(default=0.0, ge=0)
+
+
+class SoftTissueConfig(_Section):
+    """How the sensors swing on the skin; the truth stays that of sensors fixed to the bone."""
+
+    amplitude: float = Field(default=0.0, ge=0)
+    """part of the oscillator's swing that the sensors make: 0 is fixed to the bone, 1 hangs on the spring alone"""
+    frequency_hz: float = Field(default=10.0, gt=0)
+    damping: float = Field(default=0.25, gt=0)
+    """of critical"""
+
+
 class ImuConfig(_Section):
     """The sensors; defaults are the paper's."""
 
     rate_hz: float = Field(default=120.0, gt=0)
+    clock_offset_s: float = 0.0
+    """the sensors' clock less the C-arm's: what happens at t is stamped t plus this; no method is told"""
+    soft_tissue: SoftTissueConfig = SoftTissueConfig()
+    noise: NoiseConfig = NoiseConfig()
     sensors: tuple[SensorConfig, ...] = (
         SensorConfig(name="shank_l", segment="tibia_l", distance_mm=140),
         SensorConfig(name="thigh_l", segment="femur_l", distance_mm=250),
@@ -86,14 +127,54 @@ class GridConfig(_Section):
     voxel_mm: float = Field(default=0.5, gt=0)
 
 
+class FiducialsConfig(_Section):
+    """Four metal points in each sensor, from which its start is found where methods.start is "fiducials"."""
+
+    axis_length_mm: float = Field(default=10.0, gt=0)
+    views: int = Field(default=2, ge=2)
+    """the first ones; 2 is the paper's way, more average the errors of detection"""
+    detector: Literal["bounded", "unbounded"] = "bounded"
+    """"unbounded": the paper's virtual detector, which also sees what lies above and below the real one"""
+    found: Literal["exact", "images"] = "exact"
+    """"exact" projects the points; "images" renders them as beads and finds their shadows"""
+    error_px: float = Field(default=0.0, ge=0)
+    """standard deviation along u and v added to exact points"""
+    bead_mm: float = Field(default=2.0, gt=0)
+    """diameter of the rendered beads, tantalum"""
+
+
+class BeadsConfig(_Section):
+    """Metal beads on the skin around the knee, for the marker-based method; they are in no reconstruction."""
+
+    count: int = Field(default=12, ge=4)
+    diameter_mm: float = Field(default=2.0, gt=0)
+    reach_mm: float = Field(default=70.0, gt=0)
+    """farthest above and below the knee"""
+    guess_error_mm: float = Field(default=2.0, ge=0)
+    """standard deviation of the places that the search starts from, along each axis"""
+
+
 class MethodsConfig(_Section):
     """Which corrections are compared, and from what."""
 
-    run: tuple[str, ...] = ("static", "uncorrected", "oracle", "rigid", "nonrigid-2d", "nonrigid-3d")
+    run: tuple[str, ...] = (
+        *("static", "uncorrected", "marker-based", "rigid", "nonrigid-2d", "nonrigid-3d"),
+        *("oracle", "oracle-nonrigid"),
+    )
     scheme: Literal["accurate", "printed"] = "accurate"
     """how poses are integrated from the IMU signals"""
     sensor: str = "shank_l"
     """the sensor that the rigid correction follows"""
+    start: Literal["truth", "fiducials"] = "truth"
+    """where each sensor's integration starts from at the first view"""
+    legs: Literal["left", "both"] = "left"
+    """whose joints the non-rigid methods follow; the right leg's need sensors of their own"""
+    points_per_segment: int = Field(default=0, ge=0)
+    """further control points of the non-rigid methods, evenly between the joints of a segment"""
+    node_mm: float = Field(default=8.0, gt=0)
+    """spacing of displacement fields: of oracle-nonrigid, and of more control points than three"""
+    fiducials: FiducialsConfig = FiducialsConfig()
+    beads: BeadsConfig = BeadsConfig()
 
 
 class EvaluationConfig(_Section):

@@ -135,15 +135,32 @@ class LegPhantom:
 
         ``segment`` says what carries them: a bone (``tibia_l``) or ``soft_l``, ``soft_r``, as in :attr:`segments`.
         """
-        before, after = _Poses.of(start, segment_names), _Poses.of(end, segment_names)
-        points = np.asarray(points_world, float)
+        return self.paths(points_world, segment, start=start, poses=np.asarray(end, float)[None], segment_names=segment_names)[0]
+
+    def paths(
+        self,
+        points_world: ArrayLike,
+        segment: str,
+        *,
+        start: ArrayLike,
+        poses: ArrayLike,
+        segment_names: Sequence[str],
+    ) -> FloatArray:
+        """(v, p, 3) where material points (p, 3), in world at pose ``start`` (s, 4, 4), are at each of ``poses`` (v, s, 4, 4).
+
+        As :meth:`displaced`, but the points are led back to the straight leg only once.
+        """
+        before, points = _Poses.of(start, segment_names), np.asarray(points_world, float)
+        after = [_Poses.of(pose, segment_names) for pose in np.asarray(poses, float)]
         if segment not in self.segments:
             raise LegsimError(f"no part moves with {segment!r}; there are: {', '.join(sorted(set(self.segments)))}")
         if not segment.startswith("soft"):
-            return transforms.apply(after[segment] @ transforms.inverse(before[segment]), points)
+            local = transforms.apply(transforms.inverse(before[segment]), points)
+            return np.stack([transforms.apply(pose[segment], local) for pose in after])
         side = segment[-1]
         straight = self._straightened(points, before, side)
-        return self._soft(straight, SoftWeights.at(straight, self._axes[SIDES.index(side)]), after, side)
+        weights = SoftWeights.at(straight, self._axes[SIDES.index(side)])
+        return np.stack([self._soft(straight, weights, pose, side) for pose in after])
 
     def shank_share(self, points_world: ArrayLike, side: str, *, pose: ArrayLike, segment_names: Sequence[str]) -> FloatArray:
         """(p,) 0 where soft tissue at world points (p, 3) goes with the thigh, 1 where it goes with the shank, between about the knee."""
