@@ -6,7 +6,7 @@
 import json
 import subprocess
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -31,6 +31,7 @@ from legsim import (
     presentation,
     recovery,
     report,
+    soft_tissue,
     storage,
     transforms,
     view,
@@ -49,6 +50,7 @@ from legsim.presentation import MethodResult
 from legsim.recovery import Recovery
 from legsim.scene import NamedVolume
 from legsim.signals import ImuSignals, RigidMotion, SegmentPoses
+from legsim.soft_tissue import SoftTissue
 
 OnProgress = Callable[[str, int, int], None]
 
@@ -192,16 +194,24 @@ def _sense(settings: RunConfig, body: _Body, folder: RunFolder) -> ImuSignals:
     if folder.done("imu", key):
         return artifacts.load_imu(folder.path / "imu.csv")
     with folder.stage("imu", key, ["imu.csv"]):
-        signals = sense(body.recovery, body.splines, body.sensors, settings.imu.rate_hz)
+        signals = sense(body.recovery, body.splines, body.sensors, settings.imu)
         artifacts.save_imu(folder.path / "imu.csv", signals)
     return signals
 
 
-def sense(recovered: Recovery, splines: JointSplines, placed: tuple[Sensor, ...], rate_hz: float) -> ImuSignals:
-    """What the sensors read from the first to the last sample of the recording."""
+def sense(recovered: Recovery, splines: JointSplines, placed: tuple[Sensor, ...], settings: config.ImuConfig) -> ImuSignals:
+    """What the sensors read from the first to the last sample of the recording, swinging on soft tissue and by their own clock.
+
+    ``clock_offset_s`` is the sensors' clock less the recording's, which is the C-arm's: the times of the signals are shifted by it, and
+    whoever takes them for the C-arm's looks up the movement that much too early. Poses and views stay in the recording's time.
+    """
     first, last = recovered.trajectories.times[[0, -1]]
-    times = first + np.arange(int(np.floor((last - first) * rate_hz + 1e-6)) + 1) / rate_hz
-    return imu.simulate(recovered.leg, splines, placed, np.minimum(times, last))
+    times = first + np.arange(int(np.floor((last - first) * settings.rate_hz + 1e-6)) + 1) / settings.rate_hz
+    signals = imu.simulate(recovered.leg, splines, placed, np.minimum(times, last))
+    tissue = settings.soft_tissue
+    if tissue.amplitude > 0:
+        signals = soft_tissue.swing(signals, SoftTissue(tissue.frequency_hz, tissue.damping, tissue.amplitude)).signals
+    return replace(signals, times=signals.times + settings.clock_offset_s)
 
 
 def _scan(settings: RunConfig, body: _Body, folder: RunFolder, device: Device, on_progress: OnProgress) -> tuple[Projections, Projections]:
@@ -422,7 +432,7 @@ def replay(settings: RunConfig, out: Path, *, filtered: bool, image: Path | None
     on_progress("joint angles", 1, 1)
     on_progress("sensors", 0, 1)
     splines, placed = JointSplines(recovered.trajectories), sensors(settings.imu)
-    signals = sense(recovered, splines, placed, settings.imu.rate_hz)
+    signals = sense(recovered, splines, placed, settings.imu)
     key = key_of(_motion_key(settings), filtered, settings.imu.model_dump())
     with folder.stage("imu", key, ["imu.csv"]):
         artifacts.save_imu(out / "imu.csv", signals)

@@ -1,18 +1,18 @@
 """From a motion file to a person that moves: cleaned markers, a scaled leg, joint coordinates, and a report on each."""
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
-from scipy.signal import butter, sosfiltfilt
 
-from legsim import artifacts, marker_sets, marker_sites, markers, motion_files, replay, resources, scaling
+from legsim import artifacts, marker_noise, marker_sets, marker_sites, markers, motion_files, replay, resources, scaling
 from legsim.arrays import FloatArray
 from legsim.config import MotionConfig
 from legsim.errors import LegsimError, at
 from legsim.leg import COORDINATES, Leg
+from legsim.marker_maps import PAPER_ROLES
 from legsim.markers import CleaningReport
 from legsim.replay import IkReport
 from legsim.scaling import Scaling
@@ -34,6 +34,27 @@ class MarkerFit:
     cleaning: CleaningReport
     scaling: Scaling
     ik: IkReport
+    scaled_from: str
+    """name of the recording that the model's size comes from"""
+    settled_hz: float
+    """cut-off of the second low-pass, of the joint coordinates; 0 where there was none"""
+
+
+@dataclass(frozen=True, slots=True)
+class CoordinateRange:
+    """How far one coordinate goes."""
+
+    name: str
+    unit: str
+    """deg or mm"""
+    mean: float
+    rms: float
+    """around the mean"""
+    lowest: float
+    highest: float
+    highest_rate: float
+    """per s, between two samples"""
+    highest_rate_frame: int
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -48,16 +69,31 @@ class Recovery:
     notes: tuple[str, ...] = ()
     """what was put right on the way in"""
 
+    def ranges(self) -> tuple[CoordinateRange, ...]:
+        """Mean, spread and extremes of every coordinate."""
+        rows, times = [], self.trajectories.times
+        for name in self.trajectories.coordinate_names:
+            unit, factor = ("mm", 1e3) if name in ("pelvis_tx", "pelvis_ty", "pelvis_tz") else ("deg", np.degrees(1.0))
+            values = factor * self.trajectories.coordinate(name)
+            rates = np.abs(np.diff(values) / np.diff(times)) if len(values) > 1 else np.zeros(1)
+            extremes = float(values.min()), float(values.max()), float(rates.max()), int(rates.argmax())
+            rows.append(CoordinateRange(name, unit, float(values.mean()), float(values.std()), *extremes))
+        return tuple(rows)
+
     def summary(self) -> dict[str, Any]:
         """Numbers about the fit, for kinematics.json."""
         if self.fit is None:
-            return {"source": "coordinates", "file": self.name}
+            ranges = [asdict(row) for row in self.ranges()]
+            return {"source": "coordinates", "file": self.name, "notes": list(self.notes), "coordinates": ranges}
         ik, cleaning = self.fit.ik, self.fit.cleaning
         return {
             "source": "markers",
             "file": self.name,
             "marker_set": cleaning.marker_set,
+            "notes": list(self.notes),
+            "scaled_from": self.fit.scaled_from,
             "filter_hz": cleaning.filter_hz,
+            "coordinate_filter_hz": self.fit.settled_hz,
             "marker_rms_mm": 1e3 * ik.rms,
             "frames_unconverged": len(ik.frames_unconverged),
             "markers": [
@@ -66,16 +102,25 @@ class Recovery:
                     "rms_mm": 1e3 * float(ik.marker_rms[k]),
                     "worst_mm": 1e3 * float(ik.marker_worst[k]),
                     "worst_frame": int(ik.marker_worst_frame[k]),
+                    "worst_s": float(self.trajectories.times[ik.marker_worst_frame[k]]),
+                    "labels": list(cleaning.of(name).labels),
+                    "seen": int(ik.marker_seen[k]),
                     "missing": cleaning.of(name).missing,
                     "longest_gap_s": cleaning.of(name).longest_gap_s,
                     "jumps_removed": cleaning.of(name).jumps_removed,
                     "filled": cleaning.of(name).filled,
+                    "rebuilt": cleaning.of(name).rebuilt,
+                    "left_missing": cleaning.of(name).left_missing,
                 }
                 for k, name in enumerate(ik.marker_names)
             ],
             "coordinates": [
-                {"name": name, "decided_by_markers": float(ik.coordinate_share[k]), "frames_at_limit": int(ik.coordinate_at_limit[k])}
-                for k, name in enumerate(ik.coordinate_names)
+                {
+                    **asdict(row),
+                    "decided_by_markers": float(ik.coordinate_share[k]),
+                    "frames_at_limit": int(ik.coordinate_at_limit[k]),
+                }
+                for k, row in enumerate(self.ranges())
             ],
             "lengths_mm": {m.name: 1e3 * m.measured for m in self.fit.scaling.measurements},
         }
@@ -90,7 +135,9 @@ class Recovery:
         loose = [n for n, share in zip(ik.coordinate_names, ik.coordinate_share, strict=True) if share < 0.5]
         lines = [
             f"{self.name}: {len(self.trajectories.times)} frames at {cleaning.rate_hz:g} Hz, marker set {cleaning.marker_set}",
-            f"cleaned: {jumps} samples removed as jumps, {filled} bridged, low-pass {cleaning.filter_hz:g} Hz",
+            *self.notes,
+            f"cleaned: {jumps} samples removed as jumps, {filled} bridged, low-pass {cleaning.filter_hz:g} Hz"
+            + (f"; joint angles {self.fit.settled_hz:g} Hz, which moves no marker farther than its noise" if self.fit.settled_hz else ""),
             f"model follows the markers within {1e3 * ik.rms:.1f} mm RMS (worst {1e3 * np.nanmax(ik.marker_worst):.1f} mm)",
         ]
         if loose:
@@ -116,9 +163,7 @@ def source(file: str) -> Path:
 
 def fingerprint(config: MotionConfig) -> list[str]:
     """Hashes of the files that a recovery reads."""
-    files = [source(config.file)]
-    if config.scaling_file:
-        files.append(source(config.scaling_file))
+    files = [source(config.file), _scaling_source(config)]
     if config.marker_map.endswith(".toml") and Path(config.marker_map).is_file():
         files.append(Path(config.marker_map))
     return [artifacts.sha256(path) for path in files]
@@ -131,10 +176,12 @@ def recover(config: MotionConfig, *, filter_coordinates: bool = False) -> Recove
         LegsimError: anything that a careful person would object to, with file, place and cure.
     """
     path = source(config.file)
-    if motion_files.kind(path) == "storage":
+    if motion_files.kind(path) in ("storage", "csv") and isinstance(motion_files.load(path), JointTrajectories):
         return _from_coordinates(config, path, filter_coordinates)
-    measured, cleaning = _cleaned(config, path)
-    reference = measured if not config.scaling_file else _cleaned(config, source(config.scaling_file))[0]
+    # a trial that is scaled from another may go without the landmarks that only scaling needs
+    measured, cleaning, notes = _cleaned(config, path, required=() if config.scaling_file else PAPER_ROLES)
+    scaled_from = _scaling_source(config)
+    reference = measured if scaled_from == path else _cleaned(config, scaled_from)[0]
     sites = marker_sites.load()
     fitted = _named(path, lambda: scaling.fit(Leg.load(), reference, sites))
     leg = Leg.load(fitted.scales)
@@ -145,19 +192,45 @@ def recover(config: MotionConfig, *, filter_coordinates: bool = False) -> Recove
     solution = _named(path, lambda: replay.solve(leg, measured, placed))
     names = solution.modelled.marker_names
     shown = Motion(measured.times, names, np.stack([measured.marker(n) for n in names], 1))
-    return Recovery(path.name, leg, solution.trajectories, MarkerFit(shown, solution.modelled, cleaning, fitted, solution.report))
+    settled, settled_hz = marker_noise.settle(
+        leg, solution.trajectories, placed.only(names), noise=1e-3 * config.marker_noise_mm, filter_hz=config.filter_hz
+    )
+    fit = MarkerFit(shown, solution.modelled, cleaning, fitted, solution.report, scaled_from.name, settled_hz)
+    return Recovery(path.name, leg, settled, fit, notes)
 
 
-def _cleaned(config: MotionConfig, path: Path) -> tuple[Motion, CleaningReport]:
+def _scaling_source(config: MotionConfig) -> Path:
+    """The recording that the model is scaled from: the one that is named; for legsim's own held squats the person's active squats, as in
+    the study that is rebuilt here; the recording itself otherwise."""
+    path = source(config.file)
+    if config.scaling_file:
+        return source(config.scaling_file)
+    squats = path.with_name("squats.trc")
+    own = path.name.startswith("squat_") and path.resolve().is_relative_to(resources.motion_file("README.md").resolve().parent)
+    return squats if own and squats.is_file() else path
+
+
+def _cleaned(config: MotionConfig, path: Path, required: Sequence[str] = PAPER_ROLES) -> tuple[Motion, CleaningReport, tuple[str, ...]]:
+    """The markers by role, what was done to them, and what the reader has to say about the file."""
     unit = None if config.unit == "file" else config.unit
     up = None if config.up == "file" else config.up
     raw = motion_files.load_markers(path, unit=unit, up=up)
+    notes = _reading_notes(path, unit, up)
 
     def cleaned() -> tuple[Motion, CleaningReport]:
-        chosen = marker_sets.guess(raw.marker_names) if config.marker_map == "auto" else marker_sets.load(config.marker_map)
-        return markers.prepare(raw, chosen, filter_hz=config.filter_hz, longest_gap_s=config.longest_gap_s)
+        automatic = config.marker_map == "auto"
+        chosen = marker_sets.guess(raw.marker_names, required=required) if automatic else marker_sets.load(config.marker_map)
+        return markers.prepare(raw, chosen, filter_hz=config.filter_hz, longest_gap_s=config.longest_gap_s, required=required)
 
-    return _named(path, cleaned)
+    return *_named(path, cleaned), notes
+
+
+def _reading_notes(path: Path, unit: str | None, up: str | None) -> tuple[str, ...]:
+    """Unit and vertical as they were read, and what the reader put right."""
+    if motion_files.kind(path) == "csv":
+        return ()
+    raw = motion_files.read_markers(path)
+    return f"lengths in {raw.resolved_unit(unit)}, {raw.resolved_up(up, unit=unit)} up", *raw.notes
 
 
 def _named(path: Path, compute: Callable[[], _Result]) -> _Result:
@@ -174,11 +247,11 @@ def _from_coordinates(config: MotionConfig, path: Path, filtered: bool) -> Recov
         raise at(path, "holds no joint coordinates", "give a .mot or .sto file of coordinates")
     leg = Leg.load()
     if config.scaling_file:
-        reference = _cleaned(config, source(config.scaling_file))[0]
+        reference, _, _ = _cleaned(config, source(config.scaling_file))
         leg = Leg.load(scaling.fit(leg, reference, marker_sites.load()).scales)
     values, notes = _with_our_knee_sign(_named(path, lambda: leg.values_of(loaded)), loaded.coordinate_names)
     if filtered and config.filter_hz > 0:
-        values = _low_passed(values, loaded.times, config.filter_hz)
+        values = _named(path, lambda: marker_noise.low_pass(values, loaded.times, config.filter_hz))
     return Recovery(path.name, leg, JointTrajectories(loaded.times, leg.coordinate_names, values), None, notes)
 
 
@@ -196,10 +269,3 @@ def _with_our_knee_sign(values: FloatArray, file_names: tuple[str, ...]) -> tupl
     turned = values.copy()
     turned[:, knees] *= -1
     return turned, ("knee angles were positive in flexion (as in Rajagopal2016); their sign was turned to gait2392's",)
-
-
-def _low_passed(values: FloatArray, times: FloatArray, filter_hz: float) -> FloatArray:
-    rate = (len(times) - 1) / float(times[-1] - times[0])
-    if not 0 < filter_hz < rate / 2:
-        raise LegsimError(f"a filter of {filter_hz:g} Hz does not fit coordinates at {rate:g} Hz; choose one below {rate / 2:g} Hz")
-    return sosfiltfilt(butter(2, filter_hz, fs=rate, output="sos"), values, axis=0)

@@ -11,7 +11,7 @@ from legsim.figures.canvas import TEXT, new_figure
 from legsim.scene import ReplayScene
 
 VIEWS = (("from the front right", (1.0, 0.35, 0.75)), ("from the right", (0.0, 0.0, 1.0)), ("from the front", (1.0, 0.0, 0.0)))
-"""title and direction (world) towards the eye"""
+"""title and direction towards the eye: forward, up and to the right of somebody who faces along world x"""
 BONE, JOINT, MEASURED, MODELLED = "#e6dac0", "#d98e04", "#0a78c2", "#c2185b"
 GRID = 0.1  # m
 
@@ -22,7 +22,7 @@ def still(scene: ReplayScene, time_s: float) -> Figure:
     axes = figure.subplots(1, len(VIEWS), width_ratios=[1.6, 1, 1])
     frame = int(np.argmin(np.abs(scene.joint_centers.times - time_s)))
     for ax, (title, towards_eye) in zip(axes, VIEWS, strict=True):
-        camera = _camera(np.array(towards_eye))
+        camera = _camera(_facing(scene, frame) @ np.array(towards_eye))
         _draw_floor(ax, scene, frame, camera)
         _draw_meshes(ax, scene, frame, camera)
         _draw_skeleton(ax, scene, frame, camera)
@@ -36,6 +36,14 @@ def still(scene: ReplayScene, time_s: float) -> Figure:
     figure.legend(handles, labels, loc="outside lower center", ncols=5, fontsize=8, frameon=False)
     figure.suptitle(f"{scene.name}, {scene.joint_centers.times[frame]:.3f} s (floor lines every 10 cm)", fontsize=10, color=TEXT)
     return figure
+
+
+def _facing(scene: ReplayScene, frame: int) -> FloatArray:
+    """(3, 3) turn about the vertical from facing along world x to where the pelvis faces."""
+    if "pelvis" not in scene.poses.segment_names:
+        return np.eye(3)
+    right = scene.poses.of("pelvis")[frame, :3, 2]
+    return transforms.rotation_from_vector([0.0, float(np.arctan2(right[0], right[2])), 0.0])
 
 
 def _camera(towards_eye: FloatArray) -> FloatArray:
