@@ -65,20 +65,21 @@ def swing(signals: ImuSignals, tissue: SoftTissue) -> TissueMotion:
             f"soft tissue at {tissue.frequency_hz:g} Hz needs signals of at least {4 * tissue.frequency_hz:g} Hz; got {rate:g} Hz: "
             "raise imu.rate_hz"
         )
-    w, z = 2 * np.pi * tissue.frequency_hz, tissue.damping
+    w = 2 * np.pi * tissue.frequency_hz
     drive = -(signals.specific_force - signals.specific_force.mean(0))
     rows = drive.reshape(len(drive), -1)
-    shift = _response([0.0, 0.0, 1.0], w, z, rate, rows)
-    second = _response([1.0, 0.0, 0.0], w, z, rate, rows)
+    # in units of 1/w, so that no coefficient is tiny
+    shift = _response([0.0, 0.0, 1.0], tissue.damping, w / rate, rows) / w**2
+    second = _response([1.0, 0.0, 0.0], tissue.damping, w / rate, rows)
     force = signals.specific_force + tissue.amplitude * second.reshape(drive.shape)
     felt = ImuSignals(signals.times, signals.sensor_names, signals.angular_velocity, force)
     return TissueMotion(felt, tissue.amplitude * shift.reshape(drive.shape))
 
 
-def _response(numerator: list[float], w: float, z: float, rate: float, drive: FloatArray) -> FloatArray:
-    """Output (n, c) of numerator(s) / (s^2 + 2 z w s + w^2) to a drive that is linear between samples, settled at the start."""
+def _response(numerator: list[float], damping: float, step: float, drive: FloatArray) -> FloatArray:
+    """Output (n, c) of numerator(s) / (s^2 + 2 damping s + 1) to a drive linear between samples ``step`` apart, settled at the start."""
     # its annotation leaves open how many parts there are
-    discrete: Any = cont2discrete((numerator, [1.0, 2 * z * w, w * w]), 1 / rate, method="foh")
+    discrete: Any = cont2discrete((numerator, [1.0, 2 * damping, 1.0]), step, method="foh")
     top, bottom = discrete[:2]
     gain = float(np.sum(top) / np.sum(bottom))
     swung = lfilter(np.ravel(top), bottom, drive - drive[0], axis=0)
