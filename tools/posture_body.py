@@ -8,13 +8,14 @@ velocity, so that no contact or spring softens them: a foot stays where it is to
 # pyright: reportAttributeAccessIssue=false
 
 import tomllib
+from bisect import bisect_right
 from dataclasses import dataclass
 from pathlib import Path
 
 import mujoco
 import numpy as np
 from posture_subjects import Subject
-from scipy.interpolate import CubicHermiteSpline, PPoly
+from scipy.interpolate import CubicHermiteSpline
 
 from legsim import transforms
 from legsim.arrays import FloatArray
@@ -38,13 +39,25 @@ class Foothold:
 
 @dataclass(frozen=True, slots=True)
 class KneeSlides:
-    """One translation of both knees: q[joints] = sizes * value(q[knees])."""
+    """One translation of both knees: q[joints] = sizes * spline(q[knees])."""
 
     joints: np.ndarray
     knees: np.ndarray
     sizes: FloatArray
-    value: PPoly
-    slope: PPoly
+    knots: list[float]
+    cubics: list[list[float]]
+    """four coefficients from the third power down, an interval each, of the distance to its first knot"""
+
+    def at(self, angles: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Values and slopes (2,) at both knee angles (2,); plain numbers, because arrays of two cost more than they save."""
+        values, slopes = [], []
+        for angle, size in zip(angles.tolist(), self.sizes.tolist(), strict=True):
+            k = min(max(bisect_right(self.knots, angle) - 1, 0), len(self.cubics) - 1)
+            c3, c2, c1, c0 = self.cubics[k]
+            d = angle - self.knots[k]
+            values.append(size * (((c3 * d + c2) * d + c1) * d + c0))
+            slopes.append(size * ((3 * c3 * d + 2 * c2) * d + c1))
+        return np.array(values), np.array(slopes)
 
 
 def scale_of(subject: Subject, body: str) -> FloatArray:
@@ -107,9 +120,9 @@ class Body:
         error, jacobian = np.zeros(16), np.zeros((16, self.size))
         for row, slides in enumerate(self._knees):
             rows = [2 * row, 2 * row + 1]
-            flexed = self.data.qpos[slides.knees]
-            error[rows] = self.data.qpos[slides.joints] - slides.sizes * slides.value(flexed)
-            jacobian[rows, slides.joints], jacobian[rows, slides.knees] = 1.0, -slides.sizes * slides.slope(flexed)
+            value, slope = slides.at(self.data.qpos[slides.knees])
+            error[rows] = self.data.qpos[slides.joints] - value
+            jacobian[rows, slides.joints], jacobian[rows, slides.knees] = 1.0, -slope
         for k, foot in enumerate(self.feet):
             rows = slice(4 + 6 * k, 10 + 6 * k)
             mujoco.mj_jacBody(self.model, self.data, jacobian[rows][:3], jacobian[rows][3:], foot.body)
@@ -195,7 +208,7 @@ class Body:
             q[self.index[f"knee_angle_{side}"]], q[self.index[f"hip_flexion_{side}"]] = -flexion, flexion
             q[self.index[f"ankle_angle_{side}"]] = 0.5 * flexion
         for slides in self._knees:
-            q[slides.joints] = slides.sizes * slides.value(q[slides.knees])
+            q[slides.joints] = slides.at(q[slides.knees])[0]
         q[0], q[2], q[5] = *self.subject.place, np.radians(self.subject.heading_deg)
         q[1] = 0.9 * self.subject.thigh[1]
         return q
@@ -229,9 +242,8 @@ def _knee_slides(subject: Subject, index: dict[str, int]) -> tuple[KneeSlides, .
         joints, knees = ([index[f"{joint}_{side}"] for side in SIDES] for joint in (name, "knee_angle"))
         sizes = np.array([scale_of(subject, f"femur_{side}")[axis] for side in SIDES])
         spline = SimmSpline(couplings[name]["x"], couplings[name]["y"])
-        # the same cubics, in a form that is quick for two numbers at a time
-        value = CubicHermiteSpline(spline.x, *spline.with_derivatives(spline.x)[:2])
-        found.append(KneeSlides(np.array(joints), np.array(knees), sizes, value, value.derivative()))
+        same = CubicHermiteSpline(spline.x, *spline.with_derivatives(spline.x)[:2])
+        found.append(KneeSlides(np.array(joints), np.array(knees), sizes, spline.x.tolist(), same.c.T.tolist()))
     return tuple(found)
 
 

@@ -19,8 +19,8 @@ WARM_UP = 6.0
 """s before the recording starts, for the sway to become stationary"""
 STANDING_DEG = 5.0
 """knee flexion of upright stance"""
-POSITION_SENSE = 0.005
-"""standard deviation of the flexion meant, over the flexion; set so that the pelvis rises and falls as in the measured sway"""
+POSITION_SENSE = (0.0028, 0.003)
+"""rad, and per flexion: standard deviation of the flexion meant; set so that the pelvis rises and falls as in the measured sway"""
 POSITION_SENSE_TIME = 1.5
 """s"""
 
@@ -46,8 +46,8 @@ class Plan:
 def hold(body: Body, flexion_deg: float, rng: np.random.Generator) -> Plan:
     """Stand still with the knees bent, as well as a person knows how much they are: the flexion meant drifts a little."""
     n = round((DURATION + WARM_UP) * RATE)
-    drift = POSITION_SENSE * body.subject.noise * smooth_noise(rng, n, 1, 1 / RATE, POSITION_SENSE_TIME)[:, 0]
-    flexion = np.radians(flexion_deg) * (1 + drift)
+    spread = body.subject.noise * (POSITION_SENSE[0] + POSITION_SENSE[1] * np.radians(flexion_deg))
+    flexion = np.radians(flexion_deg) + spread * smooth_noise(rng, n, 1, 1 / RATE, POSITION_SENSE_TIME)[:, 0]
     rate = np.gradient(flexion, 1 / RATE)
     return _along_path(body, flexion, rate, np.gradient(rate, 1 / RATE))
 
