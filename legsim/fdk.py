@@ -5,9 +5,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from legsim import backprojection, filtering
+from legsim import backprojection, backprojection_plan, filtering
 from legsim.arrays import Float32Array
-from legsim.backprojection import BackprojectionPlan, Kernel, Motion
+from legsim.backprojection_plan import BackprojectionPlan, Kernel, Motion
 from legsim.filtering import FilterOptions
 from legsim.geometry import ConeBeamGeometry, Projections, Volume, VolumeGrid
 from legsim.opencl import Device
@@ -34,7 +34,7 @@ def plan(
         LegsimError: as :func:`reconstruct`, or the device has too little memory.
     """
     options = options if options is not None else FdkOptions()
-    return backprojection.plan(geometry, grid, device, motion=motion, kernel=options.kernel, slab_bytes=options.slab_bytes)
+    return backprojection_plan.plan(geometry, grid, device, motion=motion, kernel=options.kernel, slab_bytes=options.slab_bytes)
 
 
 def reconstruct(

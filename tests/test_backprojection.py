@@ -1,16 +1,13 @@
 """The kernels against their plain float64 twin, and against each other where motion enters."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from reference_backprojection import backproject as reference
 from reference_backprojection import backproject_moved as reference_moved
 from scipy.ndimage import gaussian_filter
 
-from legsim import backprojection, mls, transforms
-from legsim.backprojection import Kernel, Motion
-from legsim.errors import LegsimError
+from legsim import backprojection, backprojection_plan, mls, transforms
+from legsim.backprojection_plan import Kernel, Motion
 from legsim.geometry import ConeBeamGeometry, VolumeGrid
 from legsim.motions import ControlPointMotion, FieldMotion
 from legsim.opencl import Device
@@ -49,7 +46,7 @@ def back_projected(
     motion: Motion | None = None,
     slab_bytes: int = 1 << 28,
 ) -> np.ndarray:
-    decided = backprojection.plan(geometry, grid, device, motion=motion, kernel=kernel, slab_bytes=slab_bytes)
+    decided = backprojection_plan.plan(geometry, grid, device, motion=motion, kernel=kernel, slab_bytes=slab_bytes)
     arranged = backprojection.arranged(images, np.array(decided.mirrored))
     batches = [(slice(0, 4), arranged[:4]), (slice(4, VIEWS), arranged[4:])]
     slabs = list(backprojection.slabs(batches, geometry, grid, device, decided, motion=motion))
@@ -120,7 +117,7 @@ def test_columns_run_along_whatever_axis_the_detector_follows(device: Device, rn
     placed = transforms.rigid(transforms.rotation_from_vector(turn), [0.02, 0.01, -0.01])
     geometry = scan().moved(transforms.inverse(placed))
     grid, images = VolumeGrid((13, 12, 11), (0.004, 0.004, 0.004), (0.02, 0.0, 0.01)), noise(rng)
-    decided = backprojection.plan(geometry, grid, device, kernel="columns")
+    decided = backprojection_plan.plan(geometry, grid, device, kernel="columns")
     assert decided.column_axis == int(np.argmax(np.abs(placed[:3, 1])))
     expected = reference(images, geometry.matrices, grid)
     for slab_bytes in (1 << 28, 4 * 4 * 20 * 19):
@@ -193,34 +190,3 @@ def test_a_motion_that_moves_all_alike_is_the_rigid_one(device: Device, rng: np.
     np.testing.assert_allclose(
         back_projected(images, geometry.moved(moved), grid, device, kernel=kernel), rigid, atol=1e-4 * np.abs(rigid).max()
     )
-
-
-def test_the_plan_says_what_it_takes_before_it_takes_it(device: Device) -> None:
-    geometry = scan()
-    decided = backprojection.plan(geometry, VolumeGrid.cubic(2048, 5e-5, (0.0, 0.0, 0.0)), device)
-    assert decided.slab < 2048
-    assert decided.device_bytes < 2 << 30
-    starved = replace(device, candidate=replace(device.candidate, memory_bytes=1000))
-    with pytest.raises(LegsimError, match="9 views of 50 x 40 pixels"):
-        backprojection.plan(geometry, GRIDS["inside"], starved)
-
-
-def test_the_column_kernel_is_refused_where_it_would_be_wrong(device: Device) -> None:
-    on_its_side = scan().moved(transforms.rigid(transforms.rotation_from_vector([0.6, 0.5, 0.6]), [0.0, 0.0, 0.0]))
-    with pytest.raises(LegsimError, match="column kernel"):
-        backprojection.plan(on_its_side, GRIDS["inside"], device, kernel="columns")
-    assert backprojection.plan(on_its_side, GRIDS["inside"], device).kernel == "voxels"
-
-
-def test_a_motion_of_another_length_is_refused(device: Device) -> None:
-    with pytest.raises(LegsimError, match="5 transforms for 9 views"):
-        backprojection.plan(scan(), GRIDS["inside"], device, motion=RigidMotion.identity(np.arange(5.0)))
-
-
-def test_a_motion_too_wild_for_columns_is_left_to_the_other_kernel(device: Device, rng: np.random.Generator) -> None:
-    geometry = scan()
-    wild = FieldMotion(
-        geometry.times, VolumeGrid.cubic(9, 0.01, (0.0, 0.0, 0.0)), rng.normal(0, 0.01, (VIEWS, 9, 9, 9, 3)).astype(np.float32)
-    )
-    assert backprojection.plan(geometry, FINE, device, motion=wild).kernel == "voxels"
-    assert backprojection.plan(geometry, FINE, device, motion=as_field(bending(rng, geometry.times), 0.006)).curve == 2

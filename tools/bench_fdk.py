@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from legsim import fdk, opencl, transforms
-from legsim.backprojection import Motion
+from legsim.backprojection_plan import Motion
 from legsim.fdk import FdkOptions, ShortScanWarning
 from legsim.geometry import ConeBeamGeometry, Projections, VolumeGrid
 from legsim.motions import ControlPointMotion
