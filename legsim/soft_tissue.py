@@ -69,7 +69,7 @@ def swing(signals: ImuSignals, tissue: SoftTissue) -> TissueMotion:
     drive = -(signals.specific_force - signals.specific_force.mean(0))
     rows = drive.reshape(len(drive), -1)
     # in units of 1/w, so that no coefficient is tiny
-    shift = _response([0.0, 0.0, 1.0], tissue.damping, w / rate, rows) / w**2
+    shift = _response([1.0], tissue.damping, w / rate, rows) / w**2
     second = _response([1.0, 0.0, 0.0], tissue.damping, w / rate, rows)
     force = signals.specific_force + tissue.amplitude * second.reshape(drive.shape)
     felt = ImuSignals(signals.times, signals.sensor_names, signals.angular_velocity, force)
