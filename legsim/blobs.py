@@ -12,6 +12,7 @@ from scipy.optimize import least_squares
 
 from legsim.arrays import Float32Array, FloatArray
 from legsim.errors import LegsimError
+from legsim.geometry import ConeBeamGeometry
 
 # Gaussian width that resembles a sphere's shadow of radius 1 best, and half the window of the fit in radii
 _WIDTH_OF_RADIUS = 0.5
@@ -36,6 +37,13 @@ def locate(image: Float32Array, expected: ArrayLike, *, radius_px: float, search
         raise LegsimError(f"beads need a positive radius, search and contrast; got {radius_px:g} px, {search_px:g} px, {least_contrast:g}")
     expected = np.asarray(expected, float)
     return np.array([_nearest(image, at, radius_px, search_px, least_contrast) for at in expected]).reshape(-1, 2)
+
+
+def shadow_radii(geometry: ConeBeamGeometry, centers: ArrayLike, radius: float) -> FloatArray:
+    """(v, p) radius in pixels of the shadows of spheres of ``radius`` (m) at ``centers``, (p, 3) or (v, p, 3) m in world."""
+    normal, row = geometry.matrices[:, 2, :3], geometry.matrices[:, 0, :3]
+    focal = np.linalg.norm(row - (row * normal).sum(-1, keepdims=True) * normal, axis=-1)
+    return radius * focal[:, None] / geometry.project(centers)[1]
 
 
 def _nearest(image: Float32Array, at: FloatArray, radius: float, search: float, least_contrast: float) -> FloatArray:

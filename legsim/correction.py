@@ -14,7 +14,7 @@ from legsim import transforms
 from legsim.arrays import FloatArray, frozen, increasing_times
 from legsim.errors import LegsimError
 from legsim.geometry import Projections
-from legsim.motions import ControlPointMotion
+from legsim.motions import ControlPointMotion, FieldMotion
 from legsim.signals import ImuSignals, RigidMotion, SensorStart
 
 Order = Literal["pose", "printed"]
@@ -84,9 +84,13 @@ class Correction:
     method: str
     projections: Projections
     """images, warped or as recorded, under the nominal geometry: filter weights belong to the scanner as it really turned"""
-    motion: RigidMotion | ControlPointMotion | None
-    """how the object moved against its reference pose, for the back-projection to follow: M(i) in P(i) M(i), or moving least
-    squares; None where voxels stay (uncorrected scans and warped images)"""
+    motion: RigidMotion | ControlPointMotion | FieldMotion | None
+    """how the object moved against its reference pose, for the back-projection to follow: M(i) in P(i) M(i), moving least
+    squares, or displacements; None where voxels stay (uncorrected scans and warped images)"""
+    warped_by: ControlPointMotion | None = None
+    """the points by which images were warped, so that the errors of the warp can be told; None where they are as recorded"""
+    notes: tuple[str, ...] = ()
+    """sentences on how it went, for the report"""
 
     def __post_init__(self) -> None:
         if self.motion is None:

@@ -2,19 +2,21 @@
 
 import importlib.metadata
 import importlib.util
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import cast
 
 import numpy as np
 
-from legsim import artifacts, correction, mls, pose_estimation, projection_warp
+from legsim import artifacts, bead_tracking, correction, mls, motion_paths, pose_estimation, projection_warp
 from legsim.arrays import FloatArray
+from legsim.bead_scan import BeadScan
 from legsim.correction import Correction, CorrectionMethod, Scan
 from legsim.errors import LegsimError, at
+from legsim.geometry import VolumeGrid
 from legsim.mls import AttachedPoint
-from legsim.motions import ControlPointMotion
+from legsim.motions import ControlPointMotion, FieldMotion
 from legsim.opencl import Device
 from legsim.pose_estimation import Scheme
 from legsim.signals import RigidMotion, SegmentPoses
@@ -25,7 +27,8 @@ REFERENCE = "static"
 PAPER_ALPHA = 0.8
 """how far the hip and the ankle are drawn to the knee before they are projected (Maier et al., eq. 22 and 23)"""
 _KNEE = 1
-"""place of the knee among the joints"""
+"""place of the knee among a leg's points"""
+_RIGID_FROM = "rigid@"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -35,10 +38,16 @@ class Setup:
     scheme: Scheme
     sensor: str
     """the one that rigid methods follow"""
-    joints: tuple[AttachedPoint, ...]
-    """hip, knee and ankle, each at the sensor that carries it: how the sensors were strapped on is known"""
+    legs: tuple[tuple[AttachedPoint, ...], ...]
+    """hip, knee, ankle and whatever else is followed, a leg each, at the sensors that carry them: how those were strapped on is known"""
     device: Device
+    nodes: VolumeGrid
+    """coarse, over the volume: of displacement fields"""
     true_shank: RigidMotion
+    true_field: Callable[[], FieldMotion]
+    """the phantom's own motion at the nodes, computed when it is asked for"""
+    beads: Callable[[], BeadScan]
+    """the same scan with beads on the skin, exposed when it is asked for"""
 
 
 def _rigid(setup: Setup) -> CorrectionMethod:
@@ -52,28 +61,65 @@ def _rigid_printed_order(setup: Setup) -> CorrectionMethod:
     return correction.rigidly("rigid-printed-order", estimate)
 
 
-def followed_joints(scan: Scan, setup: Setup) -> ControlPointMotion:
-    """Where hip, knee and ankle go by the two sensors' signals."""
-    names = tuple(dict.fromkeys(joint.sensor for joint in setup.joints))
+def followed(scan: Scan, setup: Setup) -> tuple[ControlPointMotion, ...]:
+    """Where each leg's points go by the sensors' signals.
+
+    Raises:
+        LegsimError: no leg has all of its sensors.
+    """
+    if not setup.legs:
+        raise LegsimError("non-rigid methods follow hip, knee and ankle: configure a sensor on femur_l and one on tibia_l (imu.sensors)")
+    names = tuple(dict.fromkeys(point.sensor for leg in setup.legs for point in leg))
     poses = np.stack([sensor_path(scan, name, setup.scheme) for name in names], 1)
-    return mls.follow(SegmentPoses(scan.times, names, poses), setup.joints)
+    return tuple(mls.follow(SegmentPoses(scan.times, names, poses), leg) for leg in setup.legs)
+
+
+def _together(motions: Sequence[ControlPointMotion]) -> ControlPointMotion:
+    reference, moved = np.concatenate([m.reference for m in motions]), np.concatenate([m.moved for m in motions], 1)
+    return ControlPointMotion(motions[0].times, reference, moved)
 
 
 def _nonrigid_2d(setup: Setup) -> CorrectionMethod:
     def correct(scan: Scan, /) -> Correction:
-        near_knee = mls.drawn_to(followed_joints(scan, setup), _KNEE, PAPER_ALPHA)
-        return Correction("nonrigid-2d", projection_warp.warp(scan.projections, near_knee, setup.device), None)
+        near_knees = _together([mls.drawn_to(leg, _KNEE, PAPER_ALPHA) for leg in followed(scan, setup)])
+        return Correction("nonrigid-2d", projection_warp.warp(scan.projections, near_knees, setup.device), None, warped_by=near_knees)
 
     return correct
 
 
 def _nonrigid_3d(setup: Setup) -> CorrectionMethod:
-    return lambda scan: Correction("nonrigid-3d", scan.projections, followed_joints(scan, setup))
+    def correct(scan: Scan, /) -> Correction:
+        motion = _together(followed(scan, setup))
+        # the device's closed form is for three points; any other number is sampled
+        whole = motion if len(motion.reference) == 3 else motion_paths.sampled(motion, setup.nodes)
+        return Correction("nonrigid-3d", scan.projections, whole)
+
+    return correct
+
+
+def _marker_based(setup: Setup) -> CorrectionMethod:
+    def correct(scan: Scan, /) -> Correction:
+        beads = setup.beads()
+        pixels = bead_tracking.track(beads.projections, beads.guesses, radius=beads.radius)
+        found = bead_tracking.estimate(scan.projections.geometry, pixels)
+        note = (
+            f"{len(beads.guesses)} beads of {2e3 * beads.radius:g} mm: {100 * found.used.mean():.0f} % of their shadows were found and "
+            f"believed, {found.residual_px:.2f} px RMS from a rigid motion."
+        )
+        return Correction("marker-based", scan.projections, found.motion, notes=(note,))
+
+    return correct
+
+
+def _oracle_nonrigid(setup: Setup) -> CorrectionMethod:
+    return lambda scan: Correction("oracle-nonrigid", scan.projections, setup.true_field())
 
 
 BUILT_IN: dict[str, Callable[[Setup], CorrectionMethod]] = {
     "uncorrected": lambda _: correction.uncorrected,
     "oracle": lambda setup: correction.rigidly("oracle", correction.known(setup.true_shank)),
+    "oracle-nonrigid": _oracle_nonrigid,
+    "marker-based": _marker_based,
     "rigid": _rigid,
     "nonrigid-2d": _nonrigid_2d,
     "nonrigid-3d": _nonrigid_3d,
@@ -90,6 +136,7 @@ def sensor_path(scan: Scan, sensor: str, scheme: Scheme) -> FloatArray:
 def build(name: str, setup: Setup) -> CorrectionMethod:
     """The method of that name: built in, an entry point of the group ``legsim.methods``, or ``path/to/file.py:function``.
 
+    ``rigid@<sensor>`` is the rigid correction from that sensor, whichever ``setup`` names.
     An entry point and a file's function are the method itself: called with a :class:`legsim.correction.Scan`.
 
     Raises:
@@ -97,13 +144,15 @@ def build(name: str, setup: Setup) -> CorrectionMethod:
     """
     if name in BUILT_IN:
         return BUILT_IN[name](setup)
+    if name.startswith(_RIGID_FROM):
+        return _rigid(replace(setup, sensor=name.removeprefix(_RIGID_FROM)))
     path, separator, function = name.rpartition(":")
     if separator and path.endswith(".py"):
         return _from_file(Path(path), function)
     installed = {point.name: point for point in importlib.metadata.entry_points(group=ENTRY_POINTS)}
     if name in installed:
         return installed[name].load()
-    known = ", ".join([REFERENCE, *BUILT_IN, *installed])
+    known = ", ".join([REFERENCE, *BUILT_IN, f"{_RIGID_FROM}<sensor>", *installed])
     raise LegsimError(f"no correction method named {name!r}; there are: {known}, or your own as path/to/file.py:function")
 
 

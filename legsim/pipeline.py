@@ -5,8 +5,8 @@
 
 import json
 import subprocess
-from collections.abc import Callable
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -17,20 +17,20 @@ from legsim import (
     __version__,
     acquisition,
     artifacts,
+    comparison,
     config,
-    correction,
     evaluation,
-    fdk,
     figures,
     geometry_files,
     images,
     imu,
     leg_phantom,
-    methods,
     opencl,
     presentation,
+    reconstruction,
     recovery,
     report,
+    sensing,
     soft_tissue,
     storage,
     transforms,
@@ -40,19 +40,20 @@ from legsim import (
 from legsim.artifacts import RunFolder, key_of
 from legsim.config import RunConfig
 from legsim.correction import Scan
-from legsim.evaluation import Metrics, Region, RegionMetrics, Registration
-from legsim.geometry import ConeBeamGeometry, Projections, VolumeGrid
+from legsim.evaluation import Region
+from legsim.geometry import Projections, VolumeGrid
 from legsim.imu import JointSplines, Sensor
-from legsim.leg_phantom import LegPhantom
-from legsim.mls import AttachedPoint
 from legsim.opencl import Device
 from legsim.presentation import MethodResult
+from legsim.reconstruction import Reconstructed
 from legsim.recovery import Recovery
-from legsim.scene import NamedVolume
-from legsim.signals import ImuSignals, RigidMotion, SegmentPoses
+from legsim.scanned_leg import OnProgress, ScannedLeg, Stage
+from legsim.sensing import FiducialScan, Starts
+from legsim.signals import ImuSignals, RigidMotion
 from legsim.soft_tissue import SoftTissue
 
-OnProgress = Callable[[str, int, int], None]
+_NOISE, _STARTS = 1, 2
+"""streams of the run's seed"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,14 +68,20 @@ class RunResult:
         """Regions in the order of the table."""
         return tuple(r.region for r in self.methods[0].metrics.regions)
 
+    def columns(self) -> tuple[str, ...]:
+        """Heads of :meth:`rows`."""
+        measures = (f"{kind} {region}" for kind in ("SSIM", "RMSE") for region in self.region_names)
+        return ("method", *measures, *(f"{r.structure} mm" for r in self.methods[0].residuals), "bones px", "seconds")
+
     def rows(self) -> list[tuple[str, ...]]:
-        """Method, SSIM by region, RMSE by region, residual, seconds."""
+        """Method, SSIM by region, RMSE by region, what was not undone by structure and at the bones in the images, seconds."""
         return [
             (
                 m.method,
                 *(f"{r.ssim:.3f}" for r in m.metrics.regions),
                 *(f"{r.rmse:.3f}" for r in m.metrics.regions),
-                "-" if m.residual_mm is None else f"{m.residual_mm:.2f}",
+                *("-" if r.mm is None else f"{r.mm:.2f}" for r in m.residuals),
+                f"{m.residual_px:.2f}",
                 f"{m.seconds:.1f}",
             )
             for m in self.methods
@@ -86,21 +93,6 @@ class RunResult:
         return [f"{what}: {self.folder / name}" for what, name in names.items()] + [f"to look around: legsim view {self.folder}"]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Body:
-    """The moving person, as every stage after the first needs it."""
-
-    recovery: Recovery
-    splines: JointSplines
-    sensors: tuple[Sensor, ...]
-    times: np.ndarray
-    """(v,) s of the views"""
-    poses: SegmentPoses
-    """of the segments at the views"""
-    phantom: LegPhantom
-    geometry: ConeBeamGeometry
-
-
 def run(settings: RunConfig, out: Path, *, device: str | None = None, on_progress: OnProgress) -> RunResult:
     """One scan, from the recording to report and recording in ``out``."""
     opened = opencl.open_device(device)
@@ -109,12 +101,14 @@ def run(settings: RunConfig, out: Path, *, device: str | None = None, on_progres
     body = _body(settings, folder, on_progress)
     signals = _sense(settings, body, folder)
     moving, still = _scan(settings, body, folder, opened, on_progress)
-    scan = Scan(moving, signals, tuple(imu.true_start(body.recovery.leg, body.splines, s, float(body.times[0])) for s in body.sensors))
+    starts = _starts(settings, body, signals, opened)
+    scan = Scan(moving, signals, starts.starts)
     grid = acquisition.volume_grid(settings.grid, body.geometry.rotation_center())
-    volumes, motions = _reconstruct(settings, body, scan, still, grid, folder, opened, on_progress)
+    stage = Stage(settings, folder, opened, _scan_key(settings), on_progress)
+    corrected = reconstruction.reconstruct(stage, body, scan, still, grid)
     regions = _regions(settings, body, grid, opened)
-    results = _compare(settings, body, volumes, motions, regions, folder, on_progress)
-    _present(settings, body, signals, moving, volumes, motions, results, folder, on_progress)
+    results = comparison.compare(stage, body, corrected, regions, grid)
+    _present(settings, body, signals, moving, corrected, results, starts, folder, on_progress)
     return RunResult(out, results)
 
 
@@ -126,6 +120,8 @@ def _about(settings: RunConfig, device: Device) -> dict[str, Any]:
         "config_hash": key_of(dumped),
         "seed": settings.seed,
         "device": device.label,
+        "sensors": sensing.noise_sentence(settings.imu, view_rate_hz=settings.scan.rate_hz),
+        "start": settings.methods.start,
     }
 
 
@@ -146,7 +142,7 @@ def _scan_key(settings: RunConfig) -> str:
     return key_of(_motion_key(settings), settings.scan.model_dump(), settings.phantom.model_dump())
 
 
-def _body(settings: RunConfig, folder: RunFolder, on_progress: OnProgress) -> _Body:
+def _body(settings: RunConfig, folder: RunFolder, on_progress: OnProgress) -> ScannedLeg:
     """Solves the recording for joint angles and poses the phantom's skeleton at every view."""
     on_progress("joint angles", 0, 1)
     recovered = recovery.recover(settings.motion)
@@ -158,7 +154,7 @@ def _body(settings: RunConfig, folder: RunFolder, on_progress: OnProgress) -> _B
     geometry = acquisition.c_arm(settings.scan, times, isocenter)
     phantom = leg_phantom.load(scales=recovered.leg.scales, detail=settings.phantom.detail, energy_kev=settings.phantom.energy_kev)
     on_progress("joint angles", 1, 1)
-    return _Body(recovered, splines, sensors(settings.imu), times, poses, phantom, geometry)
+    return ScannedLeg(recovered, splines, sensors(settings.imu), times, poses, phantom, geometry)
 
 
 def sensors(settings: config.ImuConfig) -> tuple[Sensor, ...]:
@@ -188,13 +184,16 @@ def _write_kinematics(recovered: Recovery, folder: RunFolder, key: str) -> None:
         artifacts.write_text(folder.path / "kinematics.json", json.dumps(recovered.summary(), indent=1) + "\n")
 
 
-def _sense(settings: RunConfig, body: _Body, folder: RunFolder) -> ImuSignals:
+def _sense(settings: RunConfig, body: ScannedLeg, folder: RunFolder) -> ImuSignals:
     """The IMU signals over the whole recording, at the sensors' own rate."""
-    key = key_of(_motion_key(settings), settings.imu.model_dump())
+    drawn = () if settings.imu.noise.kind == "none" else (settings.seed, settings.scan.rate_hz)
+    key = key_of(_motion_key(settings), settings.imu.model_dump(), drawn)
     if folder.done("imu", key):
         return artifacts.load_imu(folder.path / "imu.csv")
     with folder.stage("imu", key, ["imu.csv"]):
-        signals = sense(body.recovery, body.splines, body.sensors, settings.imu)
+        clean = sense(body.recovery, body.splines, body.sensors, settings.imu)
+        drawing = np.random.default_rng([settings.seed, _NOISE])
+        signals = sensing.noisy(clean, settings.imu, view_rate_hz=settings.scan.rate_hz, rng=drawing)
         artifacts.save_imu(folder.path / "imu.csv", signals)
     return signals
 
@@ -214,7 +213,9 @@ def sense(recovered: Recovery, splines: JointSplines, placed: tuple[Sensor, ...]
     return replace(signals, times=signals.times + settings.clock_offset_s)
 
 
-def _scan(settings: RunConfig, body: _Body, folder: RunFolder, device: Device, on_progress: OnProgress) -> tuple[Projections, Projections]:
+def _scan(
+    settings: RunConfig, body: ScannedLeg, folder: RunFolder, device: Device, on_progress: OnProgress
+) -> tuple[Projections, Projections]:
     """Projections of the moving phantom, and of the one that keeps the first view's pose."""
     key = _scan_key(settings)
     if not folder.done("geometry", key):
@@ -233,63 +234,23 @@ def _scan(settings: RunConfig, body: _Body, folder: RunFolder, device: Device, o
     return exposures[0], exposures[1]
 
 
-def _reconstruct(
-    settings: RunConfig,
-    body: _Body,
-    scan: Scan,
-    still: Projections,
-    grid: VolumeGrid,
-    folder: RunFolder,
-    device: Device,
-    on_progress: OnProgress,
-) -> tuple[tuple[NamedVolume, ...], dict[str, RigidMotion]]:
-    """A volume a method, the motion-free one first; and the rigid motions that were estimated."""
-    truth = correction.rigid_motion(body.times, body.poses.of("tibia_l"))
-    setup = methods.Setup(settings.methods.scheme, settings.methods.sensor, _carried_joints(body, scan), device, truth)
-    names = list(dict.fromkeys([methods.REFERENCE, *settings.methods.run]))
-    corrections = {name: methods.build(name, setup) for name in names if name != methods.REFERENCE}
-    volumes, motions = [], {}
-    for name in names:
-        label = methods.label(name)
-        key = key_of(
-            _scan_key(settings),
-            settings.imu.model_dump(),
-            settings.methods.scheme,
-            settings.methods.sensor,
-            settings.grid.model_dump(),
-            methods.fingerprint(name),
-        )
-        path, motion_path = folder.path / f"volume-{label}.mha", folder.path / f"motion-{label}.npz"
-        if not folder.done(f"volume-{label}", key):
-            files = [path.name]
-            with folder.stage(f"volume-{label}", key, files):
-                found = correction.Correction(label, still, None) if name == methods.REFERENCE else corrections[name](scan)
-                if found.motion is not None:
-                    artifacts.save_motion(motion_path, found.motion)
-                    files.append(motion_path.name)
-                volume = fdk.reconstruct(
-                    found.projections, grid, device, motion=found.motion, progress=partial(on_progress, f"reconstructing {label}")
-                )
-                images.save_volume(path, volume)
-        volumes.append(NamedVolume(label, images.load_volume(path)))
-        motion = artifacts.load_motion(motion_path) if folder.has(motion_path.name) else None
-        if isinstance(motion, RigidMotion):
-            motions[label] = motion
-    return tuple(volumes), motions
+def _starts(settings: RunConfig, body: ScannedLeg, signals: ImuSignals, device: Device) -> Starts:
+    """Where each sensor's integration begins, as methods.start says."""
+    if settings.methods.start == "truth":
+        return sensing.true_starts(body.recovery.leg, body.splines, body.sensors, float(body.times[0]))
+    true_poses = imu.sensor_poses(body.recovery.leg, body.splines, body.sensors, body.times)
+    return sensing.found_starts(
+        signals,
+        body.sensors,
+        FiducialScan(body.geometry, body.poses, body.phantom, device),
+        true_poses,
+        settings.methods.fiducials,
+        scheme=settings.methods.scheme,
+        rng=np.random.default_rng([settings.seed, _STARTS]),
+    )
 
 
-def _carried_joints(body: _Body, scan: Scan) -> tuple[AttachedPoint, ...]:
-    """Left hip by the thigh's sensor, knee and ankle by the shank's: the first of the sensors on each segment."""
-    centers = body.recovery.leg.joint_centers(body.poses)
-    carried = []
-    for joint, segment in (("hip_l", "femur_l"), ("knee_l", "tibia_l"), ("ankle_l", "tibia_l")):
-        sensor = next((s.name for s in body.sensors if s.segment == segment), None)
-        if sensor is not None:
-            carried.append(AttachedPoint.at_start(sensor, scan.start(sensor).world_from_sensor, centers.of(joint)[0]))
-    return tuple(carried)
-
-
-def _regions(settings: RunConfig, body: _Body, grid: VolumeGrid, device: Device) -> tuple[Region, ...]:
+def _regions(settings: RunConfig, body: ScannedLeg, grid: VolumeGrid, device: Device) -> tuple[Region, ...]:
     """Whole leg, shank and thigh of the scanned leg, from the phantom's truth at the reference pose."""
     vertices = body.phantom.posed(body.poses.world_from_segment[0], body.poses.segment_names)
     left = [k for k, part in enumerate(body.phantom.phantom.parts) if part.name.endswith("_l")]
@@ -299,75 +260,14 @@ def _regions(settings: RunConfig, body: _Body, grid: VolumeGrid, device: Device)
     return evaluation.leg_regions(labels, grid, knee, acquisition.field_of_view(settings.scan), 1e-3 * settings.evaluation.air_margin_mm)
 
 
-def _compare(
-    settings: RunConfig,
-    body: _Body,
-    volumes: tuple[NamedVolume, ...],
-    motions: dict[str, RigidMotion],
-    regions: tuple[Region, ...],
-    folder: RunFolder,
-    on_progress: OnProgress,
-) -> tuple[MethodResult, ...]:
-    """Every volume against the motion-free one; written to metrics.json."""
-    path = folder.path / "metrics.json"
-    key = key_of(
-        _motion_key(settings), settings.evaluation.model_dump(), [(v.name, folder.hash_of(f"volume-{v.name}.mha")) for v in volumes]
-    )
-    if folder.done("metrics", key):
-        return tuple(_result(entry) for entry in json.loads(path.read_text("utf-8"))["methods"])
-    with folder.stage("metrics", key, [path.name]):
-        results = []
-        for k, named in enumerate(volumes):
-            on_progress("comparing", k, len(volumes))
-            metrics = evaluation.evaluate(named.volume, volumes[0].volume, regions, register=settings.evaluation.register_volumes)
-            residual = _residual_of(body.poses, named.name, motions)
-            results.append(MethodResult(named.name, metrics, residual, folder.seconds(f"volume-{named.name}")))
-        on_progress("comparing", len(volumes), len(volumes))
-        content = {"scaling": "each volume to 0..1 inside the regions", "methods": [asdict(r) for r in results]}
-        artifacts.write_text(path, json.dumps(content, indent=1) + "\n")
-    return tuple(results)
-
-
-def _result(entry: dict[str, Any]) -> MethodResult:
-    """From an entry of metrics.json."""
-    regions = tuple(RegionMetrics(**r) for r in entry["metrics"]["regions"])
-    registration = entry["metrics"]["registration"]
-    metrics = Metrics(regions, None if registration is None else Registration(**registration))
-    return MethodResult(entry["method"], metrics, entry["residual_mm"], entry["seconds"])
-
-
-def _residual_of(poses: SegmentPoses, method: str, motions: dict[str, RigidMotion]) -> float | None:
-    if method == "uncorrected":
-        return residual_mm(poses, None)
-    return residual_mm(poses, motions[method]) if method in motions else None
-
-
-def residual_mm(poses: SegmentPoses, motion: RigidMotion | None) -> float:
-    """RMS (mm) over views and both bones of the left knee of the motion that was not undone; None undoes nothing.
-
-    The points are the knee center, carried by the tibia, and the same point carried by the femur, each with three neighbors 5 cm
-    off along the axes, so that rotation counts.
-    """
-    around = np.vstack([np.zeros(3), 0.05 * np.eye(3)])
-    undone = RigidMotion.identity(poses.times) if motion is None else motion
-    knee = poses.of("tibia_l")[0, :3, 3]
-    remaining = [
-        evaluation.residual_displacement(
-            undone.moved_from_reference, RigidMotion.from_poses(poses.times, poses.of(bone)).moved_from_reference, knee + around
-        )
-        for bone in ("tibia_l", "femur_l")
-    ]
-    return float(1e3 * np.sqrt(np.mean(np.square(remaining))))
-
-
 def _present(
     settings: RunConfig,
-    body: _Body,
+    body: ScannedLeg,
     signals: ImuSignals,
     moving: Projections,
-    volumes: tuple[NamedVolume, ...],
-    motions: dict[str, RigidMotion],
+    corrected: tuple[Reconstructed, ...],
     results: tuple[MethodResult, ...],
+    starts: Starts,
     folder: RunFolder,
     on_progress: OnProgress,
 ) -> None:
@@ -379,22 +279,23 @@ def _present(
     with folder.stage("presentation", key, files):
         on_progress("recording and report", 0, 2)
         replayed = presentation.replay_scene(body.recovery, body.splines, body.sensors, signals, body.phantom)
-        scene = presentation.scan_scene(replayed, body.phantom, body.poses, moving, volumes)
+        scene = presentation.scan_scene(replayed, body.phantom, body.poses, moving, [c.volume for c in corrected])
         view.write_scan(folder.path / "recording.rrd", scene)
         on_progress("recording and report", 1, 2)
         truth = RigidMotion.from_poses(body.times, body.poses.of("tibia_l"))
-        drawn = presentation.scan_figures(scene, truth, list(motions.items()), body.poses.of("tibia_l")[0, :3, 3])
+        rigid = [(c.volume.name, c.motion) for c in corrected if isinstance(c.motion, RigidMotion)]
+        drawn = presentation.scan_figures(scene, truth, rigid, body.poses.of("tibia_l")[0, :3, 3])
         pictures = presentation.write_pictures(folder.path / "pictures", drawn)
         provenance = [(what, str(value)) for what, value in folder.about.items()] + [
             ("command", f"legsim run config.toml --out {folder.path.name}")
         ]
-        summary = _summary(settings, results)
+        summary = _summary(settings, results, (*starts.notes, *(note for c in corrected for note in c.notes)))
         content = presentation.scan_report(body.recovery, results, pictures, summary, provenance, ())
         artifacts.write_text(folder.path / "report.html", report.render(content))
         on_progress("recording and report", 2, 2)
 
 
-def _summary(settings: RunConfig, results: tuple[MethodResult, ...]) -> list[str]:
+def _summary(settings: RunConfig, results: tuple[MethodResult, ...], notes: Sequence[str]) -> list[str]:
     """The report's first sentences."""
     scan, grid = settings.scan, settings.grid
     lines = [
@@ -408,7 +309,14 @@ def _summary(settings: RunConfig, results: tuple[MethodResult, ...]) -> list[str
             f"Motion lowers SSIM to {before.ssim:.3f} and raises RMSE to {before.rmse:.3f}; following the {settings.methods.sensor} sensor "
             f"rigidly brings {after.ssim:.3f} and {after.rmse:.3f}."
         )
-    lines.append("IMU signals are free of noise and poses start from the truth: these are ceilings, not what a real sensor would reach.")
+    lines += [sensing.noise_sentence(settings.imu, view_rate_hz=scan.rate_hz), *notes]
+    if settings.imu.noise.kind == "none" and settings.methods.start == "truth":
+        lines.append("With clean signals and a true start these are ceilings, not what a real sensor would reach.")
+    if "oracle-nonrigid" in shown:
+        lines.append(
+            "The phantom's soft tissue follows the bones by its own skinning, which moving least squares between joints only resembles: "
+            "how the two differ is part of the error of the non-rigid methods, and a real leg would differ from both."
+        )
     return lines
 
 

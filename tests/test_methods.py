@@ -1,11 +1,29 @@
+from typing import Never
+
 import numpy as np
 import pytest
 
 from legsim import methods, opencl
 from legsim.errors import LegsimError
+from legsim.geometry import VolumeGrid
 from legsim.signals import RigidMotion
 
-SETUP = methods.Setup("accurate", "shank_l", (), opencl.open_device(), RigidMotion.identity(np.arange(3.0)))
+
+def unwanted() -> Never:
+    """What is not asked for is not made."""
+    raise AssertionError("built without being run")
+
+
+SETUP = methods.Setup(
+    scheme="accurate",
+    sensor="shank_l",
+    legs=(),
+    device=opencl.open_device(),
+    nodes=VolumeGrid.cubic(2, 0.1, [0, 0, 0]),
+    true_shank=RigidMotion.identity(np.arange(3.0)),
+    true_field=unwanted,
+    beads=unwanted,
+)
 OWN = """
 from legsim.correction import Correction
 

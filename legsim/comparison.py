@@ -1,0 +1,95 @@
+"""Every method's volume against the motion-free one, and what each left of the motion; written to metrics.json."""
+
+import json
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+
+from legsim import acquisition, artifacts, evaluation, residuals
+from legsim.artifacts import key_of
+from legsim.evaluation import Metrics, Region, RegionMetrics, Registration
+from legsim.geometry import VolumeGrid
+from legsim.presentation import MethodResult
+from legsim.reconstruction import Reconstructed
+from legsim.residuals import Residual, Structure
+from legsim.scanned_leg import ScannedLeg, Stage
+
+_SURFACES = (("femur", "femur_cortex_l"), ("tibia", "tibia_cortex_l"), ("patella", "patella_cortex_l"), ("skin", "skin_l"))
+_POINTS = 60
+
+
+def compare(
+    stage: Stage, body: ScannedLeg, corrected: tuple[Reconstructed, ...], regions: tuple[Region, ...], grid: VolumeGrid
+) -> tuple[MethodResult, ...]:
+    """A row a method."""
+    settings, folder = stage.settings, stage.folder
+    path = folder.path / "metrics.json"
+    made = [[(name, folder.hash_of(name)) for name in _files(c) if folder.has(name)] for c in corrected]
+    key = key_of(stage.scan_key, settings.evaluation.model_dump(), made)
+    if folder.done("metrics", key):
+        return tuple(_result(entry) for entry in json.loads(path.read_text("utf-8"))["methods"])
+    with folder.stage("metrics", key, [path.name]):
+        seen = structures(body, grid, acquisition.field_of_view(settings.scan))
+        results = []
+        for k, one in enumerate(corrected):
+            stage.on_progress("comparing", k, len(corrected))
+            results.append(_compared(stage, body, one, corrected[0], regions, seen))
+        stage.on_progress("comparing", len(corrected), len(corrected))
+        content = {"scaling": "each volume to 0..1 inside the regions", "methods": [asdict(r) for r in results]}
+        artifacts.write_text(path, json.dumps(content, indent=1) + "\n")
+    return tuple(results)
+
+
+def _files(one: Reconstructed) -> tuple[str, ...]:
+    label = one.volume.name
+    return f"volume-{label}.mha", f"motion-{label}.npz", f"warp-{label}.npz"
+
+
+def _compared(
+    stage: Stage, body: ScannedLeg, one: Reconstructed, reference: Reconstructed, regions: tuple[Region, ...], seen: tuple[Structure, ...]
+) -> MethodResult:
+    name = one.volume.name
+    register = stage.settings.evaluation.register_volumes
+    metrics = evaluation.evaluate(one.volume.volume, reference.volume.volume, regions, register=register)
+    if one is reference:
+        # its leg rests: nothing is left
+        left = residuals.of_motion(None, tuple(s.at_rest() for s in seen), body.geometry)
+    elif one.warped_by is not None:
+        left = residuals.of_warp(one.warped_by, seen, body.geometry)
+    else:
+        left = residuals.of_motion(one.motion, seen, body.geometry)
+    overall = None if one is reference else residuals.overall_mm(left)
+    return MethodResult(name, metrics, overall, stage.folder.seconds(f"volume-{name}"), left)
+
+
+def structures(body: ScannedLeg, grid: VolumeGrid, field_of_view: float) -> tuple[Structure, ...]:
+    """Points on the bones of the left knee and on its skin, within the field of view and the grid, and their true way."""
+    start = body.poses.world_from_segment[0]
+    vertices = body.phantom.posed(start, body.poses.segment_names)
+    half = 0.5 * np.array(grid.shape_zyx[::-1]) * grid.spacing_xyz
+    found = []
+    for name, part in _SURFACES:
+        k = body.phantom.part_index(part)
+        away = vertices[k] - np.array(grid.center)
+        pixels, _ = body.geometry.project(vertices[k])
+        shown = ((pixels > 0) & (pixels < np.array(body.geometry.shape_vu[::-1]) - 1)).all((0, 2))
+        inside = np.flatnonzero((np.abs(away) < half).all(-1) & (np.hypot(away[:, 0], away[:, 2]) < field_of_view) & shown)
+        if len(inside) < 3:
+            continue
+        chosen = vertices[k][inside[np.linspace(0, len(inside) - 1, min(_POINTS, len(inside))).astype(int)]]
+        segment = body.phantom.segments[k]
+        paths = body.phantom.paths(
+            chosen, segment, start=start, poses=body.poses.world_from_segment, segment_names=body.poses.segment_names
+        )
+        found.append(Structure(name, not segment.startswith("soft"), paths))
+    return tuple(found)
+
+
+def _result(entry: dict[str, Any]) -> MethodResult:
+    """From an entry of metrics.json."""
+    regions = tuple(RegionMetrics(**r) for r in entry["metrics"]["regions"])
+    registration = entry["metrics"]["registration"]
+    metrics = Metrics(regions, None if registration is None else Registration(**registration))
+    left = tuple(Residual(**r) for r in entry["residuals"])
+    return MethodResult(entry["method"], metrics, entry["residual_mm"], entry["seconds"], left)

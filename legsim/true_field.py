@@ -1,0 +1,80 @@
+"""The phantom's own motion as a displacement field: the ceiling of all non-rigid methods.
+
+The field is sampled at nodes and linear between them. Material points of soft tissue go as the phantom's skinning carries them. So
+that bones stay exact, every node within one spacing of a bone goes with the nearest bone: soft tissue that close to a bone is then led
+by the bone, which is the price of the sampling and shrinks with it.
+"""
+
+import numpy as np
+from scipy import ndimage
+from scipy.spatial import KDTree
+
+from legsim import motion_paths, voxelizer
+from legsim.arrays import FloatArray, frozen_owned
+from legsim.geometry import VolumeGrid
+from legsim.leg_phantom import LegPhantom
+from legsim.motions import FieldMotion
+from legsim.opencl import Device
+from legsim.signals import SegmentPoses
+
+_FINER = 4
+"""label voxels along one node spacing"""
+_LED_BACK = 1e-6
+"""m by which a point may miss itself when it is led to the straight leg and back"""
+
+
+def of_phantom(phantom: LegPhantom, poses: SegmentPoses, nodes: VolumeGrid, device: Device, *, side: str = "l") -> FieldMotion:
+    """Displacements of the material points that lie at ``nodes`` in the first of ``poses``.
+
+    One leg's: nodes beyond it go as its soft tissue would, also those in the other leg.
+    """
+    carrier = _carriers(phantom, poses, nodes, device, side)
+    points = motion_paths.node_positions(nodes)
+    fields = np.empty((len(poses.times), len(points), 3), np.float32)
+    for segment in sorted(set(carrier.tolist())):
+        chosen = np.flatnonzero(carrier == segment)
+        paths = phantom.paths(
+            points[chosen],
+            segment,
+            start=poses.world_from_segment[0],
+            poses=poses.world_from_segment,
+            segment_names=poses.segment_names,
+        )
+        fields[:, chosen] = _mended(paths - paths[0], np.linalg.norm(paths[0] - points[chosen], axis=-1) < _LED_BACK, points[chosen])
+    return FieldMotion(poses.times, nodes, frozen_owned(fields.reshape(len(fields), *nodes.shape_zyx, 3)))
+
+
+def _mended(paths: FloatArray, known: np.ndarray, points: FloatArray) -> FloatArray:
+    """Displacements (v, p, 3) with those of the nearest known point where a point's place in the straight leg was not found.
+
+    Such points are few and lie in air, where the skinning folds space over itself.
+    """
+    if known.all() or not known.any():
+        return paths
+    nearest = np.flatnonzero(known)[KDTree(points[known]).query(points[~known])[1]]
+    paths[:, ~known] = paths[:, nearest]
+    return paths
+
+
+def _carriers(phantom: LegPhantom, poses: SegmentPoses, nodes: VolumeGrid, device: Device, side: str) -> FloatArray:
+    """(n,) names of what carries each node: the nearest bone within one spacing, else the soft tissue."""
+    soft = f"soft_{side}"
+    members = [k for k, segment in enumerate(phantom.segments) if segment.endswith(f"_{side}")]
+    vertices = phantom.posed(poses.world_from_segment[0], poses.segment_names)
+    fine = _finer(nodes)
+    found = voxelizer.labels(phantom.phantom.only(members), fine, device, posed=[vertices[k] for k in members])
+    names = np.array(["", *(phantom.segments[k] for k in members)])
+    bony = ~np.isin(names, ["", soft])[found]
+    if not bony.any():
+        return np.full(int(np.prod(nodes.shape_zyx)), soft)
+    distance, nearest = ndimage.distance_transform_edt(~bony, sampling=fine.spacing_xyz[::-1], return_indices=True)
+    at_nodes = (slice(None, None, _FINER),) * 3
+    bone = names[found[tuple(axis[at_nodes] for axis in nearest)]]
+    return np.where(distance[at_nodes] <= nodes.spacing_xyz[0], bone, soft).ravel()
+
+
+def _finer(nodes: VolumeGrid) -> VolumeGrid:
+    """The grid whose every fourth point is a node."""
+    nz, ny, nx = ((n - 1) * _FINER + 1 for n in nodes.shape_zyx)
+    x, y, z = (s / _FINER for s in nodes.spacing_xyz)
+    return VolumeGrid((nz, ny, nx), (x, y, z), nodes.center)
