@@ -29,6 +29,7 @@ from legsim import (
     presentation,
     reconstruction,
     recovery,
+    replay_report,
     report,
     sensing,
     soft_tissue,
@@ -347,8 +348,11 @@ def replay(settings: RunConfig, out: Path, *, filtered: bool, image: Path | None
     on_progress("sensors", 1, 1)
     on_progress("recording", 0, 1)
     scene = presentation.replay_scene(recovered, splines, placed, signals, leg_phantom.load(scales=recovered.leg.scales))
-    with folder.stage("recording", key, ["recording.rrd"]):
+    with folder.stage("recording", key, ["recording.rrd", "report.html"]):
         view.write_replay(out / "recording.rrd", scene)
+        provenance = [(what, str(value)) for what, value in folder.about.items()]
+        page = replay_report.content(recovered, scene, [*provenance, ("command", f"legsim replay {settings.motion.file} --out {out}")])
+        artifacts.write_text(out / "report.html", report.render(page))
     if image is not None:
         middle = float(np.mean(recovered.trajectories.times[[0, -1]]))
         with artifacts.whole(image) as partial:

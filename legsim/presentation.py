@@ -23,13 +23,14 @@ from legsim.signals import ImuSignals, RigidMotion, SegmentPoses
 _SHOWN_SURFACES = ("skin", "patella_cortex", "femur_cortex", "tibia_cortex", "fibula_cortex")
 _AXIAL_OFFSET = 0.05
 """m below and above the knee center of the axial slices"""
-_FILES = (
+REPLAY_FILES = (
     FileNote("recording.rrd", "everything over time; open with `legsim view` or the rerun viewer"),
     FileNote("coordinates.mot", "joint coordinates, for OpenSim"),
     FileNote("joint_centres.csv", "hip, knee and ankle centers in world, m"),
     FileNote("poses.npz", "segment poses"),
     FileNote("imu.csv", "what the sensors read, in their own frames"),
 )
+"""of a replay, and among those of a run"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -186,7 +187,7 @@ def scan_report(
         sections=(quality, Section("Motion", lines=tuple(recovered.lines()), figures=tuple(pictures[3:]))),
         provenance=tuple(provenance),
         files=(
-            *_FILES,
+            *REPLAY_FILES,
             FileNote("config.toml", "every setting of this run"),
             FileNote("manifest.json", "versions, device, seconds and sha256 of every file"),
             FileNote("geometry.json", "a 3x4 matrix a view, mm to pixels"),
@@ -227,7 +228,8 @@ def _condition(recovered: Recovery) -> str:
 
 def replay_report_lines(recovered: Recovery, out: Path) -> list[str]:
     """What `legsim replay` prints."""
-    return [*recovered.lines(), f"files: {', '.join(note.name for note in _FILES)} in {out}", f"to look around: legsim view {out}"]
+    files = ", ".join(note.name for note in REPLAY_FILES)
+    return [*recovered.lines(), f"report: {out / 'report.html'}", f"files: {files} in {out}", f"to look around: legsim view {out}"]
 
 
 def write_pictures(folder: Path, drawn: Sequence[tuple[str, str, Figure]]) -> list[Picture]:
