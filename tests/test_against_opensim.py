@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from legsim import replay, transforms
+from legsim import imu, replay, transforms
 from legsim.anatomy import SEGMENTS, SegmentScales
+from legsim.imu import JointSplines, Sensor
 from legsim.leg import COORDINATES, Leg
 from legsim.signals import JointTrajectories
 
@@ -75,3 +76,22 @@ def test_inverse_kinematics_agrees_on_real_recordings(opensim_peer, model_file, 
     shifts = [COORDINATES.index(name) for name in ("pelvis_tx", "pelvis_ty", "pelvis_tz")]
     assert np.degrees(rms[[k for k in seen if k not in shifts]]).max() < 0.5
     assert rms[shifts].max() < 1e-3
+
+
+@pytest.mark.parametrize("segment", ["tibia_l", "femur_l", "pelvis", "calcn_r"])
+def test_sensors_agree_on_the_same_splines(opensim_peer, model_file, scales, segment, rng):
+    """Samples at 120 Hz of lively sines around a squat, splined by either; 1e-3 m/s^2 and 1e-4 rad/s are demanded."""
+    leg = Leg.load(scales)
+    times = np.arange(0, 3, 1 / 120)
+    rate = 2 * np.pi * rng.uniform(0.3, 2.0, (2, len(COORDINATES)))
+    waves = np.sin(times[:, None, None] * rate + rng.uniform(0, 6, rate.shape)).sum(1)
+    base = np.array([np.radians({"knee": -60, "hip_f": 50, "ankle": 20}.get(n[:5].rstrip("_"), 0)) for n in COORDINATES])
+    motion = JointTrajectories(times, COORDINATES, leg.default_coordinates + base + 0.05 * waves)
+    sensor = Sensor.placed("s", segment, 0.14, (0.05, 0.01, -0.03), (0.4, -0.3, 0.8))
+    at = np.linspace(1.0, 2.0, 25)
+    ours = imu.simulate(leg, JointSplines(motion), [sensor], at)
+    theirs = opensim_peer.sensor_signals(opensim_peer.load(model_file, scales), motion, segment, sensor.segment_from_sensor, at)
+    assert np.abs(ours.angular_velocity[:, 0] - theirs[0]).max() < 1e-4
+    assert np.abs(ours.specific_force[:, 0] - theirs[1]).max() < 1e-3
+    # not by lying still
+    assert ours.specific_force[:, 0].std(0).max() > 0.5

@@ -15,12 +15,14 @@ from legsim import trc
 from legsim.anatomy import SEGMENTS, MarkerSites, SegmentScales
 from legsim.arrays import FloatArray
 from legsim.leg import COORDINATES
-from legsim.signals import Motion
+from legsim.signals import JointTrajectories, Motion
 
 BODIES = tuple(name for name in SEGMENTS if not name.startswith("patella"))
 """gait2392 has no patella"""
 HELD = tuple(f"{name}_{side}" for name in ("subtalar_angle", "mtp_angle") for side in "rl")
 """coordinates that gait2392's IK set-up holds at zero by tasks of weight 1000"""
+BACK = ("lumbar_extension", "lumbar_bending", "lumbar_rotation")
+"""coordinates of gait2392 that legsim has not"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -49,7 +51,7 @@ def load(model_file: Path, scales: SegmentScales | None = None) -> opensim.Model
             scale.setApply(True)
             factors.cloneAndAppend(scale)
         model.scale(model.initSystem(), factors, False)
-    for name in ("lumbar_extension", "lumbar_bending", "lumbar_rotation"):
+    for name in BACK:
         model.updCoordinateSet().get(name).setDefaultLocked(True)
     return model
 
@@ -121,3 +123,51 @@ def _track(
             place = marker.getLocationInGround(state)
             places[i, k] = [place.get(a) for a in range(3)]
     return OpenSimSolution(values, places, seconds)
+
+
+def sensor_signals(
+    model: opensim.Model, trajectories: JointTrajectories, body: str, body_from_sensor: FloatArray, times: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """(angular velocity, specific force), each (n, 3) in the sensor frame, of OpenSim's IMU component while the coordinates follow its own
+    quintic splines (PositionMotion) through the samples."""
+    table = opensim.TimeSeriesTable()
+    table.setColumnLabels(list(COORDINATES))
+    for now, row in zip(trajectories.times, trajectories.values, strict=True):
+        table.appendRow(float(now), opensim.RowVector([float(v) for v in row]))
+    splines, motion = opensim.GCVSplineSet(table), opensim.PositionMotion()
+    for name in COORDINATES:
+        motion.setPositionForCoordinate(model.getCoordinateSet().get(name), splines.get(name))
+    for name in BACK:
+        model.updCoordinateSet().get(name).setDefaultLocked(False)
+        motion.setPositionForCoordinate(model.getCoordinateSet().get(name), opensim.Constant(0.0))
+    # addComponent would crash here
+    model.addModelComponent(motion)
+    frame = opensim.PhysicalOffsetFrame("sensor", model.getBodySet().get(body), _transform(body_from_sensor))
+    model.addComponent(frame)
+    sensor = opensim.IMU()
+    sensor.setName("imu")
+    sensor.connectSocket_frame(frame)
+    model.addComponent(sensor)
+    state = model.initSystem()
+    rate, force = np.empty((len(times), 3)), np.empty((len(times), 3))
+    for i, now in enumerate(times):
+        state.setTime(float(now))
+        _prescribe(model, state, splines, float(now))
+        model.realizeAcceleration(state)
+        turn, pull = sensor.calcGyroscopeSignal(state), sensor.calcAccelerometerSignal(state)
+        rate[i], force[i] = [turn.get(a) for a in range(3)], [pull.get(a) for a in range(3)]
+    return rate, force
+
+
+def _prescribe(model: opensim.Model, state: opensim.State, splines: opensim.GCVSplineSet, now: float) -> None:
+    """Values and speeds at a time, which a PositionMotion leaves to the caller; the accelerations it sets itself."""
+    first, at = opensim.StdVectorInt([0]), opensim.Vector(1, now)
+    for name in COORDINATES:
+        coordinate, spline = model.getCoordinateSet().get(name), splines.get(name)
+        coordinate.setValue(state, spline.calcValue(at), False)
+        coordinate.setSpeedValue(state, spline.calcDerivative(first, at))
+
+
+def _transform(matrix: FloatArray) -> opensim.Transform:
+    turn = opensim.Rotation(opensim.Mat33(*(float(v) for v in matrix[:3, :3].ravel())))
+    return opensim.Transform(turn, opensim.Vec3(*(float(v) for v in matrix[:3, 3])))
