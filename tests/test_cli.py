@@ -50,7 +50,7 @@ def test_version(capsys):
         (("run", "--out", "/proc/nothing"), "/proc/nothing: cannot be written to"),
         (("replay", "nowhere.c3d", "--out", "{tmp}"), "nowhere.c3d: no such motion file"),
         (("project", "nowhere.toml", "--geometry", "nowhere.json"), "nowhere.json"),
-        (("reconstruct", "nowhere.mha", "--geometry", "nowhere.xml"), "nowhere.xml"),
+        (("reconstruct", "nowhere.mha", "--geometry", "nowhere.xml"), "nowhere.mha: no such file"),
         (("evaluate", "nowhere.mha", "nowhere.mha"), "nowhere.mha: no such file"),
         (("geometry", "show", "nowhere.json"), "nowhere.json"),
         (("view", "{tmp}"), "no such recording"),

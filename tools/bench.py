@@ -1,4 +1,4 @@
-"""Benchmarks, one sub-command each: `python tools/bench.py ik --data ../shared/data`."""
+"""Benchmarks, one sub-command each: `python tools/bench.py ik --data RECORDINGS`."""
 
 from pathlib import Path
 from typing import Annotated
