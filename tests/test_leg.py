@@ -174,3 +174,25 @@ def test_the_quartic_couplings_of_the_simulation_stay_near_the_splines():
 def test_nonsense_is_refused(call, message):
     with pytest.raises(LegsimError, match=message):
         call()
+
+
+@pytest.mark.parametrize("segment", ["femur_l", "tibia_l", "calcn_r"])
+def test_sensors_are_mujocos_own(rng, segment):
+    """A site with MuJoCo's accelerometer and gyroscope, through inverse dynamics; knee and patella set by the splines."""
+    place, turn = rng.uniform(-0.2, 0.2, 3), transforms.rotation_from_vector(rng.normal(size=3))
+    spec = mujoco.MjSpec.from_file(str(resources.model_file("lower_body/lower_body.xml")))
+    quaternion = np.empty(4)
+    mujoco.mju_mat2Quat(quaternion, turn.ravel())
+    spec.body(segment).add_site(name="s", pos=place, quat=quaternion)
+    for kind in (mujoco.mjtSensor.mjSENS_ACCELEROMETER, mujoco.mjtSensor.mjSENS_GYRO):
+        spec.add_sensor(type=kind, objtype=mujoco.mjtObj.mjOBJ_SITE, objname="s")
+    model = spec.compile()
+    model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONSTRAINT
+    data = mujoco.MjData(model)
+    values, rates, accelerations = random_values(rng, 5), rng.normal(size=(5, 20)), rng.normal(size=(5, 20))
+    ours = LEG.attached_motion(values, rates, accelerations, segment=segment, segment_from_sensor=transforms.rigid(turn, place))
+    for i, state in enumerate(zip(*LEG._with_time_derivatives(values, rates, accelerations), strict=True)):
+        data.qpos[:], data.qvel[:], data.qacc[:] = state
+        mujoco.mj_inverse(model, data)
+        np.testing.assert_allclose(ours.specific_force[i], data.sensordata[:3], atol=1e-9)
+        np.testing.assert_allclose(ours.angular_velocity[i], data.sensordata[3:], atol=1e-10)
