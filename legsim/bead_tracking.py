@@ -113,7 +113,7 @@ def estimate(geometry: ConeBeamGeometry, pixels: ArrayLike) -> BeadMotion:
         positions, motion = _adjusted(geometry, pixels, weights, positions, motion)
         miss = np.linalg.norm(pixels - _projected(geometry, motion, positions), axis=-1)
         typical = max(float(np.median(miss[used])), _LEAST_TYPICAL_PX)
-        used = seen & (miss <= _OUTLIER * typical)
+        used = np.asarray(seen & (miss <= _OUTLIER * typical), bool)
         weights = np.where(seen, 1 / (1 + (np.nan_to_num(miss) / typical) ** 2), 0.0) if doubting else used.astype(float)
     _require_enough(used)
     positions, motion = _adjusted(geometry, pixels, used.astype(float), positions, motion)

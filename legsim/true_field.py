@@ -6,7 +6,6 @@ by the bone, which is the price of the sampling and shrinks with it.
 """
 
 import numpy as np
-from scipy import ndimage
 from scipy.spatial import KDTree
 
 from legsim import motion_paths, voxelizer
@@ -67,10 +66,15 @@ def _carriers(phantom: LegPhantom, poses: SegmentPoses, nodes: VolumeGrid, devic
     bony = ~np.isin(names, ["", soft])[found]
     if not bony.any():
         return np.full(int(np.prod(nodes.shape_zyx)), soft)
-    distance, nearest = ndimage.distance_transform_edt(~bony, sampling=fine.spacing_xyz[::-1], return_indices=True)
-    at_nodes = (slice(None, None, _FINER),) * 3
-    bone = names[found[tuple(axis[at_nodes] for axis in nearest)]]
-    return np.where(distance[at_nodes] <= nodes.spacing_xyz[0], bone, soft).ravel()
+    places = np.moveaxis(np.indices(fine.shape_zyx)[:, ::_FINER, ::_FINER, ::_FINER], 0, -1).reshape(-1, 3)
+    bones = np.argwhere(bony)
+    distance, nearest = KDTree(bones * fine.spacing_xyz[::-1]).query(
+        places * fine.spacing_xyz[::-1], distance_upper_bound=nodes.spacing_xyz[0]
+    )
+    near = np.isfinite(distance)
+    carrier = np.full(len(places), soft, names.dtype)
+    carrier[near] = names[found[tuple(bones[nearest[near]].T)]]
+    return carrier
 
 
 def _finer(nodes: VolumeGrid) -> VolumeGrid:

@@ -129,12 +129,13 @@ def shadows(centers: np.ndarray, radius: float) -> Projections:
 
 def test_beads_are_followed_through_overlaps_and_from_rough_guesses(rng: np.random.Generator):
     motion = sway(2)
-    truth = seen(motion, beads())[:60]
-    guesses = beads() + rng.normal(0, 1e-3, (12, 3))
-    found = bead_tracking.track(shadows(truth, 1.3), guesses, radius=1e-3)
+    # a thirteenth bead lies before another one in the tenth view, and passes it
+    toward = c_arm().sources()[10] - beads()[6]
+    places = np.vstack([beads(), beads()[6] + 0.05 * toward / np.linalg.norm(toward)])
+    truth = seen(motion, places)[:20]
+    found = bead_tracking.track(shadows(truth, 1.3), places + rng.normal(0, 1e-3, places.shape), radius=1e-3)
     has = np.isfinite(found).all(-1)
-    assert 0.5 < has.mean() < 1
     assert np.linalg.norm(found - truth, axis=-1)[has].max() < 0.15
-    apart = np.linalg.norm(truth[:, :, None] - truth[:, None], axis=-1) + np.where(np.eye(12), np.inf, 0)
-    assert not has[apart.min(-1) < 4].any()
-    assert has[-1].sum() >= 4
+    assert not has[10, [6, 12]].any()
+    assert has[[0, 0, -1, -1], [6, 12, 6, 12]].all()
+    assert has[:, :6].all()

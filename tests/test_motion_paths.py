@@ -1,0 +1,54 @@
+import numpy as np
+import pytest
+from reference_sway import Sway
+
+from legsim import motion_paths, transforms
+from legsim.errors import LegsimError
+from legsim.geometry import VolumeGrid
+from legsim.motions import ControlPointMotion, FieldMotion
+from legsim.signals import RigidMotion
+
+TIMES = np.arange(5) / 2
+GRID = VolumeGrid((3, 4, 5), (0.02, 0.03, 0.04), (0.1, 0.5, -0.1))
+
+
+def rigid() -> RigidMotion:
+    return RigidMotion.from_poses(TIMES, Sway.standing(1).poses(TIMES))
+
+
+def test_all_kinds_of_motion_agree_where_everything_moves_as_one(rng: np.random.Generator):
+    points = np.array(GRID.center) + rng.uniform(-0.02, 0.02, (20, 3))
+    controls = np.array(GRID.center) + rng.normal(0, 0.2, (5, 3))
+    expected = motion_paths.carried(points, rigid())
+    followed = ControlPointMotion(TIMES, controls, motion_paths.carried(controls, rigid()))
+    np.testing.assert_allclose(motion_paths.carried(points, followed), expected, atol=1e-12)
+    # rigid motion is linear in place, and so is a field between its nodes; float32 of some mm
+    np.testing.assert_allclose(motion_paths.carried(points, motion_paths.sampled(followed, GRID)), expected, atol=1e-9)
+
+
+def test_a_field_is_linear_between_nodes_and_as_its_border_beyond():
+    moved = np.zeros((1, *GRID.shape_zyx, 3), np.float32)
+    moved[0, :, :, :, 0] = 0.01 * np.arange(5)
+    motion = FieldMotion(np.zeros(1), GRID, moved)
+    at = GRID.origin + np.array([[0.05, 0.03, 0.02], [1.0, 0, 0], [-1.0, 0, 0]])
+    np.testing.assert_allclose((motion_paths.carried(at, motion)[0] - at)[:, 0], [0.025, 0.04, 0.0], atol=1e-8)
+
+
+def test_nodes_are_in_the_order_of_the_arrays():
+    nodes = motion_paths.node_positions(GRID).reshape(*GRID.shape_zyx, 3)
+    np.testing.assert_allclose(nodes[2, 3, 4], GRID.origin + [0.08, 0.09, 0.08])
+    np.testing.assert_allclose(nodes[0, 0, 1] - nodes[0, 0, 0], [0.02, 0, 0], atol=1e-15)
+
+
+def test_nodes_cover_the_grid():
+    nodes = motion_paths.nodes_over(GRID, 0.03)
+    for coarse, fine in zip(nodes.axes(), GRID.axes(), strict=True):
+        assert coarse[0] <= fine[0]
+        assert coarse[-1] >= fine[-1]
+    with pytest.raises(LegsimError, match="positive spacing"):
+        motion_paths.nodes_over(GRID, 0.0)
+
+
+def test_rigid_paths_are_the_matrices():
+    points = np.eye(3)
+    np.testing.assert_array_equal(motion_paths.carried(points, rigid())[3], transforms.apply(rigid().moved_from_reference[3], points))

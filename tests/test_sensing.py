@@ -1,0 +1,120 @@
+import numpy as np
+import pytest
+from reference_sway import Sway
+
+from legsim import imu_noise, leg_phantom, opencl, sensing
+from legsim.anatomy import SEGMENTS
+from legsim.config import FiducialsConfig, ImuConfig, NoiseConfig
+from legsim.errors import LegsimError
+from legsim.geometry import ConeBeamGeometry
+from legsim.imu import Sensor
+from legsim.sensing import FiducialScan
+from legsim.signals import ImuSignals, SegmentPoses
+
+VIEWS = np.arange(4) / 31
+SAMPLES = np.arange(60) / 120
+
+
+def signals(count: int = 60) -> ImuSignals:
+    rate, force = Sway.standing(0).signals(np.arange(count) / 120)
+    return ImuSignals(np.arange(count) / 120, ("shank_l",), rate[:, None], force[:, None])
+
+
+@pytest.mark.parametrize(
+    ("settings", "force_rms", "turn_rms_deg"),
+    [
+        (NoiseConfig(kind="density"), 180e-6 * 9.80665 * np.sqrt(60), 0.007 * np.sqrt(60)),
+        (NoiseConfig(kind="rms"), 1.8e-3 * 9.80665 * np.sqrt(0.6), 0.07 * np.sqrt(0.6)),
+        (NoiseConfig(kind="paper", f_a=1, f_g=2), 1.8e-4 * 9.80665, 0.07e-2),
+        (NoiseConfig(kind="paper", f_a="none", f_g=0), 0.0, 0.07),
+        (NoiseConfig(kind="paper", f_a=0, f_g=0, convention="per-sample"), 1.8e-3 * 9.80665 * 31**2, 0.07 * 120),
+    ],
+)
+def test_noise_is_as_large_as_it_says(settings: NoiseConfig, force_rms: float, turn_rms_deg: float):
+    clean = signals(40000)
+    noisy = sensing.noisy(clean, ImuConfig(noise=settings), view_rate_hz=31.0, rng=np.random.default_rng(0))
+    assert (noisy.specific_force - clean.specific_force).std() == pytest.approx(force_rms, rel=0.02)
+    assert np.degrees((noisy.angular_velocity - clean.angular_velocity).std()) == pytest.approx(turn_rms_deg, rel=0.02)
+
+
+def test_clean_sensors_are_left_and_one_seed_gives_one_noise():
+    assert sensing.noisy(signals(), ImuConfig(), view_rate_hz=31.0, rng=np.random.default_rng(0)) is not None
+    settings = ImuConfig(noise=NoiseConfig(kind="rms", acceleration_bias_mg=3))
+    first, again = (sensing.noisy(signals(), settings, view_rate_hz=31.0, rng=np.random.default_rng(5)) for _ in range(2))
+    np.testing.assert_array_equal(first.specific_force, again.specific_force)
+
+
+def test_the_sentence_names_size_and_convention():
+    assert sensing.noise_sentence(ImuConfig(), view_rate_hz=31.0) == "IMU signals are free of noise."
+    told = sensing.noise_sentence(ImuConfig(noise=NoiseConfig(kind="paper", f_a=2, f_g=3, convention="per-sample")), view_rate_hz=31.0)
+    assert "per-sample convention" in told
+    assert "f_a = 2.0, f_g = 3.0" in told
+    rms = imu_noise.ImuNoise.paper(acceleration_exponent=2, angular_velocity_exponent=3, convention="per-sample").sample_rms(120)[0]
+    assert f"{rms:.3g} m/s^2" in told
+
+
+def c_arm() -> ConeBeamGeometry:
+    return ConeBeamGeometry.circular(
+        times=VIEWS,
+        angles=np.radians(0.8) * np.arange(4),
+        source_isocenter=0.78,
+        source_detector=1.198,
+        shape_vu=(240, 310),
+        pixel_pitch=1.232e-3,
+        isocenter=leg_phantom.load().reference_world_from_segment[SEGMENTS.index("tibia_l")][:3, 3],
+    )
+
+
+def resting_leg(sensor: Sensor) -> tuple[ImuSignals, FiducialScan, SegmentPoses]:
+    """The straight leg, at rest: sensors read gravity alone."""
+    phantom = leg_phantom.load()
+    poses = SegmentPoses(VIEWS, SEGMENTS, np.broadcast_to(phantom.reference_world_from_segment, (4, 13, 4, 4)))
+    seen = poses.of(sensor.segment) @ sensor.segment_from_sensor
+    force = np.broadcast_to([0, 9.80665, 0], (60, 1, 3))
+    read = ImuSignals(SAMPLES, (sensor.name,), np.zeros((60, 1, 3)), force)
+    return read, FiducialScan(c_arm(), poses, phantom, opencl.open_device()), SegmentPoses(VIEWS, (sensor.name,), seen[:, None])
+
+
+NEAR = Sensor.placed("shank_l", "tibia_l", 0.06, (0.02, 0, 0))
+FAR = Sensor.placed("shank_l", "tibia_l", 0.14, (0.02, 0, 0))
+
+
+def found(sensor: Sensor, **settings) -> sensing.Starts:
+    read, scan, poses = resting_leg(sensor)
+    options = FiducialsConfig(**settings)
+    return sensing.found_starts(read, [sensor], scan, poses, options, scheme="accurate", rng=np.random.default_rng(0))
+
+
+def test_exact_fiducials_give_the_true_start():
+    starts = found(NEAR)
+    truth = resting_leg(NEAR)[2].of("shank_l")[0]
+    np.testing.assert_allclose(starts.starts[0].world_from_sensor, truth, atol=1e-8)
+    np.testing.assert_allclose(starts.starts[0].velocity, 0, atol=1e-6)
+    assert "exact" not in starts.notes[0]
+    assert starts.notes[1] == "Sensor shank_l: fiducials off the real detector: none."
+
+
+def test_fiducials_found_in_images_give_the_start_to_their_error():
+    """0.05 px on 10 mm seen at 1.2 px a mm: half a degree, and the depth to some mm; a mean over views helps."""
+    starts = found(NEAR, found="images", views=3)
+    truth = resting_leg(NEAR)[2].of("shank_l")[0]
+    seen = c_arm().project(np.stack([starts.starts[0].world_from_sensor[:3, 3], truth[:3, 3]]))[0][0]
+    assert np.linalg.norm(seen[0] - seen[1]) < 0.3
+    assert np.abs(starts.starts[0].world_from_sensor[:3, :3] - truth[:3, :3]).max() < 0.05
+
+
+def test_sensors_off_the_detector_need_the_papers_virtual_one():
+    with pytest.raises(LegsimError, match="start of sensor shank_l: view 0: fiducial origin, x, y, z is off the detector"):
+        found(FAR)
+    starts = found(FAR, detector="unbounded")
+    assert starts.notes[1] == "Sensor shank_l: fiducials off the real detector: origin, x, y, z."
+    in_images = found(FAR, detector="unbounded", found="images")
+    # depth is known to some mm, the direction to the error of detection
+    places = np.stack([starts.starts[0].world_from_sensor[:3, 3] for starts in (in_images, starts)])
+    seen = c_arm().project(places)[0][0]
+    assert np.linalg.norm(seen[0] - seen[1]) < 0.3
+
+
+def test_more_views_than_there_are_are_refused():
+    with pytest.raises(LegsimError, match=r"views is 9, but the scan has 4 views"):
+        found(NEAR, views=9)
