@@ -29,6 +29,7 @@ def test_a_shipped_recording_becomes_a_bent_knee():
     assert 20 < bend.mean() < 40
     assert recovered.fit is not None
     assert recovered.fit.ik.rms < 5e-3
+    assert recovered.fit.scaled_from == "squats.trc"
     assert any("RMS" in line for line in recovered.lines())
     assert {m["role"] for m in recovered.summary()["markers"]} >= {"sacrum", "epicondyle_lateral_l"}
 
