@@ -4,17 +4,15 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
-from scipy import ndimage
 
-from legsim import mls, transforms
+from legsim import motion_paths
 from legsim.arrays import FloatArray
 from legsim.errors import LegsimError
 from legsim.geometry import ConeBeamGeometry, VolumeGrid
+from legsim.motion_paths import Motion as Motion
 from legsim.motions import ControlPointMotion, FieldMotion
 from legsim.opencl import Device
-from legsim.signals import RigidMotion
 
-Motion = RigidMotion | ControlPointMotion | FieldMotion
 Kernel = Literal["columns", "voxels"]
 
 LEAD, TRAIL, PAD, SPACING = 24, 40, 8, 8
@@ -108,7 +106,8 @@ def _column_axis(geometry: ConeBeamGeometry, grid: VolumeGrid, motion: Motion | 
     lattice = np.stack(np.meshgrid(*(axis[np.unique([0, len(axis) // 2, len(axis) - 1])] for axis in grid.axes())), -1).reshape(-1, 3)
 
     def seen(offset: FloatArray) -> tuple[FloatArray, FloatArray]:
-        return geometry.project(_carried(lattice + offset, motion, len(geometry)))
+        points = lattice + offset
+        return geometry.project(points if motion is None else motion_paths.carried(points, motion))
 
     steps = np.diag(grid.spacing_xyz)
     at, depths = seen(np.zeros(3))
@@ -128,19 +127,3 @@ def _column_axis(geometry: ConeBeamGeometry, grid: VolumeGrid, motion: Motion | 
     count = grid.shape_zyx[2 - axis]
     straight = np.abs(change[..., 0]).max() * count < 1e-3 and np.abs(further / depths - 1).max() * count * max(geometry.shape_vu) < 1e-3
     return axis, mirrored, 0 if straight else 1
-
-
-def _carried(points: FloatArray, motion: Motion | None, views: int) -> FloatArray:
-    """(v, p, 3) where points (p, 3) are in each view."""
-    if motion is None:
-        return np.broadcast_to(points, (views, *points.shape))
-    if isinstance(motion, RigidMotion):
-        return transforms.apply(motion.moved_from_reference, points)
-    if isinstance(motion, ControlPointMotion):
-        return np.stack([mls.displaced(points, motion.reference, moved) for moved in motion.moved])
-    index = ((points - motion.grid.origin) / motion.grid.spacing_xyz).T
-    fields = np.empty((views, 3, len(points)))
-    for displacement, out in zip(motion.displacements, fields, strict=True):
-        for part, target in zip(displacement.T, out, strict=True):  # axes x, y, z after the transposition, as those of index
-            ndimage.map_coordinates(part, index, target, order=1, mode="nearest")
-    return points + fields.transpose(0, 2, 1)
