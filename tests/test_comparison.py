@@ -3,6 +3,8 @@ import json
 import numpy as np
 import pytest
 
+pytestmark = pytest.mark.filterwarnings("ignore::legsim.redundancy.ShortScanWarning")
+
 
 def left(run, method: str) -> dict[str, dict]:
     content = json.loads((run.folder / "metrics.json").read_text())
@@ -24,7 +26,7 @@ def test_the_true_shank_leaves_nothing_at_the_tibia_and_what_the_knee_bends_else
     oracle, before = left(tiny_run, "oracle"), left(tiny_run, "uncorrected")
     assert oracle["tibia"]["mm"] == pytest.approx(0, abs=1e-6)
     assert 0 < oracle["femur"]["mm"] < 0.5 * before["femur"]["mm"]
-    assert 0 < oracle["femur"]["degrees"]
+    assert oracle["femur"]["degrees"] > 0
 
 
 def test_the_overall_residual_is_of_femur_and_tibia(tiny_run):

@@ -139,7 +139,7 @@ def test_more_control_points_are_sampled_and_say_the_same(scan: Scan):
 
 def test_both_legs_are_drawn_each_to_its_own_knee(scan: Scan):
     whole = setup(scan)
-    other = tuple(AttachedPoint(p.sensor, p.position_sensor + [0, 0, 0.2]) for p in whole.legs[0])
+    other = tuple(AttachedPoint(p.sensor, p.position_sensor + np.array([0, 0, 0.2])) for p in whole.legs[0])
     found = methods.build("nonrigid-2d", replace(whole, legs=(whole.legs[0], other)))(scan)
     assert found.warped_by is not None
     each = [mls.drawn_to(leg, 1, methods.PAPER_ALPHA).moved for leg in methods.followed(scan, replace(whole, legs=(whole.legs[0], other)))]

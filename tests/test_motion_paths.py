@@ -36,7 +36,7 @@ def test_a_field_is_linear_between_nodes_and_as_its_border_beyond():
 
 def test_nodes_are_in_the_order_of_the_arrays():
     nodes = motion_paths.node_positions(GRID).reshape(*GRID.shape_zyx, 3)
-    np.testing.assert_allclose(nodes[2, 3, 4], GRID.origin + [0.08, 0.09, 0.08])
+    np.testing.assert_allclose(nodes[2, 3, 4], GRID.origin + np.array([0.08, 0.09, 0.08]))
     np.testing.assert_allclose(nodes[0, 0, 1] - nodes[0, 0, 0], [0.02, 0, 0], atol=1e-15)
 
 

@@ -93,10 +93,10 @@ def test_noise_and_fiducials_are_used_and_said(tiny_run, tiny_settings, tmp_path
 
 
 def test_the_papers_sensors_are_off_its_detector(tiny_run, tiny_settings, tmp_path):
-    with pytest.raises(LegsimError, match="start of sensor shank_l: view 0: fiducial .* off the detector"):
+    with pytest.raises(LegsimError, match=r"start of sensor shank_l: view 0: fiducial .* off the detector"):
         pipeline.run(changed(tiny_settings, start="fiducials"), branched(tiny_run, tmp_path), on_progress=quiet)
 
 
 def test_both_legs_need_sensors_on_both(tiny_run, tiny_settings, tmp_path):
-    with pytest.raises(LegsimError, match='methods.legs = "both" needs sensors on femur_r and tibia_r'):
+    with pytest.raises(LegsimError, match=r'methods\.legs = "both" needs sensors on femur_r and tibia_r'):
         pipeline.run(changed(tiny_settings, legs="both"), branched(tiny_run, tmp_path), on_progress=quiet)
