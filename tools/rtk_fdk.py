@@ -9,9 +9,9 @@ import sys
 import time
 from pathlib import Path
 
-import itk
+import itk  # pyright: ignore[reportMissingImports]
 import numpy as np
-from itk import RTK as rtk
+from itk import RTK as rtk  # pyright: ignore[reportMissingImports]
 
 
 def main(folder: Path) -> None:
