@@ -90,7 +90,7 @@ def _table(title: str, columns: tuple[str, ...], rows: list[tuple[str, ...]]) ->
     for row in rows:
         table.add_row(*row)
     # a line that the terminal wraps can still be read; a cell cut short cannot
-    Console(highlight=False, width=max(_out.width, 140)).print(table)
+    Console(highlight=False, width=max(_out.width, 240)).print(table)
 
 
 @app.command()

@@ -39,6 +39,12 @@ class ImageHeader:
     origin_mm: tuple[float, float, float]
     """center of the first sample"""
 
+    def grid(self) -> VolumeGrid:
+        """The grid of a volume with this header, in m."""
+        (nx, ny, nz), (dx, dy, dz), (x, y, z) = self.size, self.spacing_mm, self.origin_mm
+        center = (x + 0.5 * (nx - 1) * dx, y + 0.5 * (ny - 1) * dy, z + 0.5 * (nz - 1) * dz)
+        return VolumeGrid((nz, ny, nx), (1e-3 * dx, 1e-3 * dy, 1e-3 * dz), (1e-3 * center[0], 1e-3 * center[1], 1e-3 * center[2]))
+
 
 def save_volume(path: Path | str, volume: Volume) -> None:
     """Writes attenuation in 1/mm on a grid in mm, float32.
@@ -63,9 +69,7 @@ def load_volume(path: Path | str) -> Volume:
     if not np.isfinite(values).all():
         raise at(path, f"{np.count_nonzero(~np.isfinite(values))} voxels are not finite numbers", "replace them before reading the volume")
     values *= np.float32(1e3)
-    spacing = tuple(1e-3 * s for s in header.spacing_mm)
-    center = tuple(1e-3 * (o + 0.5 * (n - 1) * s) for o, n, s in zip(header.origin_mm, header.size, header.spacing_mm, strict=True))
-    return Volume(VolumeGrid(values.shape, spacing, center), values)  # type: ignore[arg-type]
+    return Volume(header.grid(), values)
 
 
 def load_labels(path: Path | str, grid: VolumeGrid) -> NDArray[np.int32]:

@@ -3,6 +3,7 @@
 import json
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -72,11 +73,21 @@ def reconstruct(
     projections = images.load_projections(projections_file, geometry)
     moved = None if motion is None else artifacts.load_motion(motion)
     opened = opencl.open_device(device)
-    volume = fdk.reconstruct(
-        projections, grid, opened, motion=moved, progress=lambda done, total: on_progress("reconstructing", done, total)
-    )
-    images.save_volume(out, volume)
-    return [f"{grid.shape_zyx} voxels (z, y, x) from {len(geometry)} views on {opened.label}", f"volume (1/mm): {out}"]
+    need = fdk.plan(geometry, grid, opened, motion=moved).device_bytes + projections.line_integrals.nbytes
+    progress = partial(on_progress, "reconstructing")
+    by_slabs = out.suffix.lower() == ".mha"
+    if by_slabs:
+        with images.VolumeWriter(out, grid) as writer:
+            for first, slab in fdk.reconstruct_slabs(projections, grid, opened, motion=moved, progress=progress):
+                writer.write(first, slab)
+    else:
+        images.save_volume(out, fdk.reconstruct(projections, grid, opened, motion=moved, progress=progress))
+    voxels = "x".join(str(n) for n in grid.shape_zyx)
+    return [
+        f"{voxels} voxels (z, y, x) from {len(geometry)} views on {opened.label}",
+        f"memory: {need / 2**30:.2f} GiB beside the volume{', which went to disk slab by slab' if by_slabs else ''}",
+        f"volume (1/mm): {out}",
+    ]
 
 
 def _geometry_of(projections_file: Path, geometry_file: Path) -> ConeBeamGeometry:
@@ -95,7 +106,7 @@ def _grid(
     if like is not None:
         if shape_zyx or spacing_mm or center_mm:
             raise LegsimError("--like already says the grid; leave out --shape-zyx, --spacing-mm and --center-mm")
-        return images.load_volume(like).grid
+        return images.read_header(like).grid()
     if shape_zyx is None or spacing_mm is None:
         raise LegsimError("which grid? give --like VOLUME, or --shape-zyx and --spacing-mm (three numbers each)")
     center = geometry.rotation_center() if center_mm is None else 1e-3 * np.array(center_mm)
@@ -120,18 +131,11 @@ def _whole(grid: VolumeGrid) -> tuple[evaluation.Region, ...]:
 
 
 def _labelled(path: Path, reference: Volume) -> tuple[evaluation.Region, ...]:
-    labels = _labels(path, reference)
+    labels = images.load_labels(path, reference.grid)
     found = np.unique(labels)
     if not (found > 0).any():
         raise at(path, "holds no label above 0", "mark each region by a value of its own")
     return tuple(evaluation.Region(f"label {value}", labels == value) for value in found if value > 0)
-
-
-def _labels(path: Path, reference: Volume) -> np.ndarray:
-    labels = images.load_volume(path)
-    if labels.grid != reference.grid:
-        raise at(path, "lies on another grid than the reference", "write the labels on the reference's grid")
-    return np.rint(1e-3 * labels.attenuation).astype(int)
 
 
 def describe_geometry(path: Path, *, detector: Detector, phantom: Path | None) -> list[str]:
