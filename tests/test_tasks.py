@@ -2,6 +2,7 @@ import json
 
 import numpy as np
 import pytest
+import SimpleITK as sitk
 import trimesh
 
 from legsim import geometry_files, images, tasks
@@ -79,14 +80,21 @@ def test_a_volume_equals_itself_by_the_command(ball_scan, tmp_path):
 def test_labels_name_the_regions(ball_scan, tmp_path):
     reconstruct(ball_scan, tmp_path / "v.mha")
     grid = images.load_volume(tmp_path / "v.mha").grid
-    labels = np.zeros(grid.shape_zyx, np.float32)
+    labels = np.zeros(grid.shape_zyx, np.uint8)
     labels[:20, 10:30, 10:30], labels[20:, 10:30, 10:30] = 1, 7
-    images.save_volume(tmp_path / "l.mha", Volume(grid, 1e3 * labels))
+    save_labels(tmp_path / "l.mha", labels, grid)
     rows = tasks.evaluate(tmp_path / "v.mha", tmp_path / "v.mha", tmp_path / "m.json", regions=tmp_path / "l.mha", register=False)
     assert [row[0] for row in rows] == ["label 1", "label 7"]
-    images.save_volume(tmp_path / "l.mha", Volume(grid, 0 * labels))
+    save_labels(tmp_path / "l.mha", 0 * labels, grid)
     with pytest.raises(LegsimError, match="holds no label above 0"):
         tasks.evaluate(tmp_path / "v.mha", tmp_path / "v.mha", tmp_path / "m.json", regions=tmp_path / "l.mha", register=False)
+
+
+def save_labels(path, labels, grid):
+    image = sitk.GetImageFromArray(labels)
+    image.SetSpacing([1e3 * s for s in grid.spacing_xyz])
+    image.SetOrigin((1e3 * grid.origin).tolist())
+    sitk.WriteImage(image, str(path))
 
 
 def test_geometry_is_described_and_converted(ball_scan, tmp_path):
