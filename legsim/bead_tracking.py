@@ -103,7 +103,7 @@ def estimate(geometry: ConeBeamGeometry, pixels: ArrayLike) -> BeadMotion:
         LegsimError: a view with fewer than four beads that are seen elsewhere too, or the shadows fit no rigid motion.
     """
     pixels = frozen("bead pixels", pixels, (len(geometry), None, 2))
-    used = np.isfinite(pixels).all(-1)
+    used = np.asarray(np.isfinite(pixels).all(-1))
     used = used & (used.sum(0) >= max(2, len(geometry) // 10))
     _require_enough(used)
     seen, weights = used, used.astype(float)
@@ -130,7 +130,7 @@ def poses(geometry: ConeBeamGeometry, pixels: ArrayLike, positions: ArrayLike) -
         LegsimError: a view with fewer than four beads.
     """
     pixels, positions = frozen("bead pixels", pixels, (len(geometry), None, 2)), frozen("bead positions", positions, (None, 3))
-    used = np.isfinite(pixels).all(-1)
+    used = np.asarray(np.isfinite(pixels).all(-1))
     _require_enough(used)
     motion = RigidMotion.identity(geometry.times).moved_from_reference
     for _ in range(_ROUNDS):

@@ -142,7 +142,7 @@ def _how(settings: FiducialsConfig) -> str:
 
 def _visible(name: str, on_detector: np.ndarray) -> str:
     """Which fiducials of one sensor (views, 4) fall beside the real detector."""
-    beside = [fiducial for fiducial, seen in zip(initialization.FIDUCIAL_NAMES, on_detector.all(0).tolist(), strict=True) if not seen]
+    beside = [fiducial for fiducial, seen in zip(initialization.FIDUCIAL_NAMES, np.asarray(on_detector.all(0)), strict=True) if not seen]
     return f"Sensor {name}: fiducials off the real detector: {', '.join(beside) or 'none'}."
 
 

@@ -71,7 +71,7 @@ def _carriers(phantom: LegPhantom, poses: SegmentPoses, nodes: VolumeGrid, devic
     distance, nearest = KDTree(bones * fine.spacing_xyz[::-1]).query(
         places * fine.spacing_xyz[::-1], distance_upper_bound=nodes.spacing_xyz[0]
     )
-    near = np.isfinite(distance)
+    near, nearest = np.isfinite(distance), np.asarray(nearest)
     carrier = np.full(len(places), soft, names.dtype)
     carrier[near] = names[found[tuple(bones[nearest[near]].T)]]
     return carrier
