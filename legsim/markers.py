@@ -256,12 +256,16 @@ def _check_person(means: dict[str, FloatArray]) -> None:
     across = np.median((right - left)[together], axis=0)
     width = float(np.linalg.norm(across))
     if not 0.08 < width < 0.8:
-        raise LegsimError(f'the front of the pelvis is {width:.3g} m wide: the unit of length is wrong; give the unit, such as unit = "mm"')
+        raise LegsimError(
+            f"the front of the pelvis is {width:.3g} m wide: the unit of length is wrong; "
+            "give the unit, as in --set motion.unit=mm (in Python: unit='mm')"
+        )
     ankles = [means[role] for role in ("malleolus_lateral_r", "malleolus_lateral_l") if role in means]
     height = np.nanmedian([float(np.nanmedian(((right + left) / 2 - ankle)[:, 1])) for ankle in ankles]) if ankles else np.nan
     if height < 0.1:
         raise LegsimError(
-            f'the pelvis lies {height:.2f} m above the ankles: the vertical is wrong; give the axis that is up, such as up = "z"'
+            f"the pelvis lies {height:.2f} m above the ankles: the vertical is wrong; "
+            "give the axis that is up, as in --set motion.up=z (in Python: up='z')"
         )
     forward = np.median(((right + left) / 2 - back)[together], axis=0)
     if np.cross(forward, [0.0, 1.0, 0.0]) @ across < 0:

@@ -100,7 +100,7 @@ def run(settings: RunConfig, out: Path, *, device: str | None = None, on_progres
     folder = RunFolder(out, _about(settings, opened))
     artifacts.write_text(out / "config.toml", config.dump(settings))
     body = _body(settings, folder, on_progress)
-    signals = _sense(settings, body, folder)
+    signals = _sense(settings, body.recovery, body.splines, body.sensors, folder, _motion_key(settings))
     moving, still = _scan(settings, body, folder, opened, on_progress)
     starts = _starts(settings, body, signals, opened)
     scan = Scan(moving, signals, starts.starts)
@@ -179,20 +179,23 @@ def _write_kinematics(recovered: Recovery, folder: RunFolder, key: str) -> None:
     with folder.stage("kinematics", key, files):
         poses = recovered.leg.segment_poses(recovered.trajectories)
         centers = recovered.leg.joint_centers(poses)
-        storage.save(folder.path / "coordinates.mot", recovered.trajectories)
+        with artifacts.whole(folder.path / "coordinates.mot") as partial:
+            storage.save(partial, recovered.trajectories)
         artifacts.save_joint_centers(folder.path / "joint_centres.csv", centers.times, centers.names, centers.positions_world)
         artifacts.save_poses(folder.path / "poses.npz", poses)
         artifacts.write_text(folder.path / "kinematics.json", json.dumps(recovered.summary(), indent=1) + "\n")
 
 
-def _sense(settings: RunConfig, body: ScannedLeg, folder: RunFolder) -> ImuSignals:
+def _sense(
+    settings: RunConfig, recovered: Recovery, splines: JointSplines, placed: tuple[Sensor, ...], folder: RunFolder, motion_key: str
+) -> ImuSignals:
     """The IMU signals over the whole recording, at the sensors' own rate."""
     drawn = () if settings.imu.noise.kind == "none" else (settings.seed, settings.scan.rate_hz)
-    key = key_of(_motion_key(settings), settings.imu.model_dump(), drawn)
+    key = key_of(motion_key, settings.imu.model_dump(), drawn)
     if folder.done("imu", key):
         return artifacts.load_imu(folder.path / "imu.csv")
     with folder.stage("imu", key, ["imu.csv"]):
-        clean = sense(body.recovery, body.splines, body.sensors, settings.imu)
+        clean = sense(recovered, splines, placed, settings.imu)
         drawing = np.random.default_rng([settings.seed, _NOISE])
         signals = sensing.noisy(clean, settings.imu, view_rate_hz=settings.scan.rate_hz, rng=drawing)
         artifacts.save_imu(folder.path / "imu.csv", signals)
@@ -334,25 +337,31 @@ class ReplayResult:
 
 def replay(settings: RunConfig, out: Path, *, filtered: bool, image: Path | None, on_progress: OnProgress) -> ReplayResult:
     """Kinematics, IMU signals and a recording of one motion file; nothing is scanned."""
-    folder = RunFolder(out, {"legsim": __version__, "commit": _commit(), "config_hash": key_of(config.dump(settings))})
+    about = {
+        "legsim": __version__,
+        "commit": _commit(),
+        "config_hash": key_of(config.dump(settings)),
+        "sensors": sensing.noise_sentence(settings.imu, view_rate_hz=settings.scan.rate_hz),
+    }
+    folder = RunFolder(out, about)
     on_progress("joint angles", 0, 1)
     recovered = recovery.recover(settings.motion, filter_coordinates=filtered)
-    _write_kinematics(recovered, folder, key_of(_motion_key(settings), filtered))
+    motion_key = key_of(_motion_key(settings), filtered) if filtered else _motion_key(settings)
+    _write_kinematics(recovered, folder, motion_key)
     on_progress("joint angles", 1, 1)
     on_progress("sensors", 0, 1)
     splines, placed = JointSplines(recovered.trajectories), sensors(settings.imu)
-    signals = sense(recovered, splines, placed, settings.imu)
-    key = key_of(_motion_key(settings), filtered, settings.imu.model_dump())
-    with folder.stage("imu", key, ["imu.csv"]):
-        artifacts.save_imu(out / "imu.csv", signals)
+    signals = _sense(settings, recovered, splines, placed, folder, motion_key)
     on_progress("sensors", 1, 1)
     on_progress("recording", 0, 1)
     scene = presentation.replay_scene(recovered, splines, placed, signals, leg_phantom.load(scales=recovered.leg.scales))
-    with folder.stage("recording", key, ["recording.rrd", "report.html"]):
-        view.write_replay(out / "recording.rrd", scene)
-        provenance = [(what, str(value)) for what, value in folder.about.items()]
-        page = replay_report.content(recovered, scene, [*provenance, ("command", f"legsim replay {settings.motion.file} --out {out}")])
-        artifacts.write_text(out / "report.html", report.render(page))
+    provenance = (*folder.about.items(), ("command", f"legsim replay {settings.motion.file} --out {out}"))
+    key = key_of(motion_key, provenance)
+    if not folder.done("replay", key):
+        with folder.stage("replay", key, ["recording.rrd", "report.html"]):
+            view.write_replay(out / "recording.rrd", scene)
+            page = replay_report.content(recovered, scene, provenance)
+            artifacts.write_text(out / "report.html", report.render(page))
     if image is not None:
         middle = float(np.mean(recovered.trajectories.times[[0, -1]]))
         with artifacts.whole(image) as partial:

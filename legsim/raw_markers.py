@@ -85,7 +85,7 @@ class RawMarkers:
         name = _UNIT_NAMES.get(said.strip().strip(".").lower())
         if name is None:
             problem = f"unit {said!r} is not one of m, cm, mm" if said.strip() else "the file does not say its unit of length"
-            raise at(self.path, problem, 'give the unit, such as unit = "mm"', place="unit")
+            raise at(self.path, problem, "give the unit, as in --set motion.unit=mm (in Python: unit='mm')", place="unit")
         return name
 
     def resolved_up(self, up: str | None = None, *, unit: str | None = None) -> str:

@@ -55,7 +55,7 @@ def load(path: Path | str, *, in_degrees: bool | None = None) -> JointTrajectori
     rotations = [k for k, name in enumerate(coordinates) if is_rotation(name)]
     degrees = header.degrees if in_degrees is None else in_degrees
     if degrees is None:
-        cure = "write inDegrees=yes or inDegrees=no into the header, or give in_degrees"
+        cure = "write inDegrees=yes or inDegrees=no into the header (in Python: give in_degrees)"
         raise at(path, "the header does not say whether angles are in degrees", cure, place=f"line {header.end + 1}")
     if degrees:
         values[:, rotations] = np.deg2rad(values[:, rotations])

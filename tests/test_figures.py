@@ -16,7 +16,7 @@ from legsim.errors import LegsimError
 from legsim.figures import BoxGroup, HeatMap
 from legsim.geometry import Volume, VolumeGrid
 from legsim.scene import NamedVolume, SlicePlanes
-from legsim.signals import RigidMotion
+from legsim.signals import RigidMotion, SegmentPoses
 
 
 @pytest.fixture(scope="module")
@@ -182,6 +182,25 @@ def test_the_still_shows_the_frame_asked_for_with_the_subjects_right_on_the_left
     np.testing.assert_allclose(joints.get_xdata(), -replay.joint_centers.positions_world[frame, :, 2])
     np.testing.assert_allclose(joints.get_ydata(), replay.joint_centers.positions_world[frame, :, 1])
     assert "0.250 s" in figure.get_suptitle()
+
+
+def test_the_stills_views_turn_with_the_body(replay):
+    """All three pictures of somebody who faces elsewhere are the same but for the floor's lines."""
+    turn = transforms.rigid(transforms.rotation_from_vector([0, np.radians(137), 0]), np.zeros(3))
+    upright = np.broadcast_to(np.eye(4), (len(replay.poses.times), 1, 4, 4))
+    poses = np.concatenate([upright, replay.poses.world_from_segment], 1)
+    names = ("pelvis", *replay.poses.segment_names)
+    ahead = replace(replay, poses=SegmentPoses(replay.poses.times, names, poses))
+    turned = replace(
+        ahead,
+        poses=SegmentPoses(replay.poses.times, names, turn @ poses),
+        joint_centers=replace(replay.joint_centers, positions_world=transforms.apply(turn, replay.joint_centers.positions_world)),
+    )
+    drawn = [
+        [line.get_xydata() for ax in figures.still(scene, 0.25).axes for line in ax.lines if line.get_label() == "joint center"]
+        for scene in (ahead, turned)
+    ]
+    np.testing.assert_allclose(drawn[0], drawn[1], atol=1e-12)
 
 
 def test_a_still_needs_only_joint_centers(replay):

@@ -92,6 +92,29 @@ def test_a_role_without_a_marker_is_named(tmp_path, squat):
         recovery.recover(config)
 
 
+def test_a_trial_scaled_from_another_does_without_what_only_scaling_needs(tmp_path, squat):
+    """One side's ankle alone: refused by itself, solved where another recording gives the lengths."""
+    kept = [k for k, name in enumerate(squat.marker_names) if name != "RANK"]
+    cut = short(squat)
+    lacking = saved(tmp_path, Motion(cut.times, tuple(squat.marker_names[k] for k in kept), cut.positions_world[:, kept]))
+    with pytest.raises(LegsimError, match=r"moved\.trc.*malleolus_lateral_r"):
+        recovery.recover(lacking)
+    recovered = recovery.recover(lacking.model_copy(update={"scaling_file": SQUAT}))
+    assert recovered.fit is not None
+    assert recovered.fit.scaled_from == "squat_30.trc"
+    whole = recovery.recover(saved(tmp_path, cut, "whole.trc").model_copy(update={"scaling_file": SQUAT}))
+    np.testing.assert_array_equal(recovered.leg.scales.factors, whole.leg.scales.factors)
+    np.testing.assert_allclose(recovered.trajectories.coordinate("knee_angle_l"), whole.trajectories.coordinate("knee_angle_l"), atol=0.02)
+
+
+def test_only_shipped_held_squats_are_scaled_from_the_squats_beside_them(tmp_path, squat):
+    """A person's own squat_1.trc beside a squats.trc is taken as it is."""
+    saved(tmp_path, short(squat), "squats.trc")
+    recovered = recovery.recover(saved(tmp_path, short(squat), "squat_1.trc"))
+    assert recovered.fit is not None
+    assert recovered.fit.scaled_from == "squat_1.trc"
+
+
 def test_a_marker_that_is_never_seen_is_named(tmp_path, squat):
     positions = short(squat).positions_world.copy()
     positions[:, squat.marker_names.index("LKNE")] = np.nan

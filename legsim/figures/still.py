@@ -80,7 +80,7 @@ def _draw_meshes(ax: Axes, scene: ReplayScene, frame: int, camera: FloatArray) -
     light = 0.45 + 0.55 * (normals @ np.array([-0.3, 0.5, 0.81]) / np.linalg.norm(normals, axis=-1)).clip(0, 1)
     colors = light[:, None] * np.array([230, 218, 192]) / 255
     ax.add_collection(
-        PolyCollection(list(corners[nearer][..., :2]), facecolors=colors[nearer], edgecolors=colors[nearer], linewidths=0.2, zorder=1)
+        PolyCollection(corners[nearer][..., :2], facecolors=colors[nearer], edgecolors=colors[nearer], linewidths=0.2, zorder=1)
     )
 
 

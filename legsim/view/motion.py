@@ -38,7 +38,7 @@ def log_skeleton(recorder: Recorder, scene: ReplayScene) -> None:
     recorder.static("world/joints", rr.Points3D.from_fields(radii=0.012, colors=JOINT, labels=list(centers.names), show_labels=False))
     bones = scene.bone_lines().astype(np.float32)
     if bones.shape[1]:
-        columns = rr.LineStrips3D.columns(strips=list(bones.reshape(-1, 2, 3)))
+        columns = rr.LineStrips3D.columns(strips=bones.reshape(-1, 2, 3))
         recorder.columns("world/bones", centers.times, _partition(columns, bones.shape[1], len(bones)))
         recorder.static("world/bones", rr.LineStrips3D.from_fields(radii=0.004, colors=BONE))
 
