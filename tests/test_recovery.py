@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+import scaling_errors
 
 from legsim import recovery, storage, trc
 from legsim.config import MotionConfig
@@ -105,6 +106,12 @@ def test_a_trial_scaled_from_another_does_without_what_only_scaling_needs(tmp_pa
     whole = recovery.recover(saved(tmp_path, cut, "whole.trc").model_copy(update={"scaling_file": SQUAT}))
     np.testing.assert_array_equal(recovered.leg.scales.factors, whole.leg.scales.factors)
     np.testing.assert_allclose(recovered.trajectories.coordinate("knee_angle_l"), whole.trajectories.coordinate("knee_angle_l"), atol=0.02)
+
+
+def test_scaling_from_active_squats_finds_joint_centers_at_least_as_well():
+    by_squats, by_itself = (scaling_errors.center_errors("subject05/squat_60", file) for file in ("", "subject05/squat_60.trc"))
+    assert by_squats.max() < 8.0
+    assert np.linalg.norm(by_squats) < np.linalg.norm(by_itself)
 
 
 def test_only_shipped_held_squats_are_scaled_from_the_squats_beside_them(tmp_path, squat):

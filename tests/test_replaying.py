@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from legsim import artifacts, cli, config, pipeline, recovery, storage, trc
+from legsim import artifacts, cli, config, imu, pipeline, recovery, storage, trc
 from legsim.imu import JointSplines
 from legsim.signals import ImuSignals, Motion
 
@@ -60,6 +60,9 @@ def test_a_clock_offset_shifts_the_sensors_times_and_nothing_else(standing, plai
 def test_soft_tissue_without_amplitude_is_the_rigid_sensor_bit_for_bit(standing, plain, tmp_path):
     rigid = replayed(standing, tmp_path / "rigid", "imu.soft_tissue.amplitude=0", "imu.soft_tissue.frequency_hz=7")
     assert contents(rigid, (*TRUTH, "imu.csv")) == contents(plain, (*TRUTH, "imu.csv"))
+    solved, read = recovery.recover(config.MotionConfig(file=str(standing))), signals(rigid)
+    alone = imu.simulate(solved.leg, JointSplines(solved.trajectories), pipeline.sensors(config.ImuConfig()), read.times)
+    np.testing.assert_array_equal(read.specific_force, alone.specific_force)
 
 
 def test_soft_tissue_shakes_the_accelerometer_and_leaves_gyroscope_and_truth(standing, plain, tmp_path):

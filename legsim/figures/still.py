@@ -1,5 +1,7 @@
 """A still picture of a replay, drawn without a viewer, a screen or a graphics driver."""
 
+from typing import Any
+
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection, PolyCollection
@@ -79,9 +81,9 @@ def _draw_meshes(ax: Axes, scene: ReplayScene, frame: int, camera: FloatArray) -
     nearer = np.argsort(corners[:, :, 2].mean(-1))
     light = 0.45 + 0.55 * (normals @ np.array([-0.3, 0.5, 0.81]) / np.linalg.norm(normals, axis=-1)).clip(0, 1)
     colors = light[:, None] * np.array([230, 218, 192]) / 255
-    ax.add_collection(
-        PolyCollection(corners[nearer][..., :2], facecolors=colors[nearer], edgecolors=colors[nearer], linewidths=0.2, zorder=1)
-    )
+    # the annotation asks for a list, but of an array the paths are made at once
+    outlines: Any = corners[nearer][..., :2]
+    ax.add_collection(PolyCollection(outlines, facecolors=colors[nearer], edgecolors=colors[nearer], linewidths=0.2, zorder=1))
 
 
 def _draw_skeleton(ax: Axes, scene: ReplayScene, frame: int, camera: FloatArray) -> None:
