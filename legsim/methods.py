@@ -133,27 +133,34 @@ def sensor_path(scan: Scan, sensor: str, scheme: Scheme) -> FloatArray:
     return pose_estimation.estimate(scan.signals.times, rate, force, scan.start(sensor), scan.times, scheme=scheme)
 
 
-def build(name: str, setup: Setup) -> CorrectionMethod:
-    """The method of that name: built in, an entry point of the group ``legsim.methods``, or ``path/to/file.py:function``.
+def find(name: str) -> Callable[[Setup], CorrectionMethod]:
+    """What builds the method of that name: built in, an entry point of the group ``legsim.methods``, or ``path/to/file.py:function``.
 
-    ``rigid@<sensor>`` is the rigid correction from that sensor, whichever ``setup`` names.
+    ``rigid@<sensor>`` is the rigid correction from that sensor, whichever the setup names.
     An entry point and a file's function are the method itself: called with a :class:`legsim.correction.Scan`.
 
     Raises:
         LegsimError: there is none; the line lists what there is.
     """
     if name in BUILT_IN:
-        return BUILT_IN[name](setup)
+        return BUILT_IN[name]
     if name.startswith(_RIGID_FROM):
-        return _rigid(replace(setup, sensor=name.removeprefix(_RIGID_FROM)))
+        return lambda setup: _rigid(replace(setup, sensor=name.removeprefix(_RIGID_FROM)))
     path, separator, function = name.rpartition(":")
     if separator and path.endswith(".py"):
-        return _from_file(Path(path), function)
+        own = _from_file(Path(path), function)
+        return lambda _: own
     installed = {point.name: point for point in importlib.metadata.entry_points(group=ENTRY_POINTS)}
     if name in installed:
-        return installed[name].load()
+        point = installed[name]
+        return lambda _: point.load()
     known = ", ".join([REFERENCE, *BUILT_IN, f"{_RIGID_FROM}<sensor>", *installed])
     raise LegsimError(f"no correction method named {name!r}; there are: {known}, or your own as path/to/file.py:function")
+
+
+def build(name: str, setup: Setup) -> CorrectionMethod:
+    """The method of that name; errors as in :func:`find`."""
+    return find(name)(setup)
 
 
 def label(name: str) -> str:

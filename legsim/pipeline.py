@@ -25,6 +25,7 @@ from legsim import (
     images,
     imu,
     leg_phantom,
+    methods,
     opencl,
     presentation,
     reconstruction,
@@ -96,6 +97,8 @@ class RunResult:
 
 def run(settings: RunConfig, out: Path, *, device: str | None = None, on_progress: OnProgress) -> RunResult:
     """One scan, from the recording to report and recording in ``out``."""
+    for name in set(settings.methods.run) - {methods.REFERENCE}:
+        methods.find(name)  # a name that is not there is told before anything is computed
     opened = opencl.open_device(device)
     folder = RunFolder(out, _about(settings, opened))
     artifacts.write_text(out / "config.toml", config.dump(settings))

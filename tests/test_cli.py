@@ -46,6 +46,7 @@ def test_version(capsys):
         (("run", "--set", "scan.speed=3"), "scan.speed): there is no such key"),
         (("run", "--set", "motion.file=nowhere.trc", "--out", "{tmp}"), "nowhere.trc: no such motion file"),
         (("run", "--set", "scan.views=9000", "--out", "{tmp}"), "the recording lasts"),
+        (("run", "--set", 'methods.run=["magic"]', "--out", "{tmp}"), "no correction method named 'magic'"),
         (("run", "--device", "abacus", "--out", "{tmp}"), "no working OpenCL device matches 'abacus'"),
         (("run", "--out", "/proc/nothing"), "/proc/nothing: cannot be written to"),
         (("replay", "nowhere.c3d", "--out", "{tmp}"), "nowhere.c3d: no such motion file"),
