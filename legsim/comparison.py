@@ -26,7 +26,7 @@ def compare(
     settings, folder = stage.settings, stage.folder
     path = folder.path / "metrics.json"
     made = [[(name, folder.hash_of(name)) for name in _files(c) if folder.has(name)] for c in corrected]
-    key = key_of(stage.scan_key, settings.evaluation.model_dump(), made)
+    key = key_of(stage.scan_key, settings.evaluation.model_dump(), evaluation.SCALING_PERCENTILES, made)
     if folder.done("metrics", key):
         return tuple(_result(entry) for entry in json.loads(path.read_text("utf-8"))["methods"])
     with folder.stage("metrics", key, [path.name]):
@@ -36,7 +36,10 @@ def compare(
             stage.on_progress("comparing", k, len(corrected))
             results.append(_compared(stage, body, one, corrected[0], regions, seen))
         stage.on_progress("comparing", len(corrected), len(corrected))
-        content = {"scaling": "each volume to 0..1 inside the regions", "methods": [asdict(r) for r in results]}
+        content = {
+            "scaling": f"percentiles {evaluation.SCALING_PERCENTILES} of each volume inside the regions to 0 and 1",
+            "methods": [asdict(r) for r in results],
+        }
         artifacts.write_text(path, json.dumps(content, indent=1) + "\n")
     return tuple(results)
 

@@ -3,7 +3,8 @@
 The protocol is Maier et al.'s ("Rigid and non-rigid motion compensation in weight-bearing cone-beam CT of the knee using (noisy)
 inertial measurements", Section 3.1): every volume is scaled to 0..1 and registered to the motion-free reference before SSIM
 (Wang et al. 2004: uniform window of 7 voxels, data range 1) and RMSE are taken. Where the paper is silent: a volume is scaled by
-the least and greatest value inside the union of the regions, and a registration is applied only where it raises the correlation.
+its 0.01 and 99.99 percentiles inside the union of the regions, because a single bright voxel of a streak would else set the scale of
+all others; and a registration is applied only where it raises the correlation.
 """
 
 from collections.abc import Sequence
@@ -20,6 +21,8 @@ from legsim.errors import LegsimError
 from legsim.geometry import Volume, VolumeGrid
 
 SSIM_WINDOW = 7
+SCALING_PERCENTILES = (0.01, 99.99)
+"""of the values inside the regions, which become 0 and 1"""
 _SLAB = 32
 _REGISTRATION_SAMPLES = 20_000
 
@@ -132,11 +135,11 @@ def _in_region(region: Region, moving: Float32Array, fixed: Float32Array, simila
 
 
 def scaled(attenuation: Float32Array, mask: NDArray[np.bool_], name: str) -> Float32Array:
-    """Values so scaled that the least inside ``mask`` is 0 and the greatest 1."""
+    """Values so scaled that their :data:`SCALING_PERCENTILES` inside ``mask`` are 0 and 1."""
     inside = attenuation[mask]
     if not np.isfinite(inside).all():
         raise LegsimError(f"the {name} holds values that are not numbers inside the regions; it cannot be compared")
-    low, high = float(inside.min()), float(inside.max())
+    low, high = (float(p) for p in np.percentile(inside, SCALING_PERCENTILES))
     if high <= low:
         raise LegsimError(f"the {name} is {low:g} everywhere inside the regions; there is nothing to compare")
     return (attenuation - np.float32(low)) * np.float32(1.0 / (high - low))

@@ -37,6 +37,13 @@ def test_scale_and_offset_of_attenuation_do_not_matter():
     assert metrics.of("leg").rmse < 1e-6
 
 
+def test_one_bright_voxel_does_not_set_the_scale():
+    bright = blob(GRID).attenuation.copy()
+    bright[24, 24, 24] *= 5
+    metrics = evaluation.evaluate(Volume(GRID, bright), blob(GRID), regions(GRID), register=False)
+    assert metrics.of("leg").rmse < 0.03
+
+
 def test_registration_undoes_a_rigid_motion():
     center = transforms.translation(GRID.center)
     turned = transforms.rigid(transforms.rotation_from_vector([0.02, -0.05, 0.03]), [0.003, -0.002, 0.001])
