@@ -23,6 +23,7 @@ from legsim.errors import LegsimError, at
 from legsim.geometry import VolumeGrid
 from legsim.motions import ControlPointMotion, FieldMotion
 from legsim.signals import ImuSignals, RigidMotion, SegmentPoses
+from legsim.stage_store import StageStore
 
 SCHEMA = 1
 
@@ -60,8 +61,10 @@ def key_of(*parts: Any) -> str:
 class RunFolder:
     """A folder of results with its manifest."""
 
-    def __init__(self, path: Path, about: dict[str, Any]) -> None:
+    def __init__(self, path: Path, about: dict[str, Any], store: StageStore | None = None) -> None:
         """Opens or makes the folder; ``about`` (version, device, config hash ...) heads the manifest.
+
+        What ``store`` holds of finished stages is taken from there, and what is finished here is left there for other folders.
 
         Raises:
             LegsimError: the folder cannot be made or written to.
@@ -77,6 +80,7 @@ class RunFolder:
         for leftover in path.glob(".partial-*"):
             leftover.unlink(missing_ok=True)
         self._stages: dict[str, Any] = self._read().get("stages", {})
+        self._store = store
         self.about = about
         """What heads the manifest."""
 
@@ -91,10 +95,18 @@ class RunFolder:
         return content if isinstance(content, dict) and content.get("schema") == SCHEMA else {}
 
     def done(self, stage: str, key: str) -> bool:
-        """Whether the manifest vouches for the stage: same key, all its files there and unchanged."""
+        """Whether the manifest vouches for the stage (same key, all its files there and unchanged), or the store has it."""
         entry = self._stages.get(stage)
-        if entry is None or entry["key"] != key:
+        if entry is not None and entry["key"] == key and self._unchanged(entry):
+            return True
+        found = None if self._store is None else self._store.fetch(stage, key, self.path)
+        if found is None or not self._unchanged(found):
             return False
+        self._stages[stage] = found
+        self.write_manifest()
+        return True
+
+    def _unchanged(self, entry: dict[str, Any]) -> bool:
         return all((self.path / name).is_file() and sha256(self.path / name) == f["sha256"] for name, f in entry["files"].items())
 
     @contextmanager
@@ -106,6 +118,8 @@ class RunFolder:
         entries = {name: {"sha256": sha256(self.path / name), "bytes": (self.path / name).stat().st_size} for name in files}
         self._stages[stage] = {"key": key, "seconds": seconds, "files": entries}
         self.write_manifest()
+        if self._store is not None:
+            self._store.keep(stage, key, self._stages[stage], self.path)
 
     def seconds(self, stage: str) -> float:
         """How long the stage took when it was computed."""

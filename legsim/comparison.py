@@ -1,6 +1,7 @@
 """Every method's volume against the motion-free one, and what each left of the motion; written to metrics.json."""
 
 import json
+from collections.abc import Callable
 from dataclasses import asdict
 from typing import Any
 
@@ -20,28 +21,39 @@ _POINTS = 60
 
 
 def compare(
-    stage: Stage, body: ScannedLeg, corrected: tuple[Reconstructed, ...], regions: tuple[Region, ...], grid: VolumeGrid
+    stage: Stage, body: ScannedLeg, corrected: tuple[Reconstructed, ...], regions: Callable[[], tuple[Region, ...]], grid: VolumeGrid
 ) -> tuple[MethodResult, ...]:
-    """A row a method."""
+    """A row a method; each is a stage of its own, so that a further method costs only itself. ``regions`` is asked at most once."""
     settings, folder = stage.settings, stage.folder
-    path = folder.path / "metrics.json"
-    made = [[(name, folder.hash_of(name)) for name in _files(c) if folder.has(name)] for c in corrected]
-    key = key_of(stage.scan_key, settings.evaluation.model_dump(), evaluation.SCALING_PERCENTILES, made)
-    if folder.done("metrics", key):
-        return tuple(_result(entry) for entry in json.loads(path.read_text("utf-8"))["methods"])
-    with folder.stage("metrics", key, [path.name]):
-        seen = structures(body, grid, acquisition.field_of_view(settings.scan))
-        results = []
-        for k, one in enumerate(corrected):
-            stage.on_progress("comparing", k, len(corrected))
-            results.append(_compared(stage, body, one, corrected[0], regions, seen))
-        stage.on_progress("comparing", len(corrected), len(corrected))
-        content = {
-            "scaling": f"percentiles {evaluation.SCALING_PERCENTILES} of each volume inside the regions to 0 and 1",
-            "methods": [asdict(r) for r in results],
-        }
-        artifacts.write_text(path, json.dumps(content, indent=1) + "\n")
+    seen: list[tuple[tuple[Region, ...], tuple[Structure, ...]]] = []
+    results = []
+    for k, one in enumerate(corrected):
+        stage.on_progress("comparing", k, len(corrected))
+        path = folder.path / f"metrics-{one.volume.name}.json"
+        made = [(name, folder.hash_of(name)) for name in (*_files(corrected[0]), *_files(one)) if folder.has(name)]
+        key = key_of(stage.scan_key, settings.evaluation.model_dump(), evaluation.SCALING_PERCENTILES, made)
+        if not folder.done(path.stem, key):
+            with folder.stage(path.stem, key, [path.name]):
+                if not seen:
+                    seen.append((regions(), structures(body, grid, acquisition.field_of_view(settings.scan))))
+                result = _compared(stage, body, one, corrected[0], *seen[0])
+                artifacts.write_text(path, json.dumps(asdict(result), indent=1) + "\n")
+        results.append(result_from(json.loads(path.read_text("utf-8"))))
+    stage.on_progress("comparing", len(corrected), len(corrected))
+    _write_all(stage, results)
     return tuple(results)
+
+
+def _write_all(stage: Stage, results: list[MethodResult]) -> None:
+    """metrics.json: every method's."""
+    content = {
+        "scaling": f"percentiles {evaluation.SCALING_PERCENTILES} of each volume inside the regions to 0 and 1",
+        "methods": [asdict(r) for r in results],
+    }
+    key = key_of(content)
+    if not stage.folder.done("metrics", key):
+        with stage.folder.stage("metrics", key, ["metrics.json"]):
+            artifacts.write_text(stage.folder.path / "metrics.json", json.dumps(content, indent=1) + "\n")
 
 
 def _files(one: Reconstructed) -> tuple[str, ...]:
@@ -89,10 +101,13 @@ def structures(body: ScannedLeg, grid: VolumeGrid, field_of_view: float) -> tupl
     return tuple(found)
 
 
-def _result(entry: dict[str, Any]) -> MethodResult:
+def result_from(entry: dict[str, Any]) -> MethodResult:
     """From an entry of metrics.json."""
-    regions = tuple(RegionMetrics(**r) for r in entry["metrics"]["regions"])
-    registration = entry["metrics"]["registration"]
-    metrics = Metrics(regions, None if registration is None else Registration(**registration))
     left = tuple(Residual(**r) for r in entry["residuals"])
-    return MethodResult(entry["method"], metrics, entry["residual_mm"], entry["seconds"], left)
+    return MethodResult(entry["method"], metrics_from(entry["metrics"]), entry["residual_mm"], entry["seconds"], left)
+
+
+def metrics_from(entry: dict[str, Any]) -> Metrics:
+    """Metrics from what ``dataclasses.asdict`` made of them."""
+    registration = entry["registration"]
+    return Metrics(tuple(RegionMetrics(**r) for r in entry["regions"]), None if registration is None else Registration(**registration))

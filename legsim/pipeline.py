@@ -53,6 +53,7 @@ from legsim.scanned_leg import OnProgress, ScannedLeg, Stage
 from legsim.sensing import FiducialScan, Starts
 from legsim.signals import ImuSignals, RigidMotion
 from legsim.soft_tissue import SoftTissue
+from legsim.stage_store import StageStore
 
 _NOISE, _STARTS = 1, 2
 """streams of the run's seed"""
@@ -95,12 +96,23 @@ class RunResult:
         return [f"{what}: {self.folder / name}" for what, name in names.items()] + [f"to look around: legsim view {self.folder}"]
 
 
-def run(settings: RunConfig, out: Path, *, device: str | None = None, on_progress: OnProgress) -> RunResult:
-    """One scan, from the recording to report and recording in ``out``."""
+def run(
+    settings: RunConfig,
+    out: Path,
+    *,
+    device: str | None = None,
+    on_progress: OnProgress,
+    store: StageStore | None = None,
+    presented: bool = True,
+) -> RunResult:
+    """One scan, from the recording to report and recording in ``out``.
+
+    Stages that ``store`` holds are taken from there. Without ``presented`` the run ends at the numbers: no report, no recording.
+    """
     for name in set(settings.methods.run) - {methods.REFERENCE}:
         methods.find(name)  # a name that is not there is told before anything is computed
     opened = opencl.open_device(device)
-    folder = RunFolder(out, _about(settings, opened))
+    folder = RunFolder(out, _about(settings, opened), store)
     artifacts.write_text(out / "config.toml", config.dump(settings))
     body = _body(settings, folder, on_progress)
     signals = _sense(settings, body.recovery, body.splines, body.sensors, folder, _motion_key(settings))
@@ -110,9 +122,9 @@ def run(settings: RunConfig, out: Path, *, device: str | None = None, on_progres
     grid = acquisition.volume_grid(settings.grid, body.geometry.rotation_center())
     stage = Stage(settings, folder, opened, _scan_key(settings), on_progress)
     corrected = reconstruction.reconstruct(stage, body, scan, still, grid)
-    regions = _regions(settings, body, grid, opened)
-    results = comparison.compare(stage, body, corrected, regions, grid)
-    _present(settings, body, signals, moving, corrected, results, starts, folder, on_progress)
+    results = comparison.compare(stage, body, corrected, lambda: _regions(settings, body, grid, opened), grid)
+    if presented:
+        _present(settings, body, signals, moving, corrected, results, starts, folder, on_progress)
     return RunResult(out, results)
 
 

@@ -6,9 +6,9 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from legsim import artifacts
+from legsim import artifacts, comparison
 from legsim.errors import at
-from legsim.evaluation import Metrics, RegionMetrics, Registration
+from legsim.evaluation import Metrics
 from legsim.imu_noise import Convention
 from legsim.residuals import Residual
 
@@ -127,16 +127,10 @@ def score_from(entry: dict[str, Any]) -> ScanScore:
         **{
             **entry,
             "noise": None if noise is None else NoiseLevel(**noise),
-            "metrics": metrics_from(entry["metrics"]),
+            "metrics": comparison.metrics_from(entry["metrics"]),
             "residuals": tuple(Residual(**r) for r in entry["residuals"]),
         }
     )
-
-
-def metrics_from(entry: dict[str, Any]) -> Metrics:
-    """Metrics from what ``dataclasses.asdict`` made of them."""
-    registration = entry["registration"]
-    return Metrics(tuple(RegionMetrics(**r) for r in entry["regions"]), None if registration is None else Registration(**registration))
 
 
 def methods_of(scores: Sequence[ScanScore]) -> tuple[str, ...]:

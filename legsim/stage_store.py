@@ -1,0 +1,65 @@
+"""Finished stages that run folders share: one folder a stage and key, filled whole or not at all, its files hard links.
+
+A stage's key is a hash of all that decides its output, so that an entry never changes: several processes, also on other machines that see
+the same file system, may fill and read one store.
+"""
+
+import contextlib
+import json
+import os
+import shutil
+import uuid
+from pathlib import Path
+from typing import Any
+
+_ENTRY = "entry.json"
+
+
+class StageStore:
+    """A folder of finished stages."""
+
+    def __init__(self, path: Path) -> None:
+        """Opens the store; its folder is made when something is kept."""
+        self.path = path
+
+    def fetch(self, stage: str, key: str, into: Path) -> dict[str, Any] | None:
+        """Puts the stage's files into the folder ``into`` and returns its manifest entry; None where the store does not have it."""
+        place = self._place(stage, key)
+        try:
+            entry = json.loads((place / _ENTRY).read_text("utf-8"))
+        except (OSError, ValueError):
+            return None
+        for name in entry["files"]:
+            _link(place / name, into / name)
+        return entry
+
+    def keep(self, stage: str, key: str, entry: dict[str, Any], folder: Path) -> None:
+        """Keeps the files that ``entry`` names, as they are in ``folder``; whoever comes second changes nothing."""
+        place = self._place(stage, key)
+        if (place / _ENTRY).exists():
+            return
+        partial = place.with_name(f".partial-{uuid.uuid4().hex}")
+        partial.mkdir(parents=True)
+        try:
+            for name in entry["files"]:
+                _link(folder / name, partial / name)
+            (partial / _ENTRY).write_text(json.dumps(entry), "utf-8")
+            with contextlib.suppress(OSError):  # another process was faster: the same content is there already
+                os.rename(partial, place)
+        finally:
+            shutil.rmtree(partial, ignore_errors=True)
+
+    def _place(self, stage: str, key: str) -> Path:
+        return self.path / stage / key
+
+
+def _link(source: Path, target: Path) -> None:
+    """The same file under another name; a copy where the file system has no links."""
+    partial = target.with_name(f".partial-{uuid.uuid4().hex}-{target.name}")
+    try:
+        os.link(source, partial)
+    except OSError:
+        shutil.copy2(source, partial)
+    os.replace(partial, target)
+    # rename leaves both names where they are already one file
+    partial.unlink(missing_ok=True)

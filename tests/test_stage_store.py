@@ -1,0 +1,94 @@
+"""The store of finished stages: what one folder finished another gets, whole or not at all."""
+
+import errno
+import os
+from pathlib import Path
+
+import pytest
+
+from legsim.artifacts import RunFolder, key_of
+from legsim.stage_store import StageStore
+
+
+def finish(folder: RunFolder, key: str, text: str) -> None:
+    with folder.stage("count", key, ["numbers.txt"]):
+        (folder.path / "numbers.txt").write_text(text)
+
+
+def folders(tmp_path: Path) -> tuple[RunFolder, RunFolder]:
+    store = StageStore(tmp_path / "store")
+    return RunFolder(tmp_path / "a", {}, store), RunFolder(tmp_path / "b", {}, store)
+
+
+def test_what_one_folder_finished_another_gets(tmp_path):
+    first, second = folders(tmp_path)
+    key = key_of(1)
+    assert not second.done("count", key)
+    finish(first, key, "one")
+    assert second.done("count", key)
+    assert (second.path / "numbers.txt").read_text() == "one"
+    assert second.hash_of("numbers.txt") == first.hash_of("numbers.txt")
+    assert second.seconds("count") == first.seconds("count")
+
+
+def test_another_key_is_another_stage(tmp_path):
+    first, second = folders(tmp_path)
+    finish(first, key_of(1), "one")
+    assert not second.done("count", key_of(2))
+
+
+def test_writing_anew_in_one_folder_leaves_the_others(tmp_path):
+    first, second = folders(tmp_path)
+    finish(first, key_of(1), "one")
+    assert second.done("count", key_of(1))
+    replacement = first.path / "other"
+    replacement.write_text("two")
+    os.replace(replacement, first.path / "numbers.txt")
+    assert not RunFolder(second.path, {}).done("count", key_of(2))
+    assert (second.path / "numbers.txt").read_text() == "one"
+    # the changed folder takes the kept file back
+    assert first.done("count", key_of(1))
+    assert (first.path / "numbers.txt").read_text() == "one"
+
+
+def test_a_half_filled_place_is_not_believed(tmp_path):
+    first, second = folders(tmp_path)
+    finish(first, key_of(1), "one")
+    (tmp_path / "store" / "count" / key_of(1) / "entry.json").unlink()
+    assert not second.done("count", key_of(1))
+
+
+def test_a_damaged_file_in_the_store_is_not_believed(tmp_path):
+    first, second = folders(tmp_path)
+    finish(first, key_of(1), "one")
+    kept = tmp_path / "store" / "count" / key_of(1) / "numbers.txt"
+    kept.unlink()
+    kept.write_text("bad")
+    assert not second.done("count", key_of(1))
+
+
+def test_the_second_to_keep_changes_nothing(tmp_path):
+    first, second = folders(tmp_path)
+    finish(first, key_of(1), "one")
+    finish(second, key_of(1), "one")
+    assert [p.name for p in (tmp_path / "store" / "count").iterdir()] == [key_of(1)]
+
+
+def test_where_there_are_no_links_files_are_copied(tmp_path, monkeypatch):
+    def refuse(*_: object) -> None:
+        raise OSError(errno.EPERM, "no links here")
+
+    monkeypatch.setattr(os, "link", refuse)
+    first, second = folders(tmp_path)
+    finish(first, key_of(1), "one")
+    assert second.done("count", key_of(1))
+    assert (second.path / "numbers.txt").stat().st_ino != (first.path / "numbers.txt").stat().st_ino
+
+
+@pytest.mark.parametrize("again", [1, 2])
+def test_fetching_twice_leaves_no_partial_files(tmp_path, again):
+    first, second = folders(tmp_path)
+    finish(first, key_of(1), "one")
+    for _ in range(again):
+        StageStore(tmp_path / "store").fetch("count", key_of(1), second.path)
+    assert sorted(p.name for p in second.path.iterdir()) == ["numbers.txt"]
