@@ -13,11 +13,13 @@ import time
 import zipfile
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from legsim import peak_memory
 from legsim.arrays import FloatArray
 from legsim.errors import LegsimError, at
 from legsim.geometry import VolumeGrid
@@ -25,7 +27,7 @@ from legsim.motions import ControlPointMotion, FieldMotion
 from legsim.signals import ImuSignals, RigidMotion, SegmentPoses
 from legsim.stage_store import StageStore
 
-SCHEMA = 1
+SCHEMA = 2
 
 Motion = RigidMotion | ControlPointMotion | FieldMotion
 
@@ -111,12 +113,13 @@ class RunFolder:
 
     @contextmanager
     def stage(self, stage: str, key: str, files: Sequence[str]) -> Iterator[None]:
-        """Runs a stage that writes ``files`` and then enters them in the manifest with their time and hash."""
+        """Runs a stage that writes ``files`` and then enters them in the manifest with their time, memory and hash."""
         start = time.perf_counter()
+        peak_memory.begin()
         yield
-        seconds = round(time.perf_counter() - start, 3)
+        seconds, peak = round(time.perf_counter() - start, 3), peak_memory.mebibytes()
         entries = {name: {"sha256": sha256(self.path / name), "bytes": (self.path / name).stat().st_size} for name in files}
-        self._stages[stage] = {"key": key, "seconds": seconds, "files": entries}
+        self._stages[stage] = {"key": key, "seconds": seconds, "peak_mib": peak and round(peak), "files": entries}
         self.write_manifest()
         if self._store is not None:
             self._store.keep(stage, key, self._stages[stage], self.path)
@@ -137,6 +140,23 @@ class RunFolder:
         """Writes manifest.json as things stand."""
         content = {"schema": SCHEMA, **self.about, "stages": self._stages}
         write_text(self.path / "manifest.json", json.dumps(content, indent=1) + "\n")
+
+
+@dataclass(frozen=True, slots=True)
+class FinishedStage:
+    """What a manifest tells of a stage."""
+
+    stage: str
+    key: str
+    seconds: float
+    peak_mib: float | None
+
+
+def finished_stages(folder: Path) -> tuple[FinishedStage, ...]:
+    """Every stage that the folder's manifest vouches for; none where there is no manifest."""
+    path = folder / "manifest.json"
+    entries = json.loads(path.read_text("utf-8"))["stages"] if path.is_file() else {}
+    return tuple(FinishedStage(stage, e["key"], e["seconds"], e["peak_mib"]) for stage, e in entries.items())
 
 
 def _csv_text(header: Sequence[str], rows: FloatArray) -> str:

@@ -1,8 +1,9 @@
 """What a run is told: one frozen tree, read strictly from TOML. Lengths in mm, angles in degrees, with the unit in the name."""
 
 import tomllib
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, TypeVar, get_args
 
 import tomli_w
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
@@ -10,11 +11,13 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from legsim.errors import LegsimError, at
 
 
-class _Section(BaseModel):
+class Section(BaseModel):
+    """A part of a configuration: frozen, and strict about its keys."""
+
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
 
-class MotionConfig(_Section):
+class MotionConfig(Section):
     """The recording and how it is cleaned."""
 
     file: str = "subject01/squat_60.trc"
@@ -34,7 +37,7 @@ class MotionConfig(_Section):
     """recording that the model is scaled from; empty: the person's active squats for legsim's own recordings, else the same one"""
 
 
-class SensorConfig(_Section):
+class SensorConfig(Section):
     """One inertial sensor on a segment."""
 
     name: str
@@ -47,7 +50,7 @@ class SensorConfig(_Section):
     """rotation vector of the sensor's axes against the segment's"""
 
 
-class NoiseConfig(_Section):
+class NoiseConfig(Section):
     """Noise of the sensors, drawn from the run's seed. Each kind reads its own numbers; defaults are the BMI160's."""
 
     kind: Literal["none", "density", "rms", "paper"] = "none"
@@ -72,7 +75,7 @@ class NoiseConfig(_Section):
     angular_velocity_bias_deg_per_s: float = Field(default=0.0, ge=0)
 
 
-class SoftTissueConfig(_Section):
+class SoftTissueConfig(Section):
     """How the sensors swing on the skin; the truth stays that of sensors fixed to the bone."""
 
     amplitude: float = Field(default=0.0, ge=0)
@@ -82,7 +85,7 @@ class SoftTissueConfig(_Section):
     """of critical"""
 
 
-class ImuConfig(_Section):
+class ImuConfig(Section):
     """The sensors; defaults are the paper's."""
 
     rate_hz: float = Field(default=120.0, gt=0)
@@ -96,14 +99,14 @@ class ImuConfig(_Section):
     )
 
 
-class PhantomConfig(_Section):
+class PhantomConfig(Section):
     """The scanned legs."""
 
     detail: Literal["coarse", "fine"] = "coarse"
     energy_kev: float = Field(default=60.0, gt=10, le=500)
 
 
-class ScanConfig(_Section):
+class ScanConfig(Section):
     """The C-arm; defaults are the paper's."""
 
     start_s: float | None = None
@@ -120,14 +123,14 @@ class ScanConfig(_Section):
     pixel_mm: float = Field(default=0.616, gt=0)
 
 
-class GridConfig(_Section):
+class GridConfig(Section):
     """The reconstructed cube around the isocenter."""
 
     voxels: int = Field(default=512, ge=16)
     voxel_mm: float = Field(default=0.5, gt=0)
 
 
-class FiducialsConfig(_Section):
+class FiducialsConfig(Section):
     """Four metal points in each sensor, from which its start is found where methods.start is "fiducials"."""
 
     axis_length_mm: float = Field(default=10.0, gt=0)
@@ -143,7 +146,7 @@ class FiducialsConfig(_Section):
     """diameter of the rendered beads, tantalum"""
 
 
-class BeadsConfig(_Section):
+class BeadsConfig(Section):
     """Metal beads on the skin around the knee, for the marker-based method; they are in no reconstruction."""
 
     count: int = Field(default=12, ge=4)
@@ -154,7 +157,7 @@ class BeadsConfig(_Section):
     """standard deviation of the places that the search starts from, along each axis"""
 
 
-class MethodsConfig(_Section):
+class MethodsConfig(Section):
     """Which corrections are compared, and from what."""
 
     run: tuple[str, ...] = (
@@ -177,14 +180,14 @@ class MethodsConfig(_Section):
     beads: BeadsConfig = BeadsConfig()
 
 
-class EvaluationConfig(_Section):
+class EvaluationConfig(Section):
     """How volumes are compared."""
 
     register_volumes: bool = True
     air_margin_mm: float = Field(default=5.0, ge=0)
 
 
-class RunConfig(_Section):
+class RunConfig(Section):
     """One scan, whole."""
 
     motion: MotionConfig = MotionConfig()
@@ -216,17 +219,37 @@ def load(path: Path | None = None, *, preset: str = "paper", overrides: tuple[st
     Raises:
         LegsimError: no such preset or file, not TOML, or a key or value that is not allowed; the line names the key.
     """
+    trees = [] if path is None else [read(path)]
+    return from_trees(preset, *trees, *(parse_override(override) for override in overrides), where=path)
+
+
+def from_trees(preset: str, *trees: dict[str, Any], where: Path | None = None) -> RunConfig:
+    """The preset, overlaid by ``trees`` one after the other; ``where`` they come from is named in errors.
+
+    Raises:
+        LegsimError: no such preset, or a key or value that is not allowed; the line names the key.
+    """
     if preset not in PRESETS:
         raise LegsimError(f"--preset {preset}: there is no such preset; choose one of {', '.join(PRESETS)}")
-    tree: dict[str, Any] = _merged({}, PRESETS[preset])
-    if path is not None:
-        tree = _merged(tree, _read(path))
-    for override in overrides:
-        tree = _merged(tree, _parse_override(override))
+    tree: dict[str, Any] = merged({}, PRESETS[preset])
+    for further in trees:
+        tree = merged(tree, further)
+    return validated(RunConfig, tree, where)
+
+
+_Model = TypeVar("_Model", bound=Section)
+
+
+def validated(model: type[_Model], tree: dict[str, Any], where: Path | None) -> _Model:
+    """The tree as a configuration of that kind.
+
+    Raises:
+        LegsimError: a key or value that is not allowed; the line names file and key.
+    """
     try:
-        return RunConfig.model_validate(tree)
+        return model.model_validate(tree)
     except ValidationError as error:
-        raise LegsimError(_explain(error, path)) from error
+        raise LegsimError(_explain(error, model, where)) from error
 
 
 def dump(config: RunConfig) -> str:
@@ -234,7 +257,12 @@ def dump(config: RunConfig) -> str:
     return tomli_w.dumps(config.model_dump(mode="json", exclude_none=True))
 
 
-def _read(path: Path) -> dict[str, Any]:
+def read(path: Path) -> dict[str, Any]:
+    """A TOML file as it is.
+
+    Raises:
+        LegsimError: no such file, or not TOML.
+    """
     try:
         return tomllib.loads(path.read_text("utf-8"))
     except FileNotFoundError:
@@ -245,7 +273,8 @@ def _read(path: Path) -> dict[str, Any]:
         raise at(path, f"is not TOML: {error}", "mend that place") from None
 
 
-def _parse_override(text: str) -> dict[str, Any]:
+def parse_override(text: str) -> dict[str, Any]:
+    """``section.key=value`` as a tree."""
     key, separator, value = text.partition("=")
     parts = key.strip().split(".")
     if not separator or not all(parts):
@@ -259,31 +288,37 @@ def _parse_override(text: str) -> dict[str, Any]:
     return parsed
 
 
-def _merged(base: dict[str, Any], over: dict[str, Any]) -> dict[str, Any]:
+def merged(base: dict[str, Any], over: dict[str, Any]) -> dict[str, Any]:
+    """``base`` overlaid by ``over``, section by section."""
     result = dict(base)
     for key, value in over.items():
         nested = isinstance(value, dict) and isinstance(result.get(key), dict)
-        result[key] = _merged(result[key], value) if nested else value
+        result[key] = merged(result[key], value) if nested else value
     return result
 
 
-def _explain(error: ValidationError, path: Path | None) -> str:
+def _explain(error: ValidationError, model: type[Section], path: Path | None) -> str:
     # a misspelt key comes with a missing one: the misspelling is what to tell
     first = min(error.errors(), key=lambda e: e["type"] != "extra_forbidden")
     place = ".".join(str(part) for part in first["loc"])
     where = f"{path or 'configuration'} ({place})"
     if first["type"] == "extra_forbidden":
-        return f"{where}: there is no such key; {_valid_keys(first['loc'])}"
+        return f"{where}: there is no such key; {_valid_keys(model, first['loc'])}"
     more = f" (and {error.error_count() - 1} more)" if error.error_count() > 1 else ""
     return f"{where}: {first['msg']}, not {first['input']!r}{more}; mend the value in the file or with --set {place}=..."
 
 
-def _valid_keys(location: tuple[int | str, ...]) -> str:
-    section: type[BaseModel] = RunConfig
+def _valid_keys(model: type[Section], location: tuple[int | str, ...]) -> str:
+    section = model
     for part in location[:-1]:
-        annotation = section.model_fields[str(part)].annotation if str(part) in section.model_fields else None
-        if not (isinstance(annotation, type) and issubclass(annotation, BaseModel)):
-            section = SensorConfig
-            break
-        section = annotation
+        if isinstance(part, str) and part in section.model_fields:
+            section = next(_sections_in(section.model_fields[part].annotation), section)
     return f"valid here: {', '.join(section.model_fields)}"
+
+
+def _sections_in(annotation: Any) -> Iterator[type[Section]]:
+    """Sections that a field's type names, also inside a tuple or beside None."""
+    if isinstance(annotation, type) and issubclass(annotation, Section):
+        yield annotation
+    for part in get_args(annotation):
+        yield from _sections_in(part)

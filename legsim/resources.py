@@ -1,4 +1,4 @@
-"""Where the files that ship with legsim lie: models/ and motions/, in a checkout or inside the installed package."""
+"""Where the files that ship with legsim lie: models/, motions/ and studies/, in a checkout or inside the installed package."""
 
 from pathlib import Path
 
@@ -23,6 +23,15 @@ def motion_file(name: str) -> Path:
         LegsimError: the file did not come with this installation; the message lists what is there.
     """
     return _find("motions", name)
+
+
+def study_file(name: str) -> Path:
+    """Path of a file below studies/.
+
+    Raises:
+        LegsimError: the file did not come with this installation; the message lists what is there.
+    """
+    return _find("studies", name)
 
 
 def _find(folder: str, name: str) -> Path:

@@ -74,6 +74,19 @@ class LadderScore:
 
 
 @dataclass(frozen=True, slots=True)
+class StageCost:
+    """What one stage of the runs took."""
+
+    stage: str
+    runs: int
+    """that computed it"""
+    seconds: float
+    """mean"""
+    peak_mib: float | None
+    """the most memory that a process held during it; None where the system does not tell"""
+
+
+@dataclass(frozen=True, slots=True)
 class StudyResults:
     """All of a study."""
 
@@ -85,6 +98,7 @@ class StudyResults:
     """(what, value): command, version, device, size of the scans, seconds ..."""
     failures: tuple[str, ...] = ()
     """a line a run that did not come to its end"""
+    costs: tuple[StageCost, ...] = ()
 
 
 def condition(posture: str) -> str:
@@ -110,9 +124,10 @@ def load(path: Path) -> StudyResults:
             content["name"],
             content["title"],
             tuple(score_from(entry) for entry in content["scores"]),
-            tuple(LadderScore(**{**entry, "noise": NoiseLevel(**entry["noise"])}) for entry in content["ladder"]),
+            tuple(ladder_score_from(entry) for entry in content["ladder"]),
             tuple((what, value) for what, value in content["provenance"]),
             tuple(content["failures"]),
+            tuple(StageCost(**entry) for entry in content["costs"]),
         )
     except FileNotFoundError:
         raise at(path, "no such file", "give the folder of a study") from None
@@ -131,6 +146,11 @@ def score_from(entry: dict[str, Any]) -> ScanScore:
             "residuals": tuple(Residual(**r) for r in entry["residuals"]),
         }
     )
+
+
+def ladder_score_from(entry: dict[str, Any]) -> LadderScore:
+    """A cell of the ladder from what ``dataclasses.asdict`` made of it."""
+    return LadderScore(**{**entry, "noise": NoiseLevel(**entry["noise"])})
 
 
 def methods_of(scores: Sequence[ScanScore]) -> tuple[str, ...]:

@@ -1,0 +1,184 @@
+"""Subjects x postures x methods x noise: a graph of runs, its scores, and the report that sets them beside the printed ones."""
+
+import json
+import shutil
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import tomli_w
+
+from legsim import __version__, artifacts, methods, recovery, study_config, study_engine, study_results, study_tasks
+from legsim.config import RunConfig
+from legsim.errors import LegsimError
+from legsim.scanned_leg import OnProgress
+from legsim.study_config import StudyConfig
+from legsim.study_engine import Outcome, Task
+from legsim.study_results import NoiseLevel, StageCost, StudyResults
+from legsim.study_tasks import LadderJob, ScanJob
+
+_FLOAT = 4
+_GIB = 2.0**30
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """Every task of a study, in an order that satisfies their needs."""
+
+    scans: tuple[ScanJob, ...]
+    ladders: tuple[LadderJob, ...]
+
+    def tasks(self) -> tuple[Task, ...]:
+        """Noisy runs wait for the clean one of their scan, whose projections they share."""
+        clean = {(job.subject, job.posture): job.name for job in self.scans if job.noise is None}
+        ladders = [Task(job.name, study_tasks.ladder, (job,)) for job in self.ladders]
+        scans = [
+            Task(job.name, study_tasks.scan, (job,), () if job.noise is None else (clean[job.subject, job.posture],)) for job in self.scans
+        ]
+        return (*ladders, *scans)
+
+    def disk(self) -> int:
+        """Bytes that the volumes and projections of all runs take."""
+        return sum(_volumes(job.settings) * _volume_bytes(job.settings) + _shared_bytes(job) for job in self.scans)
+
+    def memory(self) -> int:
+        """Bytes that one run holds at most: every method's volume, what registration and SSIM need, projections thrice."""
+        return max(
+            ((1 + _volumes(job.settings) + _WORKING_VOLUMES) * _volume_bytes(job.settings) + _exposures_bytes(job.settings) * 3 // 2)
+            + _BASE_BYTES
+            for job in self.scans
+        )
+
+
+_WORKING_VOLUMES = 9
+"""of evaluation, measured: scaled pair, registration's images, SSIM map, masks"""
+_BASE_BYTES = 2**29
+"""interpreter, libraries, OpenCL runtime, phantom"""
+
+
+def _volumes(settings: RunConfig) -> int:
+    return len(set(settings.methods.run) - {methods.REFERENCE})
+
+
+def _volume_bytes(settings: RunConfig) -> int:
+    return _FLOAT * settings.grid.voxels**3
+
+
+def _exposures_bytes(settings: RunConfig) -> int:
+    """Of the moving and the resting scan."""
+    return 2 * _FLOAT * settings.scan.views * settings.scan.rows * settings.scan.columns
+
+
+def _shared_bytes(job: ScanJob) -> int:
+    """Of what a noisy run takes from the clean one: the exposures and the reference."""
+    return _exposures_bytes(job.settings) + _volume_bytes(job.settings) if job.noise is None else 0
+
+
+def plan(study: StudyConfig, base: Path, out: Path, *, device: str | None = None) -> Plan:
+    """Every run of the study; nothing is computed, but every setting, recording and method is looked up.
+
+    Raises:
+        LegsimError: a recording, a method, a sensor or a setting is not there.
+    """
+    scans, ladders = [], []
+    asked = study.ladder
+    for subject in study.subjects if study.methods else ():
+        for posture in study.postures:
+            levels: list[tuple[NoiseLevel | None, int]] = [(None, 0)]
+            levels += [(NoiseLevel(n.convention, a, g), r) for n in study.noise for a, g in n.levels for r in range(n.repetitions)]
+            for noise, repetition in levels:
+                seed = None if noise is None else study_tasks.seed_of(subject, posture, repetition)
+                settings = study_config.run_settings(study, base, subject, posture, noise, seed)
+                scans.append(ScanJob(out, subject, posture, noise, repetition, settings, device))
+    for subject in asked.subjects or study.subjects if asked else ():
+        for posture in (asked.postures or study.postures) if asked else ():
+            settings = study_config.run_settings(study, base, subject, posture, None, None)
+            ladders += [LadderJob(out, subject, posture, c, asked, settings) for c in asked.conventions]
+    for job in (*scans, *ladders):
+        recovery.fingerprint(job.settings.motion)
+    for name in {name for job in scans for name in job.settings.methods.run} - {methods.REFERENCE}:
+        methods.find(name)
+    if asked and ladders and asked.sensor not in [s.name for s in ladders[0].settings.imu.sensors]:
+        raise LegsimError(f"ladder.sensor = {asked.sensor!r}: imu.sensors has {', '.join(s.name for s in ladders[0].settings.imu.sensors)}")
+    return Plan(tuple(scans), tuple(ladders))
+
+
+def needs(planned: Plan, out: Path, workers: int) -> str:
+    """What the study will take, for a person to read before it begins.
+
+    Raises:
+        LegsimError: the disk or, for the workers that are asked for, the memory does not suffice.
+    """
+    if not planned.scans:
+        return f"{len(planned.ladders)} noise ladders; no reconstruction"
+    taken = sum(p.stat().st_size for p in out.glob("runs/*/*.mha"))
+    free = shutil.disk_usage(out).free
+    disk, memory = planned.disk(), planned.memory()
+    if disk > taken + free:
+        raise LegsimError(
+            f"{out}: the study's volumes take {disk / _GIB:.1f} GiB, {free / _GIB:.1f} GiB are free there; "
+            "choose another folder with --out, fewer scans, or a smaller --preset"
+        )
+    return (
+        f"{len(planned.scans)} runs, {len(planned.ladders)} noise ladders; {disk / _GIB:.1f} GiB of disk, "
+        f"{memory / _GIB:.1f} GiB of memory a worker"
+    )
+
+
+def run(
+    study: StudyConfig,
+    planned: Plan,
+    out: Path,
+    *,
+    command: str,
+    workers: int = 1,
+    scheduler: str | None = None,
+    on_done: Callable[[str, int, int], None],
+    on_progress: OnProgress,
+) -> StudyResults:
+    """Runs what is missing, and writes results.json and the report.
+
+    With one worker and no scheduler the runs are made here, one after the other; else on a Dask cluster.
+    """
+    artifacts.write_text(out / "study.toml", tomli_w.dumps(study.model_dump(mode="json", exclude_none=True)))
+    tasks = planned.tasks()
+    if scheduler is None and workers == 1:
+        outcome = study_engine.run_here(tasks, on_done, on_progress=on_progress)
+    else:
+        outcome = study_engine.run_on_cluster(tasks, on_done, scheduler=scheduler, workers=workers, shared_folder=out)
+    results = gathered(study, planned, outcome, out, command)
+    study_results.save(out / study_results.RESULTS_FILE, results)
+    return results
+
+
+def gathered(study: StudyConfig, planned: Plan, outcome: Outcome, out: Path, command: str) -> StudyResults:
+    """Scores in the order of the plan, whoever ended first."""
+    scores = [score for job in planned.scans for score in outcome.results.get(job.name, ())]
+    cells = [score for job in planned.ladders for score in outcome.results.get(job.name, ())]
+    failures = tuple(f"{name}: {why}" for name, why in outcome.failures.items())
+    provenance = (("command", command), ("legsim", __version__), *_about(planned, out))
+    costs = stage_costs([job.folder for job in planned.scans])
+    return StudyResults(study.name, study.title, tuple(scores), tuple(cells), provenance, failures, costs)
+
+
+def _about(planned: Plan, out: Path) -> tuple[tuple[str, str], ...]:
+    """Size of the scans, and what the first run says of itself."""
+    if not planned.scans:
+        return ()
+    scan, grid = planned.scans[0].settings.scan, planned.scans[0].settings.grid
+    size = f"{scan.views} views of {scan.columns}x{scan.rows} pixels, {grid.voxels}^3 voxels of {grid.voxel_mm:g} mm"
+    manifest = planned.scans[0].folder / "manifest.json"
+    said = json.loads(manifest.read_text("utf-8")) if manifest.is_file() else {}
+    return (("size", size), *((name, str(said[name])) for name in ("commit", "device") if said.get(name)))
+
+
+def stage_costs(folders: list[Path]) -> tuple[StageCost, ...]:
+    """Mean seconds and greatest memory of every stage; what runs share is counted once."""
+    finished = {(one.stage, one.key): one for folder in folders for one in artifacts.finished_stages(folder)}
+    costs = []
+    for stage in dict.fromkeys(name for name, _ in finished):
+        alike = [one for one in finished.values() if one.stage == stage]
+        peak = max((one.peak_mib for one in alike if one.peak_mib is not None), default=None)
+        costs.append(StageCost(stage, len(alike), float(np.mean([one.seconds for one in alike])), peak))
+    return tuple(costs)

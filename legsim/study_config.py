@@ -1,0 +1,121 @@
+"""What a study is told: which recordings, which methods, which noise; read strictly from STUDY.toml."""
+
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import BeforeValidator, Field
+
+from legsim import config, resources
+from legsim.config import RunConfig, Section
+from legsim.errors import LegsimError, at
+from legsim.imu_noise import Convention
+from legsim.study_results import NoiseLevel
+
+Exponent = Annotated[float | None, BeforeValidator(lambda value: None if value == "none" else value)]
+"""of a factor of noise; "none" for no noise"""
+
+
+class NoiseRuns(Section):
+    """Reconstructions from noisy signals, beside those from clean ones."""
+
+    levels: tuple[tuple[Exponent, Exponent], ...]
+    """[f_a, f_g]: the sensor's RMS is divided by 10^f_a and 10^f_g"""
+    convention: Convention
+    methods: tuple[str, ...] = ("rigid",)
+    repetitions: int = Field(default=1, ge=1)
+
+
+class Ladder(Section):
+    """Estimates of motion from noisy signals against the noise-free estimate; nothing is reconstructed."""
+
+    subjects: tuple[str, ...] = ()
+    """empty: the study's"""
+    postures: tuple[str, ...] = ()
+    """empty: the study's"""
+    sensor: str = "shank_l"
+    f_a: tuple[Exponent, ...] = (0.0, 1.0, 2.0, 3.0, 4.0, 5.0, None)
+    f_g: tuple[Exponent, ...] = (0.0, 1.0, 2.0, 3.0, 4.0, 5.0, None)
+    conventions: tuple[Convention, ...] = ("SI", "per-sample")
+    repetitions: int = Field(default=5, ge=1)
+
+
+class StudyConfig(Section):
+    """Subjects x postures x methods, and what noise does to them."""
+
+    name: str = Field(pattern=r"^[A-Za-z0-9_.-]+$")
+    title: str
+    preset: Literal["demo", "half", "paper"] = "half"
+    subjects: tuple[str, ...] = Field(min_length=1)
+    postures: tuple[str, ...] = Field(min_length=1)
+    recording: str = "{subject}/{posture}.trc"
+    """path of a recording, relative to the STUDY.toml, or its name among those that come with legsim"""
+    methods: tuple[str, ...] = ()
+    """compared on clean signals in every scan; none for a study of the ladder alone"""
+    settings: dict[str, Any] = Field(default_factory=dict)
+    """sections of a run's configuration, laid over the preset"""
+    noise: tuple[NoiseRuns, ...] = ()
+    ladder: Ladder | None = None
+
+
+def load(path: str, *, preset: str | None = None, overrides: tuple[str, ...] = ()) -> tuple[StudyConfig, Path]:
+    """The study in a TOML file, or the shipped one of that name, and the folder that its paths are relative to.
+
+    Args:
+        preset: instead of the file's.
+        overrides: ``section.key=value`` of the runs' configuration, laid over the file's settings.
+
+    Raises:
+        LegsimError: no such study, or a key or value that is not allowed.
+    """
+    file = _find(path)
+    tree = config.read(file)
+    if preset is not None:
+        tree["preset"] = preset
+    for override in overrides:
+        tree["settings"] = config.merged(tree.get("settings", {}), config.parse_override(override))
+    study = config.validated(StudyConfig, tree, file)
+    if not (study.methods or study.ladder):
+        raise at(file, "asks for nothing", 'name methods = ["rigid", ...] or a [ladder]')
+    if study.noise and not study.methods:
+        raise at(file, "asks for noisy reconstructions but for no clean ones to compare with", 'name methods = ["rigid"]')
+    return study, file.parent
+
+
+def _find(path: str) -> Path:
+    if Path(path).is_file():
+        return Path(path).resolve()
+    if "/" not in path and not path.endswith(".toml"):
+        return resources.study_file(f"{path}.toml")
+    raise LegsimError(f"{path}: no such file; give a STUDY.toml, or the name of a study that comes with legsim: {', '.join(shipped())}")
+
+
+def shipped() -> tuple[str, ...]:
+    """Names of the studies that come with legsim."""
+    return tuple(sorted(p.stem for p in resources.study_file("table1.toml").parent.glob("*.toml")))
+
+
+def run_settings(study: StudyConfig, base: Path, subject: str, posture: str, noise: NoiseLevel | None, seed: int | None) -> RunConfig:
+    """The configuration of one run.
+
+    Args:
+        base: folder that the study's paths are relative to.
+        noise: None for clean sensors, and the methods that are compared on them.
+        seed: of the noise; None keeps the settings'.
+    """
+    file = study.recording.format(subject=subject, posture=posture)
+    named = base / file
+    trees: list[dict[str, Any]] = [study.settings, {"motion": {"file": str(named) if named.is_file() else file}}]
+    methods = study.methods
+    if noise is not None:
+        methods = next(n.methods for n in study.noise if n.convention == noise.convention and (noise.f_a, noise.f_g) in n.levels)
+        trees.append({"imu": {"noise": _noise_tree(noise)}})
+    if seed is not None:
+        trees.append({"seed": seed})
+    run = [str(base / m) if ".py:" in m and (base / m.rpartition(":")[0]).is_file() else m for m in methods]
+    trees.append({"methods": {"run": ["static", *run]}})
+    return config.from_trees(study.preset, *trees, where=Path(study.name))
+
+
+def _noise_tree(noise: NoiseLevel) -> dict[str, Any]:
+    written = {"f_a": noise.f_a, "f_g": noise.f_g}
+    return {"kind": "paper", "convention": noise.convention, **{k: "none" if v is None else v for k, v in written.items()}}

@@ -1,0 +1,155 @@
+"""Runs the tasks of a graph, each when what it needs is done: one after the other here, or on the workers of a Dask cluster.
+
+Tasks leave their results in files and find them again, so that nothing is lost with the process that computed it: whoever runs the graph
+again only computes what is missing. A task that fails takes with it the tasks that need it, and no other.
+"""
+
+import contextlib
+import logging
+import uuid
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from legsim import __version__
+from legsim.errors import LegsimError
+
+OnDone = Callable[[str, int, int], None]
+"""name of the task that begins (here) or ended (on a cluster), tasks that ended, tasks"""
+
+
+@dataclass(frozen=True, slots=True)
+class Task:
+    """A call that can run in any process: a function of a module, and arguments that can be pickled."""
+
+    name: str
+    function: Callable[..., Any]
+    arguments: tuple[Any, ...]
+    needs: tuple[str, ...] = ()
+    """names of tasks that must have ended well before"""
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """What became of the tasks."""
+
+    results: dict[str, Any]
+    """by name, of those that ended well"""
+    failures: dict[str, str]
+    """by name, a line each"""
+
+
+@dataclass(frozen=True, slots=True)
+class _Failure:
+    why: str
+
+
+def run_here(tasks: Sequence[Task], on_done: OnDone, **options: Any) -> Outcome:
+    """One task after the other, in this process; ``tasks`` are in an order that satisfies their needs.
+
+    ``options`` are given to every function besides its arguments: what cannot be sent to another process.
+    """
+    ended: dict[str, Any] = {}
+    for task in tasks:
+        on_done(task.name, len(ended), len(tasks))
+        ended[task.name] = _attempt(task, [ended[name] for name in task.needs], **options)
+    on_done("", len(ended), len(tasks))
+    return _outcome(ended)
+
+
+def run_on_cluster(tasks: Sequence[Task], on_done: OnDone, *, scheduler: str | None, workers: int, shared_folder: Path) -> Outcome:
+    """As many tasks at once as the cluster has workers.
+
+    A worker that is lost costs the task that it was at, which another one starts again; three workers lost at one task fail it.
+
+    Args:
+        scheduler: address of a Dask scheduler whose workers see ``shared_folder``; None starts ``workers`` processes here.
+
+    Raises:
+        LegsimError: Dask is not installed, the scheduler does not answer, has no workers, or its workers do not see the folder or have
+            another version of legsim.
+    """
+    try:
+        import distributed
+    except ImportError:
+        raise LegsimError("a study on a cluster needs Dask: pip install 'legsim[cluster]'") from None
+    with _client(distributed, scheduler, workers) as client:
+        if scheduler is not None:
+            _check_workers(client, shared_folder)
+        futures: dict[str, Any] = {}
+        for task in tasks:
+            futures[task.name] = client.submit(_attempt, task, [futures[name] for name in task.needs], pure=False, key=_key(task))
+        names = {future.key: name for name, future in futures.items()}
+        ended: dict[str, Any] = {}
+        for future in distributed.as_completed(futures.values()):
+            name = names[future.key]
+            ended[name] = future.result() if future.status == "finished" else _Failure(_lost(future))
+            on_done(name, len(ended), len(tasks))
+    return _outcome({task.name: ended[task.name] for task in tasks})
+
+
+def _key(task: Task) -> str:
+    """A name that no other study on the same scheduler has."""
+    return f"{task.name}-{uuid.uuid4().hex[:8]}"
+
+
+def _attempt(task: Task, needed: Sequence[Any], **options: Any) -> Any:
+    lost = [n for n in needed if isinstance(n, _Failure)]
+    if lost:
+        return _Failure(f"not tried, since what it needs failed ({lost[0].why})")
+    try:
+        return task.function(*task.arguments, **options)
+    except LegsimError as error:
+        return _Failure(str(error))
+    except MemoryError:
+        return _Failure("the memory is full; use a smaller preset or fewer workers")
+
+
+def _lost(future: Any) -> str:
+    error = future.exception()
+    return f"{type(error).__name__}: {str(error).splitlines()[0] if str(error) else ''}"
+
+
+def _outcome(ended: dict[str, Any]) -> Outcome:
+    failures = {name: value.why for name, value in ended.items() if isinstance(value, _Failure)}
+    return Outcome({name: value for name, value in ended.items() if name not in failures}, failures)
+
+
+@contextlib.contextmanager
+def _client(distributed: Any, scheduler: str | None, workers: int) -> Iterator[Any]:
+    """A client of the scheduler, or of a cluster of processes that ends with it."""
+    # a lost worker is told by what becomes of its task; the log would tell it in forty lines more
+    logging.getLogger("distributed").setLevel(logging.CRITICAL)
+    if scheduler is None:
+        # tasks use a device's threads, not the worker's; their memory is not Python's, which Dask would take for a leak
+        options: dict[str, Any] = {"threads_per_worker": 1, "processes": True, "memory_limit": 0, "dashboard_address": None}
+        with distributed.LocalCluster(n_workers=workers, **options) as cluster, distributed.Client(cluster) as client:
+            yield client
+        return
+    try:
+        client = distributed.Client(scheduler, timeout=10)
+    except (OSError, ValueError) as error:
+        raise LegsimError(f"--scheduler {scheduler}: no Dask scheduler answers there ({error}); start one with `dask scheduler`") from None
+    with client:
+        yield client
+
+
+def _check_workers(client: Any, folder: Path) -> None:
+    client.wait_for_workers(1, timeout=30) if not client.scheduler_info()["workers"] else None
+    mark = folder / ".seen-by-workers"
+    mark.write_text(__version__, "utf-8")
+    try:
+        answers = client.run(_look, str(mark))
+    finally:
+        mark.unlink()
+    for worker, (seen, version) in answers.items():
+        if not seen:
+            raise LegsimError(f"worker {worker} does not see {folder}; put --out on a file system that all workers share")
+        if version != __version__:
+            raise LegsimError(f"worker {worker} has legsim {version}, this is {__version__}; install the same version on both")
+
+
+def _look(path: str) -> tuple[bool, str]:
+    """Runs on a worker: whether it sees the file, and its version of the package."""
+    return Path(path).is_file(), __version__
