@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from legsim import acquisition, artifacts, evaluation, residuals
+from legsim import acquisition, evaluation, residuals, whole_files
 from legsim.artifacts import key_of
 from legsim.evaluation import Metrics, Region, RegionMetrics, Registration
 from legsim.geometry import VolumeGrid
@@ -40,7 +40,7 @@ def compare(
             "scaling": f"percentiles {evaluation.SCALING_PERCENTILES} of each volume inside the regions to 0 and 1",
             "methods": [asdict(r) for r in results],
         }
-        artifacts.write_text(path, json.dumps(content, indent=1) + "\n")
+        whole_files.write_text(path, json.dumps(content, indent=1) + "\n")
     return tuple(results)
 
 
