@@ -1,4 +1,4 @@
-"""The run folder: every file appears whole or not at all, and a manifest vouches for what is done.
+"""The run folder: a manifest vouches for what is done.
 
 A stage has a key, a hash of all that decides its output. Where the manifest holds the same key and the files still have the
 recorded sha256, the stage is skipped.
@@ -8,7 +8,6 @@ import csv
 import hashlib
 import io
 import json
-import os
 import time
 import zipfile
 from collections.abc import Iterator, Mapping, Sequence
@@ -26,27 +25,11 @@ from legsim.geometry import VolumeGrid
 from legsim.motions import ControlPointMotion, FieldMotion
 from legsim.signals import ImuSignals, RigidMotion, SegmentPoses
 from legsim.stage_store import StageStore
+from legsim.whole_files import PREFIX, whole, write_text
 
 SCHEMA = 2
 
 Motion = RigidMotion | ControlPointMotion | FieldMotion
-
-
-@contextmanager
-def whole(path: Path) -> Iterator[Path]:
-    """Yields a partial name beside ``path`` (same suffix), renamed to it at the end, or removed if anything went wrong."""
-    partial = path.with_name(f".partial-{os.getpid()}-{path.name}")
-    try:
-        yield partial
-        os.replace(partial, path)
-    finally:
-        partial.unlink(missing_ok=True)
-
-
-def write_text(path: Path, text: str) -> None:
-    """Writes a whole UTF-8 text file."""
-    with whole(path) as partial:
-        partial.write_text(text, "utf-8")
 
 
 def sha256(path: Path) -> str:
@@ -74,12 +57,10 @@ class RunFolder:
         self.path = path
         try:
             path.mkdir(parents=True, exist_ok=True)
-            with whole(path / "write-test") as partial:
-                partial.write_bytes(b"")
-            (path / "write-test").unlink()
+            (path / f"{PREFIX}test").write_bytes(b"")
         except OSError as error:
             raise at(path, f"cannot be written to ({error.strerror})", "choose another folder with --out") from error
-        for leftover in path.glob(".partial-*"):
+        for leftover in path.glob(f"{PREFIX}*"):
             leftover.unlink(missing_ok=True)
         self._stages: dict[str, Any] = self._read().get("stages", {})
         self._store = store

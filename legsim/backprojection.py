@@ -210,12 +210,13 @@ class Slab:
         self.device.queue.finish()
 
     def _traced(self, place: Any, field: Any, count: np.int32) -> Any:
-        """Buffer (views, 3, a, b, c) of pixel and inverse depth at every eighth voxel."""
+        """Buffer (views, 3, a, b, c) of homogeneous pixels at about every eighth voxel."""
         shape = (self.stride // SPACING + 1, *((n - 1) // SPACING + 2 for n in self.counts[1:]))
         # the columns kernel reads whole vectors, past the end of the last line
         nodes = self.device.zeros(3 * int(count) * int(np.prod(shape)) + SPACING)
         run = self.placement.kernel("trace_nodes")
-        run(self.device.queue, shape, None, place, self.steps, self.placement.rest, field, count, nodes)
+        counts = np.array([*self.counts, 0], np.int32)
+        run(self.device.queue, shape, None, place, self.steps, self.placement.rest, field, count, counts, nodes)
         return nodes
 
     def result(self) -> Float32Array:

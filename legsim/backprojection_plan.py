@@ -18,8 +18,10 @@ Kernel = Literal["columns", "voxels"]
 LEAD, TRAIL, PAD, SPACING = 24, 40, 8, 8
 """rows of zeros below and above a detector column, columns of zeros beside the detector, voxels worked on at once (backproject.cl)"""
 _MOST_ROWS_PER_VOXEL, _MOST_SLOPE = 2.5, 0.5
-# pixels by which a moved line may leave the chords of eight voxels, at the grid's corners, edges, faces and middle
+# pixels by which a line may leave the chords of eight voxels, at the grid's corners, edges, faces and middle
 _MOST_BEND = 0.25
+# pixels by which a line may leave a detector column where it is taken for one
+_STRAIGHT = 1e-4
 _SLAB_BYTES = 1 << 28
 _NODE_BYTES = 1 << 26
 _VIEWS_AT_ONCE = 32
@@ -63,8 +65,8 @@ def plan(
     """Chooses kernel, column axis, slabs and batches; ``kernel`` None takes the fastest that is right here.
 
     "columns" needs every voxel in front of the source, at most 2.5 detector rows between neighboring voxels along one of the world's axes,
-    and lines along it that turn less than 27 degrees off the detector's columns in every view and, where a motion bends them, stay
-    within a quarter of a pixel of chords of eight voxels.
+    and lines along it that turn less than 27 degrees off the detector's columns in every view. What it looks up between every
+    eighth voxel has to lie within a quarter of a pixel of where the voxels are.
 
     Raises:
         LegsimError: ``kernel`` "columns" was asked for where it does not work, the motion has another number of views, or the device's
@@ -107,10 +109,13 @@ def _column_axis(geometry: ConeBeamGeometry, grid: VolumeGrid, motion: Motion | 
 
     def seen(offset: FloatArray) -> tuple[FloatArray, FloatArray]:
         points = lattice + offset
-        return geometry.project(points if motion is None else motion_paths.carried(points, motion))
+        with np.errstate(divide="ignore", invalid="ignore"):  # points beside the source, which the depths tell
+            return geometry.project(points if motion is None else motion_paths.carried(points, motion))
 
     steps = np.diag(grid.spacing_xyz)
     at, depths = seen(np.zeros(3))
+    if min(depths.min(), *(seen(side * SPACING * np.array(grid.spacing_xyz))[1].min() for side in (-1, 1))) <= 0:
+        return 1, (False,) * len(geometry), None
     axis, slope, change, further = 1, np.inf, np.zeros_like(at), depths
     for candidate in (1, 0, 2):
         beyond, depths_beyond = seen(steps[candidate])
@@ -119,11 +124,20 @@ def _column_axis(geometry: ConeBeamGeometry, grid: VolumeGrid, motion: Motion | 
         if steepest < 0.5 * slope:
             axis, slope, change, further = candidate, steepest, beyond - at, depths_beyond
     mirrored = tuple(bool(m) for m in np.median(change[..., 1], axis=1) < 0)
-    if depths.min() <= 0 or further.min() <= 0 or slope >= _MOST_SLOPE or np.abs(change[..., 1]).max() > _MOST_ROWS_PER_VOXEL:
+    if slope >= _MOST_SLOPE or np.abs(change[..., 1]).max() > _MOST_ROWS_PER_VOXEL:
+        return axis, mirrored, None
+    bend = 0.0
+    for k in range(3):
+        (ahead, depths_ahead), (back, depths_back) = seen(0.5 * SPACING * steps[k]), seen(-0.5 * SPACING * steps[k])
+        # along columns the kernel goes straight from pixel to pixel, across them from homogeneous pixel to homogeneous pixel
+        share = np.full_like(depths, 0.5) if k == axis else depths_ahead / (depths_ahead + depths_back)
+        bend = max(bend, float(np.abs(share[..., None] * ahead + (1 - share[..., None]) * back - at).max()))
+    if not bend < _MOST_BEND:
         return axis, mirrored, None
     if isinstance(motion, ControlPointMotion | FieldMotion):
-        halves = (seen(0.5 * SPACING * steps[k])[0] + seen(-0.5 * SPACING * steps[k])[0] for k in range(3))
-        return axis, mirrored, 2 if max(np.abs(0.5 * half - at).max() for half in halves) < _MOST_BEND else None
+        return axis, mirrored, 2
     count = grid.shape_zyx[2 - axis]
-    straight = np.abs(change[..., 0]).max() * count < 1e-3 and np.abs(further / depths - 1).max() * count * max(geometry.shape_vu) < 1e-3
+    straight = (
+        np.abs(change[..., 0]).max() * count < _STRAIGHT and np.abs(further / depths - 1).max() * count * max(geometry.shape_vu) < _STRAIGHT
+    )
     return axis, mirrored, 0 if straight else 1

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from legsim import acquisition, artifacts, evaluation, residuals
+from legsim import acquisition, evaluation, residuals, whole_files
 from legsim.artifacts import key_of
 from legsim.evaluation import Metrics, Region, RegionMetrics, Registration
 from legsim.geometry import VolumeGrid
@@ -37,7 +37,7 @@ def compare(
                 if not seen:
                     seen.append((regions(), structures(body, grid, acquisition.field_of_view(settings.scan))))
                 result = _compared(stage, body, one, corrected[0], *seen[0])
-                artifacts.write_text(path, json.dumps(asdict(result), indent=1) + "\n")
+                whole_files.write_text(path, json.dumps(asdict(result), indent=1) + "\n")
         results.append(result_from(json.loads(path.read_text("utf-8"))))
     stage.on_progress("comparing", len(corrected), len(corrected))
     _write_all(stage, results)
@@ -53,7 +53,7 @@ def _write_all(stage: Stage, results: list[MethodResult]) -> None:
     key = key_of(content)
     if not stage.folder.done("metrics", key):
         with stage.folder.stage("metrics", key, ["metrics.json"]):
-            artifacts.write_text(stage.folder.path / "metrics.json", json.dumps(content, indent=1) + "\n")
+            whole_files.write_text(stage.folder.path / "metrics.json", json.dumps(content, indent=1) + "\n")
 
 
 def _files(one: Reconstructed) -> tuple[str, ...]:

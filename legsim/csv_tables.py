@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from legsim import text_lines
+from legsim import text_lines, whole_files
 from legsim.arrays import FloatArray
 from legsim.errors import LegsimError, at
 from legsim.signals import JointTrajectories, Motion
@@ -87,7 +87,7 @@ def _save(path: Path, header: list[str], times: FloatArray, table: FloatArray) -
     writer.writerow(["time_s", *header])
     for row in np.column_stack([times, table]).tolist():
         writer.writerow(["" if math.isnan(x) else repr(x) for x in row])
-    path.write_text(stream.getvalue(), encoding="utf-8", newline="\n")
+    whole_files.write_text(path, stream.getvalue())
 
 
 def _numbers(path: Path, line: int, row: list[str], header: list[str]) -> list[float]:

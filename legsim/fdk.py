@@ -73,7 +73,7 @@ def reconstruct_slabs(
 ) -> Iterator[tuple[int, Float32Array]]:
     """As :func:`reconstruct`, but yields (first slice, attenuation (n, y, x)) slab by slab: for volumes larger than the memory.
 
-    Hand the slabs to :class:`legsim.images.VolumeWriter` to have them on disk.
+    Hand the slabs to :func:`legsim.images.volume_writer` to have them on disk.
     """
     options = options if options is not None else FdkOptions()
     decided = plan(projections.geometry, grid, device, motion=motion, options=options)

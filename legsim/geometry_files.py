@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from legsim import transforms
+from legsim import transforms, whole_files
 from legsim.arrays import FloatArray
 from legsim.errors import LegsimError, at
 from legsim.geometry import ConeBeamGeometry
@@ -62,22 +62,18 @@ def save(path: Path | str, geometry: ConeBeamGeometry) -> None:
     """Writes a geometry; the suffix says which kind, as in :func:`load`. The file appears whole or not at all.
 
     Raises:
-        LegsimError: an unknown suffix, a folder that is not there, or views that RTK cannot express (skewed, mirrored, not square).
+        LegsimError: an unknown suffix, a file that cannot be written, or views that RTK cannot express (skewed, mirrored, not square).
     """
     path = Path(path)
     suffix = path.suffix.lower()
     if suffix not in SUFFIXES:
         raise at(path, f"unknown kind of geometry {path.suffix!r}", f"name it with one of {', '.join(SUFFIXES)}")
-    partial = path.with_name(f".{path.name}.partial{suffix}")
-    try:
-        if suffix == ".npy":
+    if suffix == ".npy":
+        with whole_files.whole(path) as partial:
             np.save(partial, _matrices_mm(geometry))
-        else:
-            text = _json_text(geometry) if suffix == ".json" else _rtk_text(path, geometry) if suffix == ".xml" else _plain_text(geometry)
-            partial.write_text(text, "utf-8")
-        partial.replace(path)
-    except OSError as error:
-        raise at(path, f"cannot be written ({error.strerror or error})", "check that its folder exists and is writable") from error
+    else:
+        text = _json_text(geometry) if suffix == ".json" else _rtk_text(path, geometry) if suffix == ".xml" else _plain_text(geometry)
+        whole_files.write_text(path, text)
 
 
 def _matrices_mm(geometry: ConeBeamGeometry) -> FloatArray:

@@ -5,15 +5,19 @@ world (they call +x left, +y posterior, +z superior; NIfTI's opposite signs are 
 Files appear whole or not at all.
 """
 
-import os
+import math
 import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import BinaryIO
 
 import numpy as np
 import SimpleITK as sitk
 from numpy.typing import NDArray
 
+from legsim import whole_files
 from legsim.arrays import Float32Array
 from legsim.errors import LegsimError, at
 from legsim.geometry import ConeBeamGeometry, Projections, Volume, VolumeGrid
@@ -50,7 +54,7 @@ def save_volume(path: Path | str, volume: Volume) -> None:
     """Writes attenuation in 1/mm on a grid in mm, float32.
 
     Raises:
-        LegsimError: the name's ending is none of :data:`WRITABLE`, or the folder cannot be written.
+        LegsimError: the name's ending is none of :data:`WRITABLE`, or the file cannot be written.
     """
     image = sitk.GetImageFromArray(volume.attenuation * np.float32(1e-3))
     image.SetSpacing([1e3 * s for s in volume.grid.spacing_xyz])
@@ -96,71 +100,57 @@ def load_labels(path: Path | str, grid: VolumeGrid) -> NDArray[np.int32]:
 
 
 class VolumeWriter:
-    """Writes a volume to an .mha file slab by slab, so that it never has to be in memory whole.
+    """Takes the slabs of a volume as they come; :func:`volume_writer` makes it."""
 
-    Use it in a ``with`` block and call :meth:`write` for consecutive slabs. The file appears when the block ends well and every slice
-    has come; otherwise nothing is left.
-
-    Raises:
-        LegsimError: the name does not end in .mha, the disk has too little room, slabs do not follow each other, or some are missing.
-    """
-
-    def __init__(self, path: Path | str, grid: VolumeGrid) -> None:
-        self._path, self._grid = Path(path), grid
-        if self._path.suffix.lower() != ".mha":
-            raise LegsimError(f"{path}: slabs can only be written to .mha; name such a file")
-        self._partial = self._path.with_name(f".{self._path.stem}.partial-{os.getpid()}.mha")
-        self._next = 0
-
-    def __enter__(self) -> "VolumeWriter":
-        numbers = {
-            "Offset": 1e3 * self._grid.origin,
-            "ElementSpacing": 1e3 * np.array(self._grid.spacing_xyz),
-            "DimSize": self._grid.shape_zyx[::-1],
-        }
-        placed = "".join(
-            f"{key} = {' '.join(repr(n.item() if isinstance(n, np.generic) else n) for n in v)}\n" for key, v in numbers.items()
-        )
-        needed = 4 * int(np.prod(self._grid.shape_zyx, dtype=np.int64))
-        try:
-            free = shutil.disk_usage(self._path.parent).free
-            if free < needed:
-                raise at(
-                    self._path, f"needs {needed / 2**30:.1f} GiB, the disk has {free / 2**30:.1f} GiB", "make room or take another disk"
-                )
-            self._file = self._partial.open("wb")
-        except OSError as error:
-            raise at(self._path, f"cannot be written ({error})", "check the folder") from error
-        self._file.write(f"{_MHA_START}{placed}ElementType = MET_FLOAT\nElementDataFile = LOCAL\n".encode())
-        return self
+    def __init__(self, path: Path, grid: VolumeGrid, stream: BinaryIO) -> None:
+        self._path, self._grid, self._stream = path, grid, stream
+        self.slices = 0
+        """how many have come"""
 
     def write(self, first_slice: int, slab: Float32Array) -> None:
-        """Appends slices (n, y, x) in 1/m; the first one's number must be that of the next slice."""
-        if first_slice != self._next or slab.shape[1:] != self._grid.shape_zyx[1:]:
-            raise LegsimError(f"{self._path}: slices {slab.shape} from {first_slice} do not follow slice {self._next - 1} of the grid")
-        self._next += len(slab)
-        try:
-            for part in slab:
-                self._file.write((part * np.float32(1e-3)).astype("<f4").tobytes())
-        except OSError as error:
-            raise at(self._path, f"cannot be written ({error})", "check the space left on the disk") from error
+        """Appends slices (n, y, x) in 1/m; the first one's number must be that of the next slice.
 
-    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
-        self._file.close()
-        whole = self._next == self._grid.shape_zyx[0]
-        if kind is None and whole:
-            self._partial.replace(self._path)
-            return
-        self._partial.unlink(missing_ok=True)
-        if kind is None:
-            raise LegsimError(f"{self._path}: only {self._next} of {self._grid.shape_zyx[0]} slices came; write all of them")
+        Raises:
+            LegsimError: it is another one, or the slices are of another size than the grid's.
+        """
+        if first_slice != self.slices or slab.shape[1:] != self._grid.shape_zyx[1:]:
+            raise LegsimError(f"{self._path}: slices {slab.shape} from {first_slice} do not follow slice {self.slices - 1} of the grid")
+        self.slices += len(slab)
+        for part in slab:
+            self._stream.write((part * np.float32(1e-3)).astype("<f4").tobytes())
+
+
+@contextmanager
+def volume_writer(path: Path | str, grid: VolumeGrid) -> Iterator[VolumeWriter]:
+    """Opens an .mha file to which a volume is written slab by slab, so that it never has to be in memory whole.
+
+    Use it in a ``with`` statement and call :meth:`VolumeWriter.write` for consecutive slabs. The file appears when the block ends well and
+    every slice has come; otherwise nothing is left.
+
+    Raises:
+        LegsimError: the name does not end in .mha, the file cannot be written, the disk has too little room, or slices are missing.
+    """
+    path = Path(path)
+    if path.suffix.lower() != ".mha":
+        raise LegsimError(f"{path}: slabs can only be written to .mha; name such a file")
+    numbers = {"Offset": 1e3 * grid.origin, "ElementSpacing": 1e3 * np.array(grid.spacing_xyz), "DimSize": np.array(grid.shape_zyx[::-1])}
+    placed = "".join(f"{key} = {' '.join(map(repr, values.tolist()))}\n" for key, values in numbers.items())
+    with whole_files.whole(path) as partial, partial.open("wb") as stream:
+        free, needed = shutil.disk_usage(path.parent).free, 4 * math.prod(grid.shape_zyx)
+        if free < needed:
+            raise at(path, f"needs {needed / 2**30:.1f} GiB, the disk has {free / 2**30:.1f} GiB", "make room or take another disk")
+        stream.write(f"{_MHA_START}{placed}ElementType = MET_FLOAT\nElementDataFile = LOCAL\n".encode())
+        writer = VolumeWriter(path, grid, stream)
+        yield writer
+        if writer.slices < grid.shape_zyx[0]:
+            raise LegsimError(f"{path}: only {writer.slices} of {grid.shape_zyx[0]} slices came; write all of them")
 
 
 def save_projections(path: Path | str, projections: Projections) -> None:
     """Writes line integrals as float32, (column, row, view) with the detector's center at the physical origin, as RTK expects.
 
     Raises:
-        LegsimError: the name's ending is none of :data:`WRITABLE`, or the folder cannot be written.
+        LegsimError: the name's ending is none of :data:`WRITABLE`, or the file cannot be written.
     """
     image = sitk.GetImageFromArray(projections.line_integrals)
     pitch_mm = 1e3 * projections.geometry.pixel_pitch
@@ -263,11 +253,8 @@ def _write(path: Path, image: sitk.Image) -> None:
     ending = next((e for e in sorted(WRITABLE, key=len, reverse=True) if path.name.lower().endswith(e)), None)
     if ending is None:
         raise LegsimError(f"{path}: images are not written in this format; name a file that ends in {', '.join(WRITABLE)}")
-    partial = path.with_name(f".{path.name[: -len(ending)]}.partial-{os.getpid()}{ending}")
     try:
-        sitk.WriteImage(image, str(partial), ending == ".nii.gz")
-        partial.replace(path)
-    except (RuntimeError, OSError) as error:
-        raise at(path, f"cannot be written ({_last_line(RuntimeError(str(error)))})", "check the folder and the space left") from error
-    finally:
-        partial.unlink(missing_ok=True)
+        with whole_files.whole(path) as partial:
+            sitk.WriteImage(image, str(partial), ending == ".nii.gz")
+    except RuntimeError as error:
+        raise at(path, f"cannot be written ({_last_line(error)})", "check the folder and the space left") from error

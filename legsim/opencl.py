@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 import pyopencl as cl
 
+from legsim import whole_files
 from legsim.errors import LegsimError
 
 _PROBE = """
@@ -136,9 +137,7 @@ def _register_runtimes() -> str:
     entries |= {path.name: path.read_text() for path in system}
     for name, content in entries.items():
         if not (folder / name).exists() or (folder / name).read_text() != content:
-            partial = folder / f".{name}.{os.getpid()}"
-            partial.write_text(content)
-            partial.replace(folder / name)
+            whole_files.write_text(folder / name, content)
     for stale in {p.name for p in folder.glob("*.icd")} - set(entries):
         (folder / stale).unlink(missing_ok=True)
     os.environ["OCL_ICD_VENDORS"] = str(folder)

@@ -38,6 +38,7 @@ from legsim import (
     transforms,
     view,
     voxelizer,
+    whole_files,
 )
 from legsim.artifacts import RunFolder, key_of
 from legsim.config import RunConfig
@@ -113,7 +114,7 @@ def run(
         methods.find(name)  # a name that is not there is told before anything is computed
     opened = opencl.open_device(device)
     folder = RunFolder(out, _about(settings, opened), store)
-    artifacts.write_text(out / "config.toml", config.dump(settings))
+    whole_files.write_text(out / "config.toml", config.dump(settings))
     body = _body(settings, folder, on_progress)
     signals = _sense(settings, body.recovery, body.splines, body.sensors, folder, _motion_key(settings))
     moving, still = _scan(settings, body, folder, opened, on_progress)
@@ -194,11 +195,10 @@ def _write_kinematics(recovered: Recovery, folder: RunFolder, key: str) -> None:
     with folder.stage("kinematics", key, files):
         poses = recovered.leg.segment_poses(recovered.trajectories)
         centers = recovered.leg.joint_centers(poses)
-        with artifacts.whole(folder.path / "coordinates.mot") as partial:
-            storage.save(partial, recovered.trajectories)
+        storage.save(folder.path / "coordinates.mot", recovered.trajectories)
         artifacts.save_joint_centers(folder.path / "joint_centres.csv", centers.times, centers.names, centers.positions_world)
         artifacts.save_poses(folder.path / "poses.npz", poses)
-        artifacts.write_text(folder.path / "kinematics.json", json.dumps(recovered.summary(), indent=1) + "\n")
+        whole_files.write_text(folder.path / "kinematics.json", json.dumps(recovered.summary(), indent=1) + "\n")
 
 
 def _sense(
@@ -310,7 +310,7 @@ def _present(
         ]
         summary = _summary(settings, results, (*starts.notes, *(note for c in corrected for note in c.notes)))
         content = presentation.scan_report(body.recovery, results, pictures, summary, provenance, ())
-        artifacts.write_text(folder.path / "report.html", report.render(content))
+        whole_files.write_text(folder.path / "report.html", report.render(content))
         on_progress("recording and report", 2, 2)
 
 
@@ -376,10 +376,9 @@ def replay(settings: RunConfig, out: Path, *, filtered: bool, image: Path | None
         with folder.stage("replay", key, ["recording.rrd", "report.html"]):
             view.write_replay(out / "recording.rrd", scene)
             page = replay_report.content(recovered, scene, provenance)
-            artifacts.write_text(out / "report.html", report.render(page))
+            whole_files.write_text(out / "report.html", report.render(page))
     if image is not None:
         middle = float(np.mean(recovered.trajectories.times[[0, -1]]))
-        with artifacts.whole(image) as partial:
-            partial.write_bytes(figures.png(figures.still(scene, middle)))
+        whole_files.write_bytes(image, figures.png(figures.still(scene, middle)))
     on_progress("recording", 1, 1)
     return ReplayResult(tuple(presentation.replay_report_lines(recovered, out)))

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from legsim import artifacts, figures, imu, report
+from legsim import figures, imu, report, whole_files
 from legsim.anatomy import JOINT_CENTERS
 from legsim.arrays import FloatArray
 from legsim.evaluation import Metrics
@@ -238,7 +238,6 @@ def write_pictures(folder: Path, drawn: Sequence[tuple[str, str, Figure]]) -> li
     pictures = []
     for stem, caption, figure in drawn:
         content = figures.png(figure)
-        with artifacts.whole(folder / f"{stem}.png") as partial:
-            partial.write_bytes(content)
+        whole_files.write_bytes(folder / f"{stem}.png", content)
         pictures.append(Picture(caption, content, caption))
     return pictures

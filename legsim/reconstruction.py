@@ -7,7 +7,7 @@ from functools import partial
 
 import numpy as np
 
-from legsim import artifacts, bead_scan, correction, fdk, images, imu, methods, motion_paths, true_field
+from legsim import artifacts, bead_scan, correction, fdk, images, imu, methods, motion_paths, true_field, whole_files
 from legsim.artifacts import key_of
 from legsim.bead_scan import BeadScan
 from legsim.correction import Correction, Scan
@@ -73,7 +73,7 @@ def _make(stage: Stage, name: str, key: str, correct: Callable[[], Correction], 
             if motion is not None:
                 files.append(f"{kind}-{label}.npz")
                 artifacts.save_motion(folder.path / files[-1], motion)
-        artifacts.write_text(folder.path / files[1], json.dumps({"method": label, "notes": found.notes}, indent=1) + "\n")
+        whole_files.write_text(folder.path / files[1], json.dumps({"method": label, "notes": found.notes}, indent=1) + "\n")
         volume = fdk.reconstruct(
             found.projections, grid, stage.device, motion=found.motion, progress=partial(stage.on_progress, f"reconstructing {label}")
         )

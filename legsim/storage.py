@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from legsim import text_lines
+from legsim import text_lines, whole_files
 from legsim.arrays import FloatArray
 from legsim.errors import LegsimError, at
 from legsim.signals import JointTrajectories
@@ -66,7 +66,7 @@ def save(path: Path | str, trajectories: JointTrajectories, *, in_degrees: bool 
     """Writes joint coordinates so that OpenSim opens them; in radians, reading them back gives the same float64.
 
     Raises:
-        LegsimError: a coordinate name cannot stand in the format, or a value is not finite.
+        LegsimError: a coordinate name cannot stand in the format, a value is not finite, or the file cannot be written.
     """
     path = Path(path)
     for name in trajectories.coordinate_names:
@@ -80,7 +80,7 @@ def save(path: Path | str, trajectories: JointTrajectories, *, in_degrees: bool 
     if in_degrees:
         rotations = [k for k, name in enumerate(trajectories.coordinate_names) if is_rotation(name)]
         values[:, rotations] = np.rad2deg(values[:, rotations])
-    path.write_text(_text(trajectories, values, in_degrees), encoding="utf-8", newline="\n")
+    whole_files.write_text(path, _text(trajectories, values, in_degrees))
 
 
 def is_rotation(coordinate: str) -> bool:

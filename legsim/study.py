@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import tomli_w
 
-from legsim import __version__, artifacts, methods, recovery, study_config, study_engine, study_results, study_tasks
+from legsim import __version__, artifacts, methods, recovery, study_config, study_engine, study_results, study_tasks, whole_files
 from legsim.config import RunConfig
 from legsim.errors import LegsimError
 from legsim.scanned_leg import OnProgress
@@ -141,7 +141,7 @@ def run(
 
     With one worker and no scheduler the runs are made here, one after the other; else on a Dask cluster.
     """
-    artifacts.write_text(out / "study.toml", tomli_w.dumps(study.model_dump(mode="json", exclude_none=True)))
+    whole_files.write_text(out / "study.toml", tomli_w.dumps(study.model_dump(mode="json", exclude_none=True)))
     tasks = planned.tasks()
     if scheduler is None and workers == 1:
         outcome = study_engine.run_here(tasks, on_done, on_progress=on_progress)

@@ -6,7 +6,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from legsim import artifacts, comparison
+from legsim import comparison, whole_files
 from legsim.errors import at
 from legsim.evaluation import Metrics
 from legsim.imu_noise import Convention
@@ -109,7 +109,7 @@ def condition(posture: str) -> str:
 
 def save(path: Path, results: StudyResults) -> None:
     """Writes results.json."""
-    artifacts.write_text(path, json.dumps({"schema": SCHEMA, **asdict(results)}, indent=1) + "\n")
+    whole_files.write_text(path, json.dumps({"schema": SCHEMA, **asdict(results)}, indent=1) + "\n")
 
 
 def load(path: Path) -> StudyResults:

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from legsim import __version__, acquisition, artifacts, evaluation, imu, methods, noise_ladder, pipeline, recovery, study_results
+from legsim import __version__, acquisition, evaluation, imu, methods, noise_ladder, pipeline, recovery, study_results, whole_files
 from legsim.artifacts import key_of
 from legsim.config import RunConfig
 from legsim.imu import JointSplines
@@ -143,6 +143,6 @@ def _kept(path: Path, key: str, compute: Callable[[], list[dict[str, Any]]]) -> 
             return content["entries"]
     entries = compute()
     path.parent.mkdir(parents=True, exist_ok=True)
-    artifacts.write_text(path, json.dumps({"key": key, "entries": entries}, indent=1) + "\n")
+    whole_files.write_text(path, json.dumps({"key": key, "entries": entries}, indent=1) + "\n")
     # as it will be read the next time, so that both times give the same
     return json.loads(path.read_text("utf-8"))["entries"]

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from legsim import artifacts, evaluation, fdk, geometry_files, geometry_summary, images, opencl, phantom_files, projector, view
+from legsim import artifacts, evaluation, fdk, geometry_files, geometry_summary, images, opencl, phantom_files, projector, view, whole_files
 from legsim.errors import LegsimError, at
 from legsim.geometry import ConeBeamGeometry, Volume, VolumeGrid
 
@@ -77,7 +77,7 @@ def reconstruct(
     progress = partial(on_progress, "reconstructing")
     by_slabs = out.suffix.lower() == ".mha"
     if by_slabs:
-        with images.VolumeWriter(out, grid) as writer:
+        with images.volume_writer(out, grid) as writer:
             for first, slab in fdk.reconstruct_slabs(projections, grid, opened, motion=moved, progress=progress):
                 writer.write(first, slab)
     else:
@@ -118,7 +118,7 @@ def evaluate(volume_file: Path, reference_file: Path, out: Path, *, regions: Pat
     volume, reference = images.load_volume(volume_file), images.load_volume(reference_file)
     chosen = _whole(reference.grid) if regions is None else _labelled(regions, reference)
     metrics = evaluation.evaluate(volume, reference, chosen, register=register)
-    artifacts.write_text(
+    whole_files.write_text(
         out, json.dumps({"volume": str(volume_file), "reference": str(reference_file), **asdict(metrics)}, indent=1) + "\n"
     )
     return [(m.region, f"{m.ssim:.4f}", f"{m.rmse:.4f}", str(m.voxels)) for m in metrics.regions]

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from legsim import text_lines
+from legsim import text_lines, whole_files
 from legsim.arrays import FloatArray
 from legsim.errors import at
 from legsim.raw_markers import RawMarkers
@@ -79,14 +79,14 @@ def save(path: Path | str, motion: Motion) -> None:
     A marker not seen is written NaN: a blank would shift the columns of readers that split at white space.
 
     Raises:
-        LegsimError: there is no marker, or a name cannot stand in the format.
+        LegsimError: there is no marker, a name cannot stand in the format, or the file cannot be written.
     """
     for name in motion.marker_names:
         if not name.strip() or name != name.strip() or re.search(r"[\t\r\n]", name):
             raise at(path, f"marker name {name!r} cannot be written", "rename the marker: no tabs, no blanks at its ends", place="line 4")
     if not motion.marker_names or len(motion.times) == 0:
         raise at(path, "there is no marker or no sample to write", "save a motion that has both")
-    Path(path).write_text(_text(Path(path).name, motion), encoding="utf-8", newline="\n")
+    whole_files.write_text(path, _text(Path(path).name, motion))
 
 
 def _text(name: str, motion: Motion) -> str:

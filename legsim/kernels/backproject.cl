@@ -5,7 +5,7 @@
    sampled field of displacements. Kernels:
 
    backproject_voxels   any placement, every voxel on its own: the reference, and what GPUs run
-   trace_nodes          pixel and depth of every eighth voxel, for the curves of backproject_columns
+   trace_nodes          homogeneous pixel of every eighth voxel, for the curves of backproject_columns
    backproject_columns  one voxel column at a time, for CPUs: CURVE 0 the column projects to a detector column, 1 to a straight line, 2 to
                         the curve through traced nodes. First the image is blended along that curve for every detector row, then
                         the voxels are interpolated along it; all loads are of neighboring floats, none is a gather.
@@ -114,20 +114,26 @@ __kernel void backproject_voxels(__global const float *images, PLACE, __global c
     volume[((size_t)a * get_global_size(1) + b) * stride + c] += sum;
 }
 
-/* ids: (c, b, a) of one node, eight voxels apart; nodes: (views, 3, a, b, c) of u, v and 1 / depth */
+/* ids: (c, b, a) of one node; nodes: (views, 3, a, b, c) of u depth, v depth and depth, which are linear in position where all moves
+   alike, so that nothing is lost between nodes. They lie eight voxels apart, but none outside the slab, where a motion may not be known: the
+   last ones along a and b are on its last voxels, and along c the last chord goes on straight; counts: voxels along c, b, a */
 __kernel void trace_nodes(PLACE, __global const float *grid, __constant const float *rest, __global const float *field, const int views,
-                          __global float *nodes)
+                          const int4 counts, __global float *nodes)
 {
     const size_t c = get_global_id(0), b = get_global_id(1), a = get_global_id(2);
     const size_t line = get_global_size(0), plane = line * get_global_size(1), all = plane * get_global_size(2);
-    const point_t point = point_at((float)(SPACING * (int)c), (float)(SPACING * (int)b), (float)(SPACING * (int)a), grid, rest);
+    const float fb = min(SPACING * (int)b, counts.y - 1), fa = min(SPACING * (int)a, counts.z - 1);
+    const int at = SPACING * (int)c, last = counts.x - 1, before = max(last - 1, 0) / SPACING * SPACING;
+    const float further = at > last && last > 0 ? (float)(at - last) / (float)(last - before) : 0.0f;
+    const point_t point = point_at((float)(last > 0 ? min(at, last) : at), fb, fa, grid, rest);
+    const point_t previous = point_at((float)before, fb, fa, grid, rest);
     __global float *out = nodes + a * plane + b * line + c;
     for (int k = 0; k < views; ++k) {
-        const float3 h = homogeneous_at(point, k, place, rest, field);
-        const float inverse = 1.0f / h.z;
-        out[0] = h.x * inverse;
-        out[all] = h.y * inverse;
-        out[2 * all] = inverse;
+        float3 h = homogeneous_at(point, k, place, rest, field);
+        if (further > 0.0f) h += further * (h - homogeneous_at(previous, k, place, rest, field));
+        out[0] = h.x;
+        out[all] = h.y;
+        out[2 * all] = h.z;
         out += 3 * all;
     }
 }
@@ -229,7 +235,8 @@ __kernel void backproject_columns(__global const float *images, PLACE, __global 
     for (int i = 0; i < SCRATCH; i += 8) vstore8((float8)0.0f, 0, column + i);
 #if CURVE == 2
     const size_t line = NODES, plane = line * ((get_global_size(0) - 1) / SPACING + 2), all = plane * ((get_global_size(1) - 1) / SPACING + 2);
-    const float wb = (float)(b % SPACING) / SPACING, wa = (float)(a % SPACING) / SPACING;
+    const float wb = (float)(b % SPACING) / clamp((int)get_global_size(0) - 1 - b / SPACING * SPACING, 1, SPACING);
+    const float wa = (float)(a % SPACING) / clamp((int)get_global_size(1) - 1 - a / SPACING * SPACING, 1, SPACING);
     const float w00 = (1.0f - wa) * (1.0f - wb), w01 = (1.0f - wa) * wb, w10 = wa * (1.0f - wb), w11 = wa * wb;
 #endif
     for (int k = 0; k < views; ++k) {
@@ -274,9 +281,9 @@ __kernel void backproject_columns(__global const float *images, PLACE, __global 
         __global const float *corner = nodes + 3 * all * k + (a / SPACING) * plane + (b / SPACING) * line;
         for (int n = 0; n < NODES; n += 8) {
 #define BETWEEN(p) (w00 * vload8(0, p) + w01 * vload8(0, p + line) + w10 * vload8(0, p + plane) + w11 * vload8(0, p + plane + line))
-            const float8 inverse = BETWEEN(corner + 2 * all + n);
-            vstore8(BETWEEN(corner + n), 0, us + n);
-            vstore8(BETWEEN(corner + all + n) + LEAD, 0, rows + n);
+            const float8 inverse = 1.0f / BETWEEN(corner + 2 * all + n);
+            vstore8(BETWEEN(corner + n) * inverse, 0, us + n);
+            vstore8(BETWEEN(corner + all + n) * inverse + LEAD, 0, rows + n);
             vstore8(inverse * inverse, 0, weights + n);
         }
         float8 least_8 = 1e9f, most_8 = -1e9f, near_8 = 1e9f, far_8 = -1e9f, steepest_8 = 0.0f;

@@ -12,10 +12,10 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from legsim.arrays import FloatArray
-from legsim.artifacts import whole
 from legsim.scene import ReplayScene, ScanScene
 from legsim.view import curves, layout, motion, scan
 from legsim.view.stream import Recorder
+from legsim.whole_files import whole
 
 
 def write_replay(path: Path, scene: ReplayScene) -> None:
