@@ -5,18 +5,26 @@ world (they call +x left, +y posterior, +z superior; NIfTI's opposite signs are 
 Files appear whole or not at all.
 """
 
+from __future__ import annotations
+
 import os
 import shutil
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
+import lazy_loader
 import numpy as np
-import SimpleITK as sitk
 from numpy.typing import NDArray
 
 from legsim.arrays import Float32Array
 from legsim.errors import LegsimError, at
 from legsim.geometry import ConeBeamGeometry, Projections, Volume, VolumeGrid
+
+if TYPE_CHECKING:
+    import SimpleITK as sitk
+else:
+    sitk = lazy_loader.load("SimpleITK")
 
 WRITABLE = (".mha", ".nii", ".nii.gz", ".nrrd")
 _MHA_START = """ObjectType = Image
@@ -112,7 +120,7 @@ class VolumeWriter:
         self._partial = self._path.with_name(f".{self._path.stem}.partial-{os.getpid()}.mha")
         self._next = 0
 
-    def __enter__(self) -> "VolumeWriter":
+    def __enter__(self) -> VolumeWriter:
         numbers = {
             "Offset": 1e3 * self._grid.origin,
             "ElementSpacing": 1e3 * np.array(self._grid.spacing_xyz),

@@ -1,15 +1,20 @@
 """The page of `legsim replay`: how well the model follows each marker, how far each coordinate goes, and pictures of both."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from legsim import figures, presentation
-from legsim.figures import Figure
 from legsim.markers import CleaningReport
 from legsim.recovery import MarkerFit, Recovery
 from legsim.report import FileNote, Picture, ReportContent, Section, Table
 from legsim.scene import ReplayScene
+
+if TYPE_CHECKING:
+    from legsim.figures import Figure
 
 _LARGE_RESIDUAL = 0.03
 """m RMS: a marker this far off is mislabeled, or sits elsewhere than its role says"""
