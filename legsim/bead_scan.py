@@ -2,9 +2,10 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
+import lazy_loader
 import numpy as np
-import trimesh
 
 from legsim import materials, projector
 from legsim.anatomy import SEGMENTS
@@ -15,6 +16,11 @@ from legsim.leg_phantom import LegPhantom
 from legsim.opencl import Device
 from legsim.phantom import Part, Phantom
 from legsim.signals import SegmentPoses
+
+if TYPE_CHECKING:
+    import trimesh
+else:
+    trimesh = lazy_loader.load("trimesh")
 
 _GOLDEN_ANGLE = np.pi * (3 - np.sqrt(5))
 

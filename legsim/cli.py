@@ -1,4 +1,7 @@
-"""The `legsim` command. The only module that prints, draws progress or decides an exit code."""
+"""The `legsim` command. The only module that prints, draws progress or decides an exit code.
+
+A command imports what it runs, so that help and mistaken options are answered at once.
+"""
 
 import errno
 import os
@@ -17,7 +20,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.table import Table
 
-from legsim import __version__, config, doctor, pipeline, tasks
+from legsim import __version__
 from legsim.errors import LegsimError
 
 app = typer.Typer(
@@ -67,7 +70,7 @@ GeometryOption = Annotated[
 
 
 @contextmanager
-def _progress() -> Iterator[pipeline.OnProgress]:
+def _progress() -> Iterator[Callable[[str, int, int], None]]:
     """A bar a stage on a terminal; where there is none, a line a stage."""
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TimeRemainingColumn())
     with Progress(*columns, console=_err, disable=not _err.is_terminal) as bars:
@@ -107,6 +110,8 @@ def run(
     device: DeviceOption = None,
 ) -> None:
     """The whole chain for one scan: motion to corrected volumes, with table, recording and report."""
+    from legsim import config, pipeline
+
     settings_tree = config.load(config_file, preset=preset.value, overrides=tuple(settings or ()))
     with _progress() as progress:
         result = pipeline.run(settings_tree, out, device=device, on_progress=progress)
@@ -138,6 +143,8 @@ def replay(
     image: Annotated[Path | None, typer.Option(help="Also draw a still picture (.png) of the middle of the recording.")] = None,
 ) -> None:
     """Kinematics, IMU signals and a recording to look at, from one motion file."""
+    from legsim import config, pipeline
+
     overrides = [f"motion.file={motion}", *(settings or ())]
     if filter_hz is not None:
         overrides.append(f"motion.filter_hz={filter_hz}")
@@ -161,6 +168,8 @@ def project(
     device: DeviceOption = None,
 ) -> None:
     """Line integrals of any set of closed meshes."""
+    from legsim import tasks
+
     with _progress() as progress:
         detector = tasks.Detector(columns, rows, pixel_mm)
         lines = tasks.project(phantom, geometry, out, detector=detector, energy_kev=energy_kev, device=device, on_progress=progress)
@@ -181,6 +190,8 @@ def reconstruct(
     device: DeviceOption = None,
 ) -> None:
     """FDK, static or motion-compensated."""
+    from legsim import tasks
+
     with _progress() as progress:
         lines = tasks.reconstruct(
             projections,
@@ -210,6 +221,8 @@ def evaluate(
     out: Annotated[Path, typer.Option("--out", help="The numbers as JSON.")] = Path("metrics.json"),
 ) -> None:
     """SSIM and RMSE of a volume against a reference, by region."""
+    from legsim import tasks
+
     rows = tasks.evaluate(volume, reference, out, regions=regions, register=register)
     _table(f"{volume} against {reference}", ("region", "SSIM", "RMSE", "voxels"), rows)
     _out.print(f"numbers: {out}")
@@ -224,6 +237,8 @@ def geometry_show(
     pixel_mm: PixelOption = None,
 ) -> None:
     """Field of view, angular range, magnification, and what of a phantom is cut off."""
+    from legsim import tasks
+
     for line in tasks.describe_geometry(file, detector=tasks.Detector(columns, rows, pixel_mm), phantom=phantom):
         _out.print(line)
 
@@ -237,6 +252,8 @@ def geometry_convert(
     pixel_mm: PixelOption = None,
 ) -> None:
     """Write the same geometry in another format."""
+    from legsim import tasks
+
     for line in tasks.convert_geometry(file, out, detector=tasks.Detector(columns, rows, pixel_mm)):
         _out.print(line)
 
@@ -244,12 +261,16 @@ def geometry_convert(
 @app.command()
 def view(folder: Annotated[Path, typer.Argument(metavar="DIR", help="A folder made by run or replay, or a recording.")]) -> None:
     """Open the recording in the rerun viewer."""
+    from legsim import tasks
+
     tasks.open_recording(folder)
 
 
 @app.command("doctor")
 def doctor_command(folder: Annotated[Path, typer.Argument(metavar="[DIR]", help="Where results would go.")] = Path()) -> None:
     """What works here: OpenCL devices (each probed by running a kernel), memory, disk, rerun, formats."""
+    from legsim import doctor
+
     findings = doctor.examine(folder)
     for finding in findings:
         mark = "[green]ok[/]  " if finding.good else "[red]bad[/] "

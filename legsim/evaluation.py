@@ -7,11 +7,14 @@ its 0.01 and 99.99 percentiles inside the union of the regions, because a single
 all others; and a registration is applied only where it raises the correlation.
 """
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
+import lazy_loader
 import numpy as np
-import SimpleITK as sitk
 from numpy.typing import NDArray
 from skimage.metrics import structural_similarity
 
@@ -19,6 +22,11 @@ from legsim import transforms
 from legsim.arrays import Float32Array, FloatArray
 from legsim.errors import LegsimError
 from legsim.geometry import Volume, VolumeGrid
+
+if TYPE_CHECKING:
+    import SimpleITK as sitk
+else:
+    sitk = lazy_loader.load("SimpleITK")
 
 SSIM_WINDOW = 7
 SCALING_PERCENTILES = (0.01, 99.99)

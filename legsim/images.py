@@ -5,22 +5,29 @@ world (they call +x left, +y posterior, +z superior; NIfTI's opposite signs are 
 Files appear whole or not at all.
 """
 
+from __future__ import annotations
+
 import math
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import BinaryIO
+from typing import TYPE_CHECKING, BinaryIO
 
+import lazy_loader
 import numpy as np
-import SimpleITK as sitk
 from numpy.typing import NDArray
 
 from legsim import whole_files
 from legsim.arrays import Float32Array
 from legsim.errors import LegsimError, at
 from legsim.geometry import ConeBeamGeometry, Projections, Volume, VolumeGrid
+
+if TYPE_CHECKING:
+    import SimpleITK as sitk
+else:
+    sitk = lazy_loader.load("SimpleITK")
 
 WRITABLE = (".mha", ".nii", ".nii.gz", ".nrrd")
 _MHA_START = """ObjectType = Image

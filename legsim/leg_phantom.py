@@ -4,10 +4,10 @@ import tomllib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
+import lazy_loader
 import numpy as np
-import trimesh
 from numpy.typing import ArrayLike
 
 from legsim import materials, skinning, transforms
@@ -17,6 +17,11 @@ from legsim.errors import LegsimError
 from legsim.phantom import Part, Phantom
 from legsim.resources import model_file
 from legsim.skinning import LegAxes, SoftWeights, smooth_step
+
+if TYPE_CHECKING:
+    import trimesh
+else:
+    trimesh = lazy_loader.load("trimesh")
 
 Detail = Literal["coarse", "fine"]
 SIDES = ("l", "r")

@@ -5,6 +5,8 @@ environment's folder. ``_register_runtimes`` therefore writes a folder of correc
 the system's) and names it in ``OCL_ICD_VENDORS`` before the loader reads it, once, at the first platform query.
 """
 
+from __future__ import annotations
+
 import hashlib
 import os
 import sys
@@ -15,13 +17,18 @@ from dataclasses import dataclass, field
 from functools import cache
 from importlib import resources
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
+import lazy_loader
 import numpy as np
-import pyopencl as cl
 
 from legsim import whole_files
 from legsim.errors import LegsimError
+
+if TYPE_CHECKING:
+    import pyopencl as cl
+else:
+    cl = lazy_loader.load("pyopencl")
 
 _PROBE = """
 __kernel void probe(__global const float *table, __global float *out, const int steps)

@@ -8,15 +8,20 @@ import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
+import lazy_loader
 import numpy as np
-import trimesh
 
 from legsim import materials, transforms
 from legsim.arrays import FloatArray
 from legsim.errors import LegsimError, at
 from legsim.phantom import Part, Phantom
+
+if TYPE_CHECKING:
+    import trimesh
+else:
+    trimesh = lazy_loader.load("trimesh")
 
 SUFFIXES = (".ply", ".stl", ".obj", ".glb")
 UNITS = {"mm": 1e-3, "m": 1.0}

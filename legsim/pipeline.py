@@ -20,7 +20,6 @@ from legsim import (
     comparison,
     config,
     evaluation,
-    figures,
     geometry_files,
     images,
     imu,
@@ -372,13 +371,14 @@ def replay(settings: RunConfig, out: Path, *, filtered: bool, image: Path | None
     scene = presentation.replay_scene(recovered, splines, placed, signals, leg_phantom.load(scales=recovered.leg.scales))
     provenance = (*folder.about.items(), ("command", f"legsim replay {settings.motion.file} --out {out}"))
     key = key_of(motion_key, provenance)
-    if not folder.done("replay", key):
+    known = folder.done("replay", key)
+    posture = replay_report.still(scene) if image is not None or not known else b""
+    if not known:
         with folder.stage("replay", key, ["recording.rrd", "report.html"]):
             view.write_replay(out / "recording.rrd", scene)
-            page = replay_report.content(recovered, scene, provenance)
+            page = replay_report.content(recovered, scene, posture, provenance)
             whole_files.write_text(out / "report.html", report.render(page))
     if image is not None:
-        middle = float(np.mean(recovered.trajectories.times[[0, -1]]))
-        whole_files.write_bytes(image, figures.png(figures.still(scene, middle)))
+        whole_files.write_bytes(image, posture)
     on_progress("recording", 1, 1)
     return ReplayResult(tuple(presentation.replay_report_lines(recovered, out)))

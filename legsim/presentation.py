@@ -1,8 +1,11 @@
 """What a run or a replay shows: the scene for recording and figures, the pictures, and the words and tables of the report."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -10,7 +13,6 @@ from legsim import figures, imu, report, whole_files
 from legsim.anatomy import JOINT_CENTERS
 from legsim.arrays import FloatArray
 from legsim.evaluation import Metrics
-from legsim.figures import Figure
 from legsim.geometry import Projections
 from legsim.imu import JointSplines, Sensor
 from legsim.leg_phantom import LegPhantom
@@ -19,6 +21,9 @@ from legsim.report import FileNote, MethodScore, Picture, ReportContent, Section
 from legsim.residuals import Residual
 from legsim.scene import MovingSurface, NamedVolume, ReplayScene, ScanScene, SegmentMesh, SlicePlanes
 from legsim.signals import ImuSignals, RigidMotion, SegmentPoses
+
+if TYPE_CHECKING:
+    from legsim.figures import Figure
 
 _SHOWN_SURFACES = ("skin", "patella_cortex", "femur_cortex", "tibia_cortex", "fibula_cortex")
 _AXIAL_OFFSET = 0.05

@@ -212,10 +212,7 @@ def _scaling_source(config: MotionConfig) -> Path:
 
 def _cleaned(config: MotionConfig, path: Path, required: Sequence[str] = PAPER_ROLES) -> tuple[Motion, CleaningReport, tuple[str, ...]]:
     """The markers by role, what was done to them, and what the reader has to say about the file."""
-    unit = None if config.unit == "file" else config.unit
-    up = None if config.up == "file" else config.up
-    raw = motion_files.load_markers(path, unit=unit, up=up)
-    notes = _reading_notes(path, unit, up)
+    raw, notes = _read(path, unit=None if config.unit == "file" else config.unit, up=None if config.up == "file" else config.up)
 
     def cleaned() -> tuple[Motion, CleaningReport]:
         automatic = config.marker_map == "auto"
@@ -225,12 +222,12 @@ def _cleaned(config: MotionConfig, path: Path, required: Sequence[str] = PAPER_R
     return *_named(path, cleaned), notes
 
 
-def _reading_notes(path: Path, unit: str | None, up: str | None) -> tuple[str, ...]:
-    """Unit and vertical as they were read, and what the reader put right."""
+def _read(path: Path, *, unit: str | None, up: str | None) -> tuple[Motion, tuple[str, ...]]:
+    """The markers, and a word on unit and vertical as they were read and on what the reader put right."""
     if motion_files.kind(path) == "csv":
-        return ()
+        return motion_files.load_markers(path), ()
     raw = motion_files.read_markers(path)
-    return f"lengths in {raw.resolved_unit(unit)}, {raw.resolved_up(up, unit=unit)} up", *raw.notes
+    return raw.to_motion(unit=unit, up=up), (f"lengths in {raw.resolved_unit(unit)}, {raw.resolved_up(up, unit=unit)} up", *raw.notes)
 
 
 def _named(path: Path, compute: Callable[[], _Result]) -> _Result:

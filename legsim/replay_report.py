@@ -1,24 +1,33 @@
 """The page of `legsim replay`: how well the model follows each marker, how far each coordinate goes, and pictures of both."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from legsim import figures, presentation
-from legsim.figures import Figure
 from legsim.markers import CleaningReport
 from legsim.recovery import MarkerFit, Recovery
 from legsim.report import FileNote, Picture, ReportContent, Section, Table
 from legsim.scene import ReplayScene
 
+if TYPE_CHECKING:
+    from legsim.figures import Figure
+
 _LARGE_RESIDUAL = 0.03
 """m RMS: a marker this far off is mislabeled, or sits elsewhere than its role says"""
 
 
-def content(recovered: Recovery, scene: ReplayScene, provenance: Sequence[tuple[str, str]]) -> ReportContent:
-    """What the page says; figures are drawn here."""
-    middle = float(np.mean(scene.trajectories.times[[0, -1]]))
-    still = ("still", f"The middle of the recording, {middle:.2f} s.", figures.still(scene, middle))
+def still(scene: ReplayScene) -> bytes:
+    """PNG of the body in the middle of the recording."""
+    return figures.png(figures.still(scene, _middle(scene)))
+
+
+def content(recovered: Recovery, scene: ReplayScene, posture: bytes, provenance: Sequence[tuple[str, str]]) -> ReportContent:
+    """What the page says; ``posture`` is the :func:`still`, all other figures are drawn here."""
+    seen = f"The middle of the recording, {_middle(scene):.2f} s."
     curves = [] if scene.imu is None else [("imu", "What the sensors read, by their own clock.", figures.imu_curves(scene.imu))]
     fit = recovered.fit
     marker_sections = [] if fit is None else [Section("Markers", tables=_marker_tables(fit))]
@@ -26,7 +35,7 @@ def content(recovered: Recovery, scene: ReplayScene, provenance: Sequence[tuple[
         title=f"Replay of {recovered.name}",
         summary=tuple(recovered.lines()),
         sections=(
-            Section("Posture", figures=_drawn([still])),
+            Section("Posture", figures=(Picture(seen, posture, seen),)),
             *marker_sections,
             Section("Joint coordinates", tables=(coordinate_table(recovered),)),
             Section("Curves", figures=_drawn([*presentation.replay_figures(scene), *curves])),
@@ -39,6 +48,10 @@ def content(recovered: Recovery, scene: ReplayScene, provenance: Sequence[tuple[
         ),
         warnings=() if fit is None else warnings(fit),
     )
+
+
+def _middle(scene: ReplayScene) -> float:
+    return float(np.mean(scene.trajectories.times[[0, -1]]))
 
 
 def marker_table(fit: MarkerFit) -> Table:

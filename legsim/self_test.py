@@ -1,12 +1,18 @@
 """An object that shows a flip at a glance: an L of bone in a block of water, with a bead in front of its corner."""
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
+import lazy_loader
 import numpy as np
-import trimesh
 
 from legsim.arrays import FloatArray
 from legsim.phantom import Part, Phantom
+
+if TYPE_CHECKING:
+    import trimesh
+else:
+    trimesh = lazy_loader.load("trimesh")
 
 WATER, BONE = 20.6, 60.5
 """1/m, about those at 60 keV"""

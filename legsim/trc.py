@@ -201,6 +201,9 @@ def _cells(path: Path, place: str, line: str, width: int) -> tuple[int, str, lis
 
 def _coordinates(path: Path, place: str, cells: list[str], names: tuple[str, ...]) -> list[float]:
     """The row's 3 m coordinates, NaN where not seen."""
+    plain = _plain_numbers(cells)
+    if plain is not None:
+        return plain + [math.nan] * (3 * len(names) - len(plain))
     values = [_number(path, place, cell, names[k // 3]) if cell else math.nan for k, cell in enumerate(cells)]
     for k in range(0, len(cells), 3):
         blank = sum(not cell for cell in cells[k : k + 3])
@@ -208,6 +211,15 @@ def _coordinates(path: Path, place: str, cells: list[str], names: tuple[str, ...
             problem = f"marker {names[k // 3]!r} has {3 - blank} of its 3 coordinates"
             raise at(path, problem, "complete the row, or leave all three blank", place=place)
     return values + [math.nan] * (3 * len(names) - len(values))
+
+
+def _plain_numbers(cells: list[str]) -> list[float] | None:
+    """The numbers of a row that needs no second look, many times as fast; None for any other."""
+    try:
+        values = list(map(float, cells))
+    except ValueError:
+        return None
+    return None if any(map(math.isinf, values)) or any("_" in cell for cell in cells) else values
 
 
 def _number(path: Path, place: str, text: str, name: str) -> float:

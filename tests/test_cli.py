@@ -6,7 +6,7 @@ import time
 
 import pytest
 
-from legsim import cli
+from legsim import cli, pipeline
 
 
 def legsim(*arguments: str, **changes: str) -> subprocess.CompletedProcess[str]:
@@ -67,7 +67,7 @@ def test_a_full_disk_is_one_line(capsys, monkeypatch, tmp_path):
     def full(*_: object, **__: object) -> None:
         raise OSError(28, "No space left on device", str(tmp_path / "projections.mha"))
 
-    monkeypatch.setattr(cli.pipeline, "run", full)
+    monkeypatch.setattr(pipeline, "run", full)
     assert "projections.mha: the disk is full" in failure(capsys, "run", "--out", str(tmp_path))
 
 
@@ -75,7 +75,7 @@ def test_an_error_of_ours_keeps_its_traceback(monkeypatch, tmp_path):
     def broken(*_: object, **__: object) -> None:
         raise ZeroDivisionError
 
-    monkeypatch.setattr(cli.pipeline, "run", broken)
+    monkeypatch.setattr(pipeline, "run", broken)
     with pytest.raises(ZeroDivisionError):
         cli.main(["run", "--out", str(tmp_path)])
 

@@ -84,6 +84,17 @@ def test_axes_carry_units(made, kind, unit):
     assert unit in labels(made[kind])
 
 
+@pytest.mark.parametrize(
+    ("kind", "words"),
+    [("angles", "right left"), ("imu", "x y z"), ("residuals", "worst marker RMS of all markers"), ("errors", "none"), ("sway", "knee_l")],
+)
+def test_curves_are_explained_once_where_no_curve_is_hidden(made, kind, words):
+    figure = made[kind]
+    told = " ".join(text.get_text() for legend in figure.legends for text in legend.get_texts())
+    assert words in told
+    assert not any(ax.get_legend() for ax in figure.axes)
+
+
 def test_every_figure_is_drawn_on_white(made):
     for name, figure in made.items():
         picture = decoded(figure)

@@ -2,6 +2,8 @@
 
 import ast
 import re
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -20,6 +22,14 @@ HOMES = {
     "pydantic": {"config"},
     "SimpleITK": {"images", "evaluation"},
 }
+SLOW = {
+    "rerun": "rerun_bindings",
+    "matplotlib": "matplotlib.figure",
+    "SimpleITK": "SimpleITK.SimpleITK",
+    "trimesh": "trimesh.base",
+    "pyopencl": "pyopencl.version",
+}
+"""Dependency that is loaded where it is first used, and a part of it that is there only once it is loaded"""
 
 
 def layers() -> dict[str, int]:
@@ -78,6 +88,26 @@ def test_imports_have_no_cycle():
 def test_a_heavy_dependency_has_one_home(dependency):
     users = {m for m in modules() if any(name.split(".")[0] == dependency for name in imports(m))}
     assert users <= HOMES[dependency]
+
+
+def loaded_by(modules: str) -> set[str]:
+    """Names of all modules that importing ``modules`` loads."""
+    program = f"import sys, {modules}; print(*sys.modules)"
+    return set(subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True).stdout.split())
+
+
+def test_the_command_line_starts_without_any_stage():
+    names = loaded_by("legsim.cli")
+    assert {name for name in names if name.startswith("legsim")} == {"legsim", "legsim.cli", "legsim.errors"}
+    assert not {"numpy", *SLOW.values()} & names
+
+
+def test_a_slow_dependency_is_loaded_where_it_is_used():
+    assert not set(SLOW.values()) & loaded_by("legsim.tasks, legsim.pipeline")
+
+
+def test_what_tells_that_a_slow_dependency_is_loaded_does_tell():
+    assert set(SLOW.values()) <= loaded_by("matplotlib.figure, rerun, SimpleITK, trimesh, pyopencl")
 
 
 def test_every_layered_module_exists():

@@ -15,6 +15,8 @@ device = opencl.open_device()
 from legsim import leg_phantom
 assert leg_phantom.load().phantom.parts
 assert "<html" in report.render(report.ReportContent("title", ("one",)))
+from legsim import figures, view
+assert callable(figures.png) and callable(view.write_replay)
 from importlib.resources import files
 for path in files("legsim").joinpath("kernels").iterdir():
     assert path.read_text()

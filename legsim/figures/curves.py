@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 
 from legsim import transforms
 from legsim.arrays import FloatArray
@@ -26,11 +27,12 @@ def joint_angles(trajectories: JointTrajectories, names: Sequence[str] = ()) -> 
             style = (COLORS[1], "--") if name.endswith("_l") else (COLORS[0], "-")
             values = np.rad2deg(trajectories.coordinate(name))
             ax.plot(trajectories.times, values, color=style[0], linestyle=style[1], linewidth=1, label=name)
-        ax.set_ylabel("deg", fontsize=8)
+        ax.set_ylabel(f"{kind}\ndeg", fontsize=8)
         at_least(ax, 1.0)
-        _legend(ax)
     for ax in axes[len(kinds) :]:
         ax.set_axis_off()
+    right_and_left = [next((line for ax in axes for line in ax.lines if str(line.get_label()).endswith(end)), None) for end in ("_r", "_l")]
+    _legend(figure, [(line, word) for line, word in zip(right_and_left, ("right", "left"), strict=True) if line])
     _time_axis(axes[: len(kinds)][-columns:])
     return figure
 
@@ -45,10 +47,10 @@ def imu_curves(imu: ImuSignals) -> Figure:
             for k, axis in enumerate("xyz"):
                 ax.plot(imu.times, values[:, k], color=(COLORS[3], COLORS[2], COLORS[0])[k], linewidth=0.8, label=axis)
             ax.set_ylabel(f"{name}\n{unit}", fontsize=8)
-            _legend(ax)
     axes[0].set_title("specific force", fontsize=9)
     axes[1].set_title("angular velocity", fontsize=9)
     _time_axis(axes[-2:])
+    _legend(figure, [(line, str(line.get_label())) for line in axes[0].lines])
     return figure
 
 
@@ -59,7 +61,7 @@ def sway(centers: JointCenters, names: Sequence[str] = ()) -> Figure:
     places = figure.subplot_mosaic([["forward", "above"], ["up", "above"], ["right", "above"]], width_ratios=[3, 2])
     over_time, above = [places[name] for name in ("forward", "up", "right")], places["above"]
     for ax in places.values():
-        plain(ax)
+        plain(ax, ticks=5)
     kinds = list(dict.fromkeys(_kind(name) for name in chosen))
     for name in chosen:
         place = centers.positions_world[:, centers.names.index(name)]
@@ -76,7 +78,7 @@ def sway(centers: JointCenters, names: Sequence[str] = ()) -> Figure:
     above.set_xlabel("to the right (mm)", fontsize=8)
     above.set_ylabel("forward (mm)", fontsize=8)
     above.set_title("from above", fontsize=9)
-    _legend(above)
+    _legend(figure, [(line, str(line.get_label())) for line in above.lines])
     return figure
 
 
@@ -95,7 +97,7 @@ def marker_residuals(scene: ReplayScene) -> Figure:
     over_time.plot(scene.measured.times[seen], rms, color=COLORS[0], linewidth=1.0, label="RMS of all markers")
     over_time.set_ylabel("residual (mm)", fontsize=8)
     over_time.set_ylim(bottom=0)
-    _legend(over_time)
+    _legend(figure, [(line, str(line.get_label())) for line in over_time.lines])
     _time_axis([over_time])
     spread = [column[np.isfinite(column)] for column in millimeters.T]
     each.boxplot(spread, whis=(5, 95), showfliers=False, medianprops={"color": COLORS[0]})
@@ -119,7 +121,7 @@ def motion_errors(truth: RigidMotion, estimates: Sequence[tuple[str, RigidMotion
     at_least(angle, 0.001)
     distance.set_ylabel("position error (mm)", fontsize=8)
     angle.set_ylabel("rotation error (deg)", fontsize=8)
-    _legend(distance)
+    _legend(figure, [(line, str(line.get_label())) for line in distance.lines])
     _time_axis([angle])
     return figure
 
@@ -128,8 +130,10 @@ def _kind(name: str) -> str:
     return name.removesuffix("_r").removesuffix("_l")
 
 
-def _legend(ax: Axes) -> None:
-    ax.legend(fontsize=7, frameon=True, framealpha=0.8, edgecolor="none", loc="best")
+def _legend(figure: Figure, entries: Sequence[tuple[Line2D, str]]) -> None:
+    """One legend for all plots, above them, where it hides no curve."""
+    lines, words = zip(*entries, strict=True) if entries else ((), ())
+    figure.legend(lines, words, loc="outside upper center", ncols=min(len(words), 6) or 1, fontsize=8, frameon=False)
 
 
 def _time_axis(axes: Sequence[Axes]) -> None:

@@ -1,6 +1,6 @@
 """Recordings for the rerun viewer: one .rrd a run, which opens with all of it in view."""
 
-from legsim.view.recording import write_replay as write_replay
-from legsim.view.recording import write_scan as write_scan
-from legsim.view.window import open_viewer as open_viewer
-from legsim.view.window import screenshot as screenshot
+import lazy_loader
+
+# what the stub beside this file names, each loaded when it is first asked for
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -1,0 +1,15 @@
+from .canvas import Figure as Figure
+from .canvas import png as png
+from .curves import imu_curves as imu_curves
+from .curves import joint_angles as joint_angles
+from .curves import marker_residuals as marker_residuals
+from .curves import motion_errors as motion_errors
+from .curves import sway as sway
+from .pictures import overlay as overlay
+from .pictures import projection_montage as projection_montage
+from .pictures import slices as slices
+from .statistics import BoxGroup as BoxGroup
+from .statistics import HeatMap as HeatMap
+from .statistics import box_plots as box_plots
+from .statistics import heat_maps as heat_maps
+from .still import still as still
