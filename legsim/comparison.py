@@ -1,7 +1,7 @@
 """Every method's volume against the motion-free one, and what each left of the motion; written to metrics.json."""
 
 import json
-from dataclasses import asdict
+from dataclasses import asdict, fields
 from typing import Any
 
 import numpy as np
@@ -26,7 +26,8 @@ def compare(
     settings, folder = stage.settings, stage.folder
     path = folder.path / "metrics.json"
     made = [[(name, folder.hash_of(name)) for name in _files(c) if folder.has(name)] for c in corrected]
-    key = key_of(stage.scan_key, settings.evaluation.model_dump(), evaluation.SCALING_PERCENTILES, made)
+    measures = [f.name for f in fields(RegionMetrics)]  # a folder of an older version has fewer
+    key = key_of(stage.scan_key, settings.evaluation.model_dump(), evaluation.SCALING_PERCENTILES, measures, made)
     if folder.done("metrics", key):
         return tuple(_result(entry) for entry in json.loads(path.read_text("utf-8"))["methods"])
     with folder.stage("metrics", key, [path.name]):
