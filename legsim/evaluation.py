@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 import SimpleITK as sitk
 from numpy.typing import NDArray
-from scipy.ndimage import minimum_filter
+from scipy.ndimage import maximum_filter
 from skimage.metrics import structural_similarity
 
 from legsim import transforms
@@ -192,7 +192,7 @@ def ssim_map(moving: Float32Array, fixed: Float32Array) -> Float32Array:
         inner = slice(reach, -reach)
         result[start:stop, inner, inner] = full[reach : reach + stop - start, inner, inner]
     if unknown.any():
-        result[~minimum_filter(~unknown, SSIM_WINDOW)] = np.nan
+        result[maximum_filter(unknown.view(np.uint8), SSIM_WINDOW) > 0] = np.nan
     return result
 
 
