@@ -220,11 +220,11 @@ def evaluate(
     register: Annotated[bool, typer.Option(help="Register the volume to the reference first.")] = True,
     out: Annotated[Path, typer.Option("--out", help="The numbers as JSON.")] = Path("metrics.json"),
 ) -> None:
-    """SSIM and RMSE of a volume against a reference, by region."""
+    """SSIM and RMSE of a volume against a reference, and its gradient entropy, by region."""
     from legsim import tasks
 
     rows = tasks.evaluate(volume, reference, out, regions=regions, register=register)
-    _table(f"{volume} against {reference}", ("region", "SSIM", "RMSE", "voxels"), rows)
+    _table(f"{volume} against {reference}", ("region", "SSIM", "RMSE", "gradient entropy", "voxels"), rows)
     _out.print(f"numbers: {out}")
 
 

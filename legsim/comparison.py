@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Callable
-from dataclasses import asdict
+from dataclasses import asdict, fields
 from typing import Any
 
 import numpy as np
@@ -27,11 +27,12 @@ def compare(
     settings, folder = stage.settings, stage.folder
     seen: list[tuple[tuple[Region, ...], tuple[Structure, ...]]] = []
     results = []
+    measures = [f.name for f in fields(RegionMetrics)]  # a folder of an older version has fewer
     for k, one in enumerate(corrected):
         stage.on_progress("comparing", k, len(corrected))
         path = folder.path / f"metrics-{one.volume.name}.json"
         made = [(name, folder.hash_of(name)) for name in (*_files(corrected[0]), *_files(one)) if folder.has(name)]
-        key = key_of(stage.scan_key, settings.evaluation.model_dump(), evaluation.SCALING_PERCENTILES, made)
+        key = key_of(stage.scan_key, settings.evaluation.model_dump(), evaluation.SCALING_PERCENTILES, measures, made)
         if not folder.done(path.stem, key):
             with folder.stage(path.stem, key, [path.name]):
                 if not seen:

@@ -1,10 +1,10 @@
-"""How close a volume is to the motion-free one: scaled to 0..1, registered, SSIM and RMSE by region.
+"""How close a volume is to the motion-free one: scaled to 0..1, registered, SSIM and RMSE by region; and how sharp it is by itself.
 
 The protocol is Maier et al.'s ("Rigid and non-rigid motion compensation in weight-bearing cone-beam CT of the knee using (noisy)
 inertial measurements", Section 3.1): every volume is scaled to 0..1 and registered to the motion-free reference before SSIM
 (Wang et al. 2004: uniform window of 7 voxels, data range 1) and RMSE are taken. Where the paper is silent: a volume is scaled by
 its 0.01 and 99.99 percentiles inside the union of the regions, because a single bright voxel of a streak would else set the scale of
-all others; and a registration is applied only where it raises the correlation.
+all others; a registration is applied only where it raises the correlation; and what it brings in from outside the grid counts nowhere.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 import lazy_loader
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter
 from skimage.metrics import structural_similarity
 
 from legsim import transforms
@@ -52,7 +53,10 @@ class RegionMetrics:
     ssim: float
     rmse: float
     """of volumes scaled to 0..1"""
+    gradient_entropy: float
+    """nats, of the registered volume alone; needs no reference, but compares only within one region of one grid"""
     voxels: int
+    """that were compared: those of the region that the registered volume still covers"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -134,12 +138,40 @@ def evaluate(volume: Volume, reference: Volume, regions: Sequence[Region], *, re
 
 
 def _in_region(region: Region, moving: Float32Array, fixed: Float32Array, similarity: Float32Array) -> RegionMetrics:
-    difference = moving[region.mask].astype(np.float64) - fixed[region.mask]
-    seen = similarity[region.mask]
+    covered = region.mask & np.isfinite(moving)
+    difference = moving[covered].astype(np.float64) - fixed[covered]
+    seen = similarity[covered]
     seen = seen[np.isfinite(seen)]
     if not seen.size:
         raise LegsimError(f"region {region.name!r} has no voxel at least {SSIM_WINDOW // 2} voxels inside the grid, where SSIM is defined")
-    return RegionMetrics(region.name, float(seen.mean(dtype=np.float64)), float(np.sqrt(np.mean(difference**2))), int(region.mask.sum()))
+    ssim, rmse = float(seen.mean(dtype=np.float64)), float(np.sqrt(np.mean(difference**2)))
+    return RegionMetrics(region.name, ssim, rmse, gradient_entropy(moving, covered), int(covered.sum()))
+
+
+def gradient_entropy(volume: Float32Array, mask: NDArray[np.bool_]) -> float:
+    """Entropy -sum(p ln p), in nats, of the gradient's magnitude so normalized that its p sum to 1 inside ``mask`` (z, y, x).
+
+    Low where few voxels hold all edges: blur and streaks raise it, scale and offset of the values do not change it. The criterion is
+    McGee et al.'s ("Image metric-based correction (autocorrection) of motion effects: analysis of image metrics", J Magn Reson Imaging
+    11, 2000), with the magnitude of the gradient by central differences along all three axes, per voxel. Its greatest value is the
+    logarithm of the number of voxels. Voxels that are NaN, have a NaN beside them or lie at the grid's border are left out.
+
+    Raises:
+        LegsimError: no voxel is left, or the volume is constant there.
+    """
+    squared = np.zeros([n - 2 for n in volume.shape], np.float32)
+    inner = slice(1, -1)
+    for axis in range(3):
+        ahead, behind = ([inner] * 3 for _ in range(2))
+        ahead[axis], behind[axis] = slice(2, None), slice(None, -2)
+        squared += (volume[tuple(ahead)] - volume[tuple(behind)]) ** 2
+    known = mask & np.isfinite(volume)
+    steps = np.sqrt(squared[known[inner, inner, inner]], dtype=np.float64)
+    steps = steps[np.isfinite(steps) & (steps > 0)]
+    if not steps.size:
+        raise LegsimError("the volume has no gradient inside the region, so no gradient entropy; is it constant, or the region too thin?")
+    p = steps / steps.sum()
+    return float(-(p * np.log(p)).sum())
 
 
 def scaled(attenuation: Float32Array, mask: NDArray[np.bool_], name: str) -> Float32Array:
@@ -154,10 +186,12 @@ def scaled(attenuation: Float32Array, mask: NDArray[np.bool_], name: str) -> Flo
 
 
 def ssim_map(moving: Float32Array, fixed: Float32Array) -> Float32Array:
-    """SSIM (z, y, x) at every voxel whose window lies inside the grid, NaN elsewhere; computed in slabs to bound memory."""
+    """SSIM (z, y, x) at every voxel whose window lies inside the grid and holds no NaN, NaN elsewhere; in slabs to bound memory."""
     reach, depth = SSIM_WINDOW // 2, fixed.shape[0]
     if min(fixed.shape) < SSIM_WINDOW:
         raise LegsimError(f"SSIM needs at least {SSIM_WINDOW} voxels along each axis; the grid has {fixed.shape}")
+    unknown = ~np.isfinite(moving)
+    moving = np.where(unknown, np.float32(0), moving)
     result = np.full(fixed.shape, np.nan, np.float32)
     for start in range(reach, depth - reach, _SLAB):
         stop = min(start + _SLAB, depth - reach)
@@ -165,6 +199,8 @@ def ssim_map(moving: Float32Array, fixed: Float32Array) -> Float32Array:
         full = np.asarray(structural_similarity(moving[padded], fixed[padded], data_range=1.0, win_size=SSIM_WINDOW, full=True)[1])
         inner = slice(reach, -reach)
         result[start:stop, inner, inner] = full[reach : reach + stop - start, inner, inner]
+    if unknown.any():
+        result[maximum_filter(unknown.view(np.uint8), SSIM_WINDOW) > 0] = np.nan
     return result
 
 
@@ -172,12 +208,14 @@ def registered(moving: Float32Array, fixed: Float32Array, grid: VolumeGrid, mask
     """Rigidly registers ``moving`` to ``fixed`` (SimpleITK, correlation, 4-2-1 pyramid, seeded samples inside ``mask``).
 
     Returns the registration and the volume to compare: resampled by cubic B-splines where that raises the correlation
-    inside the mask, else ``moving`` as it was, so that interpolation never makes a volume that needs no moving worse.
+    inside the mask, else ``moving`` as it was, so that interpolation never makes a volume that needs no moving worse. NaN where the
+    resampled volume would have to be known outside the grid.
     """
     fixed_image, moving_image, mask_image = (_image(a, grid) for a in (fixed, moving, mask.astype(np.uint8)))
     transform, stopped = _rigid_transform(fixed_image, moving_image, mask_image, float(mask.mean()), grid)
-    resampled = sitk.GetArrayFromImage(sitk.Resample(moving_image, fixed_image, transform, sitk.sitkBSpline3, 0.0, sitk.sitkFloat32))
-    before, after = _correlation(moving, fixed, mask), _correlation(resampled, fixed, mask)
+    resampled = sitk.GetArrayFromImage(sitk.Resample(moving_image, fixed_image, transform, sitk.sitkBSpline3, np.nan, sitk.sitkFloat32))
+    covered = mask & np.isfinite(resampled)
+    before, after = _correlation(moving, fixed, covered), _correlation(resampled, fixed, covered)
     matrix = np.array(transform.GetMatrix()).reshape(3, 3)
     center_mm = 1e3 * np.array(grid.center)
     shift = np.linalg.norm(np.array(transform.TransformPoint(center_mm.tolist())) - center_mm)

@@ -64,6 +64,10 @@ class PoseFit:
         """(6, 6) rad and m, for points found with this standard deviation along each detector axis."""
         return self.covariance_per_px2 * detection_error_px**2
 
+    def position_error(self, detection_error_px: float) -> float:
+        """m: standard deviation of the distance from the true place, most of it along the ray."""
+        return float(np.sqrt(np.diag(self.covariance(detection_error_px))[3:].sum()))
+
     def tilt_error(self, detection_error_px: float) -> float:
         """rad: standard deviation of the sensor's tilt against the vertical. It leaks gravity: g tilt t^2 / 2 of drift."""
         x, _, z = np.diag(self.covariance(detection_error_px))[:3]

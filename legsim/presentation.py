@@ -169,7 +169,7 @@ def replay_figures(scene: ReplayScene) -> tuple[tuple[str, str, Figure], ...]:
 
 def scores(results: Sequence[MethodResult]) -> list[MethodScore]:
     """Every method in every region, for the report's tables."""
-    return [MethodScore(r.method, m.region, m.ssim, m.rmse) for r in results for m in r.metrics.regions]
+    return [MethodScore(r.method, m.region, m.ssim, m.rmse, m.gradient_entropy) for r in results for m in r.metrics.regions]
 
 
 def scan_report(

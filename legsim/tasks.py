@@ -121,7 +121,7 @@ def evaluate(volume_file: Path, reference_file: Path, out: Path, *, regions: Pat
     whole_files.write_text(
         out, json.dumps({"volume": str(volume_file), "reference": str(reference_file), **asdict(metrics)}, indent=1) + "\n"
     )
-    return [(m.region, f"{m.ssim:.4f}", f"{m.rmse:.4f}", str(m.voxels)) for m in metrics.regions]
+    return [(m.region, f"{m.ssim:.4f}", f"{m.rmse:.4f}", f"{m.gradient_entropy:.4f}", str(m.voxels)) for m in metrics.regions]
 
 
 def _whole(grid: VolumeGrid) -> tuple[evaluation.Region, ...]:

@@ -88,6 +88,24 @@ def test_printed_order_is_the_product_from_the_wrong_side():
     np.testing.assert_allclose(both[0], both[1], atol=1e-12)
 
 
+def test_printed_order_costs_two_tenths_of_a_millimetre_for_six_of_sway():
+    """Ranges of 6 mm and 1.8 deg over 8 s, seen at a knee 14 cm from the sensor, in 40 drawn sways: 0.20 mm RMS, up to 0.39 within a sd."""
+    views, found = np.arange(248) / 31, []
+    for seed in range(40):
+        unit = Sway.standing(seed, position_mm=1, angle_deg=1)
+        ranges = np.ptp(1e3 * unit.position(views, 0), axis=0).max(), np.degrees(np.ptp(unit.angles(views, 0), axis=0).max())
+        poses = Sway.standing(seed, position_mm=6 / ranges[0], angle_deg=1.8 / ranges[1]).poses(views)
+        knee = transforms.apply(poses[0], [[0, 0.14, 0]])
+        right, printed = (
+            transforms.apply(correction.rigid_motion(views, poses, order=order).moved_from_reference, knee) for order in ("pose", "printed")
+        )
+        miss = 1e3 * np.linalg.norm(right - printed, axis=-1)
+        found.append((np.sqrt((miss**2).mean()), miss.max()))
+    rms, largest = np.array(found).T
+    assert rms.mean() == pytest.approx(0.20, abs=0.03)
+    assert abs(largest.mean() - 0.39) < largest.std()
+
+
 def test_identity_motion_changes_nothing():
     given = scan()
     found = correction.rigidly("still", correction.known(RigidMotion.identity(VIEWS)))(given)

@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+from scipy.ndimage import gaussian_filter
 from skimage.metrics import structural_similarity
 
 from legsim import evaluation, transforms
@@ -69,6 +70,60 @@ def test_ssim_in_slabs_is_ssim_in_one_piece(rng):
     a, b = rng.random((2, 75, 20, 21), dtype=np.float32)
     whole = structural_similarity(a, b, data_range=1.0, win_size=7, full=True)[1][3:-3, 3:-3, 3:-3]
     np.testing.assert_allclose(evaluation.ssim_map(a, b)[3:-3, 3:-3, 3:-3], whole, atol=1e-5)
+
+
+def test_what_registration_brings_in_from_outside_counts_nowhere(rng):
+    """A volume cut from a larger one, shifted by two voxels: where both know the body they agree, the rest is left out."""
+    wide = gaussian_filter(rng.random((48, 52, 48), dtype=np.float32), 2.0)
+    fixed, moving = wide[:, 2:-2], wide[:, :-4]
+    everywhere = [evaluation.Region("all", np.ones(GRID.shape_zyx, bool))]
+    metrics = evaluation.evaluate(Volume(GRID, moving), Volume(GRID, fixed), everywhere)
+    assert metrics.registration is not None
+    assert metrics.registration.translation_mm == pytest.approx(4, abs=0.1)
+    assert 44 * 48**2 < metrics.of("all").voxels < 47 * 48**2
+    assert metrics.of("all").ssim > 0.98
+    assert metrics.of("all").rmse < 0.02
+
+
+def test_ssim_knows_nothing_where_its_window_holds_nan(rng):
+    a, b = rng.random((2, 20, 20, 20), dtype=np.float32)
+    holed = a.copy()
+    holed[10, 10, 10] = np.nan
+    whole, found = evaluation.ssim_map(a, b), evaluation.ssim_map(holed, b)
+    assert np.isnan(found[7:14, 7:14, 7:14]).all()
+    away = np.ones_like(found, bool)
+    away[7:14, 7:14, 7:14] = False
+    np.testing.assert_allclose(found[away], whole[away], atol=1e-6)
+
+
+def test_an_even_slope_has_the_entropy_of_its_voxels():
+    """Every voxel has the same gradient: p = 1/n, whatever the slope."""
+    slope = np.arange(12, dtype=np.float32)[None, :, None] * np.ones((10, 1, 14), np.float32)
+    mask = np.ones(slope.shape, bool)
+    assert evaluation.gradient_entropy(7 * slope, mask) == pytest.approx(np.log(8 * 10 * 12))
+    slope[5, 6, 7] = np.nan  # leaves out itself and its six neighbors
+    assert evaluation.gradient_entropy(slope, mask) == pytest.approx(np.log(8 * 10 * 12 - 7))
+
+
+def test_a_step_keeps_its_edges_in_two_layers():
+    step = np.zeros((10, 12, 14), np.float32)
+    step[:, 6:] = 3
+    assert evaluation.gradient_entropy(step, np.ones(step.shape, bool)) == pytest.approx(np.log(2 * 8 * 12))
+
+
+def test_blur_and_noise_raise_gradient_entropy_and_scale_does_not(rng):
+    sharp = blob(GRID).attenuation + 10 * (blob(GRID).attenuation > 5).astype(np.float32)
+    leg = regions(GRID)[0].mask
+    blurred = [evaluation.gradient_entropy(gaussian_filter(sharp, sigma), leg) for sigma in (0, 0.7, 1.5, 3)]
+    assert np.all(np.diff(blurred) > 0.02)
+    assert evaluation.gradient_entropy(3 * sharp - 8, leg) == pytest.approx(blurred[0], abs=1e-4)
+    noisy = sharp + rng.normal(0, 0.5, sharp.shape).astype(np.float32)
+    assert evaluation.gradient_entropy(noisy, leg) > blurred[0] + 0.02
+
+
+def test_gradient_entropy_of_nothing_is_refused():
+    with pytest.raises(LegsimError, match="no gradient inside"):
+        evaluation.gradient_entropy(np.ones((9, 9, 9), np.float32), np.ones((9, 9, 9), bool))
 
 
 def test_shank_lies_below_the_knee_and_thigh_above():

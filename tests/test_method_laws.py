@@ -144,14 +144,23 @@ def test_both_legs_are_drawn_each_to_its_own_knee(scan: Scan):
     np.testing.assert_allclose(found.warped_by.moved, np.concatenate(each, 1))
 
 
-@pytest.mark.parametrize("name", ["rigid", "rigid@thigh_l", "nonrigid-2d", "nonrigid-3d", "rigid-printed-order"])
+@pytest.mark.parametrize(
+    "name", ["rigid", "rigid@thigh_l", "nonrigid-2d", "nonrigid-3d", "rigid-printed-order", "oracle", "oracle-nonrigid"]
+)
 def test_a_leg_at_rest_is_left_alone(still: np.ndarray, name: str):
     """To the rounding of single precision, and of a sensor whose integration starts upright to 1e-16."""
     resting = exposed(body(), RigidMotion.identity(VIEWS))
     force = np.broadcast_to([0, 9.80665, 0], (len(SAMPLES), 2, 3))
     starts = tuple(SensorStart(transforms.translation(p), np.zeros(3)) for p in (JOINTS[1], JOINTS[0]))
     calm = Scan(resting, ImuSignals(SAMPLES, ("shank_l", "thigh_l"), np.zeros((len(SAMPLES), 2, 3)), force), starts)
-    found = methods.build(name, replace(setup(calm), true_field=_never, beads=_never))(calm)
+    nodes = motion_paths.nodes_over(GRID, 0.03)
+    calm_setup = replace(
+        setup(calm),
+        true_shank=RigidMotion.identity(VIEWS),
+        true_field=lambda: FieldMotion(VIEWS, nodes, np.zeros((len(VIEWS), *nodes.shape_zyx, 3), np.float32)),
+        beads=_never,
+    )
+    found = methods.build(name, calm_setup)(calm)
     np.testing.assert_allclose(volume(found.projections, found.motion), still, atol=1e-4 * still.max())
 
 

@@ -7,15 +7,17 @@ from legsim.evaluation import Metrics, RegionMetrics
 
 
 def result(method: str, ssim: float) -> presentation.MethodResult:
-    return presentation.MethodResult(method, Metrics((RegionMetrics("leg", ssim, 0.1, 10),), None), 0.5, 1.0)
+    return presentation.MethodResult(method, Metrics((RegionMetrics("leg", ssim, 0.1, 9.5, 10),), None), 0.5, 1.0)
 
 
 def test_scores_hold_every_region_of_every_method():
     scores = presentation.scores([result("rigid", 0.9), result("oracle", 0.95)])
-    assert [(s.method, s.region, s.ssim) for s in scores] == [("rigid", "leg", 0.9), ("oracle", "leg", 0.95)]
+    assert [(s.method, s.region, s.ssim, s.entropy) for s in scores] == [("rigid", "leg", 0.9, 9.5), ("oracle", "leg", 0.95, 9.5)]
 
 
-@pytest.mark.parametrize("heading", ["Image quality", "Motion", "SSIM", "printed", "uncorrected", "rigid", "oracle", "not undone"])
+@pytest.mark.parametrize(
+    "heading", ["Image quality", "Motion", "SSIM", "printed", "uncorrected", "rigid", "oracle", "not undone", "gradient entropy"]
+)
 def test_the_report_of_a_run_tells(tiny_run, heading):
     assert heading in (tiny_run.folder / "report.html").read_text()
 

@@ -26,7 +26,7 @@ def tiny_png() -> bytes:
 
 @pytest.fixture
 def content():
-    scores = [MethodScore(m, r, s, 0.02) for m, s in (("uncorrected", 0.8), ("mine", 0.95)) for r in ("leg", "shank", "thigh")]
+    scores = [MethodScore(m, r, s, 0.02, 9.0) for m, s in (("uncorrected", 0.8), ("mine", 0.95)) for r in ("leg", "shank", "thigh")]
     return ReportContent(
         "Scan of <Subject & Co>",
         ("SSIM 0.95 > 0.8",),
@@ -113,16 +113,18 @@ def test_a_table_with_a_short_row_is_refused():
 
 def test_printed_values_stand_beside_ours():
     scores = [
-        MethodScore("rigid", "leg", 0.9876, 0.0123, 0.004, 0.003, count=7),
-        MethodScore("rigid", "shank", 0.9, 0.1),
-        MethodScore("mine", "leg", 0.5, 0.2),
+        MethodScore("rigid", "leg", 0.9876, 0.0123, 9.1234, 0.004, 0.003, 0.002, count=7),
+        MethodScore("rigid", "shank", 0.9, 0.1, 8.5),
+        MethodScore("mine", "leg", 0.5, 0.2, 9.9),
     ]
-    ssim, rmse = report.quality_tables(scores, condition="30")
+    ssim, rmse, entropy = report.quality_tables(scores, condition="30")
     assert ssim.columns == ("method", "SSIM leg", "printed", "SSIM shank", "printed")
     assert ssim.rows[0] == ("rigid", "0.988 ± 0.004", "0.993 ± 0.003", "0.900", "0.993 ± 0.004")
     assert ssim.rows[1] == ("mine", "0.500", "–", "–", "–")
     assert rmse.rows[0] == ("rigid", "0.012 ± 0.003", "0.015 ± 0.005", "0.100", "0.015 ± 0.005")
     assert "30 degree" in ssim.note
+    assert entropy.columns == ("method", "leg", "shank")
+    assert entropy.rows == (("rigid", "9.123 ± 0.002", "8.500"), ("mine", "9.900", "–"))
 
 
 @pytest.mark.parametrize("cell", ["3.1", "-0.5", "–", "−2", "0.98 ± 0.01", "+3 %", "<0.1"])

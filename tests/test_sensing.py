@@ -1,3 +1,5 @@
+import re
+
 import numpy as np
 import pytest
 from reference_sway import Sway
@@ -92,6 +94,23 @@ def test_exact_fiducials_give_the_true_start():
     np.testing.assert_allclose(starts.starts[0].velocity, 0, atol=1e-6)
     assert "exact" not in starts.notes[0]
     assert starts.notes[1] == "Sensor shank_l: fiducials off the real detector: none."
+
+
+def test_what_a_pixel_costs_is_said_as_it_is_found():
+    """A small detection error in many draws against the sentence's numbers; longer axes and more views cost less."""
+    numbers = [float(n) for n in re.findall(r"[\d.e+-]+(?= deg| mm| m/s)", found(NEAR).notes[2])]
+    read, scan, poses = resting_leg(NEAR)
+    truth, spread = poses.of("shank_l")[0], []
+    for seed in range(100):
+        drawn = sensing.found_starts(
+            read, [NEAR], scan, poses, FiducialsConfig(error_px=0.01), scheme="accurate", rng=np.random.default_rng(seed)
+        ).starts[0]
+        up = drawn.world_from_sensor[:3, :3] @ truth[:3, :3].T @ [0, 1.0, 0]
+        place = np.linalg.norm(drawn.world_from_sensor[:3, 3] - truth[:3, 3])
+        spread.append((np.degrees(np.hypot(up[0], up[2])), 1e3 * place, np.sqrt((drawn.velocity**2).sum())))
+    np.testing.assert_allclose(100 * np.sqrt(np.mean(np.square(spread), 0)), numbers, rtol=0.25)
+    better = [float(n) for n in re.findall(r"[\d.e+-]+(?= deg| mm| m/s)", found(NEAR, axis_length_mm=20, views=4).notes[2])]
+    assert all(b < 0.6 * n for b, n in zip(better, numbers, strict=True))
 
 
 def test_fiducials_found_in_images_give_the_start_to_their_error():

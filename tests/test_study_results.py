@@ -12,7 +12,7 @@ REGISTRATION = Registration(0.5, 0.1, True, 0.9, 0.95, "converged")
 
 
 def results() -> StudyResults:
-    metrics = Metrics((RegionMetrics("leg", 0.9, 0.02, 1000),), REGISTRATION)
+    metrics = Metrics((RegionMetrics("leg", 0.9, 0.02, 9.5, 1000),), REGISTRATION)
     noise = NoiseLevel("per-sample", 5.0, None)
     score = ScanScore("subject01", "squat_30", "rigid", noise, 2, metrics, (Residual("skin", None, None, 0.1),), 1.5, "runs/x")
     return StudyResults(

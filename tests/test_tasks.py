@@ -74,7 +74,9 @@ def test_a_volume_equals_itself_by_the_command(ball_scan, tmp_path):
     reconstruct(ball_scan, tmp_path / "v.mha")
     rows = tasks.evaluate(tmp_path / "v.mha", tmp_path / "v.mha", tmp_path / "m.json", regions=None, register=True)
     assert rows[0][:3] == ("cylinder", "1.0000", "0.0000")
-    assert json.loads((tmp_path / "m.json").read_text())["regions"][0]["ssim"] == pytest.approx(1)
+    written = json.loads((tmp_path / "m.json").read_text())["regions"][0]
+    assert written["ssim"] == pytest.approx(1)
+    assert rows[0][3] == f"{written['gradient_entropy']:.4f}"
 
 
 def test_labels_name_the_regions(ball_scan, tmp_path):
