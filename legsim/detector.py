@@ -6,7 +6,7 @@ Intensities are shares of the unattenuated beam. A view passes, in this order,
 2. Poisson noise of the photons that are absorbed,
 3. blur by the light's spread in the scintillator: it follows the absorption, so it smooths the quantum noise too,
 4. lag: a part of the charge is held in traps and read in later views (the exponential model of Hsieh, Gurmen and King, Proc. SPIE 3977
-   (2000) 38, by fraction and time instead of per frame); before the first view the detector rested in the dark,
+   (2000), by fraction and time instead of per frame); before the first view the detector rested in the dark,
 5. electronic noise of the readout, white,
 
 and the logarithm. A reading below half a photon counts as half a photon; without photon noise the floor is the smallest float.
