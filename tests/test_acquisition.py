@@ -87,10 +87,10 @@ def seen(how: Imaging, device, seed: int = 0) -> np.ndarray:
 def test_settings_become_a_detector_in_si_units():
     assert acquisition.imaging(scan()) == Imaging()
     assert Imaging().detector.perfect
-    how = acquisition.imaging(
-        with_detector(photons=1e4, blur_fwhm_mm=0.4, lag_fractions=(0.01,), lag_times_s=(0.2,), scatter_to_primary=0.3)
+    read = with_detector(
+        photons=1e4, blur_fwhm_mm=0.5, lag_fractions=(0.01,), lag_times_s=(0.2,), scatter_to_primary=0.3, scatter_fwhm_mm=250
     )
-    assert how.detector == Detector(1e4, 0.0, pytest.approx(4e-4), ((0.01, 0.2),), 0.3, pytest.approx(0.1))
+    assert acquisition.imaging(read).detector == Detector(1e4, 0.0, 5e-4, ((0.01, 0.2),), 0.3, 0.25)
 
 
 def test_the_default_images_are_the_projectors_bit_for_bit(device):
