@@ -99,11 +99,22 @@ class ImuConfig(Section):
     )
 
 
+class WobbleConfig(Section):
+    """How the phantom's soft tissue swings on its bones; images and truth both show it, the sensors have imu.soft_tissue."""
+
+    amplitude: float = Field(default=0.0, ge=0)
+    """part of the oscillator's swing that is made: 0 is fixed to the bones, 1 hangs on the spring alone"""
+    frequency_hz: float = Field(default=10.0, gt=0)
+    damping: float = Field(default=0.25, gt=0)
+    """of critical"""
+
+
 class PhantomConfig(Section):
     """The scanned legs."""
 
     detail: Literal["coarse", "fine"] = "coarse"
     energy_kev: float = Field(default=60.0, gt=10, le=500)
+    wobble: WobbleConfig = WobbleConfig()
 
 
 class SpectrumConfig(Section):

@@ -38,6 +38,7 @@ from legsim import (
     transforms,
     view,
     voxelizer,
+    wobble,
 )
 from legsim.acquisition import Imaging
 from legsim.artifacts import RunFolder, key_of
@@ -175,7 +176,13 @@ def _body(settings: RunConfig, folder: RunFolder, on_progress: OnProgress) -> Sc
     poses = imu.segment_poses_at(recovered.leg, splines, times)
     isocenter = recovered.leg.joint_centers(poses).of("knee_l")[0]
     geometry = acquisition.c_arm(settings.scan, times, isocenter)
-    phantom = leg_phantom.load(scales=recovered.leg.scales, detail=settings.phantom.detail, energy_kev=settings.phantom.energy_kev)
+    wanted = settings.phantom
+    if wanted.wobble.amplitude > 0:
+        tissue = SoftTissue(wanted.wobble.frequency_hz, wanted.wobble.damping, wanted.wobble.amplitude)
+        poses = wobble.swinging(poses, recovered.leg, splines, tissue)
+    phantom = leg_phantom.load(
+        scales=recovered.leg.scales, detail=wanted.detail, energy_kev=wanted.energy_kev, swinging=wanted.wobble.amplitude > 0
+    )
     on_progress("joint angles", 1, 1)
     return ScannedLeg(recovered, splines, sensors(settings.imu), times, poses, phantom, geometry)
 
