@@ -63,12 +63,12 @@ def test_a_swing_of_the_soft_tissue_is_in_the_field():
     swings = [[np.eye(4)] * 4, [transforms.translation([0.004, 0.0, 0.0])] * 4]
     poses = SegmentPoses(np.arange(2.0), names, np.stack([np.concatenate([bent(30), swing]) for swing in swings]))
     center = poses.of("tibia_l")[0, :3, 3].tolist()
-    nodes = motion_paths.nodes_over(VolumeGrid.cubic(10, 0.012, center), 0.006)
+    nodes = motion_paths.nodes_over(VolumeGrid.cubic(10, 0.008, center), 0.006)
     motion = true_field.of_phantom(swinging, poses, nodes, opencl.open_device())
-    for name, least, bound in (("skin_l", 0.5e-3, 0.4e-3), ("femur_cortex_l", 0.0, 1e-6)):
+    for name, least, bound in (("skin_l", 2e-3, 0.4e-3), ("femur_cortex_l", 0.0, 0.02e-3)):
         k = swinging.part_index(name)
         before, after = (swinging.posed(pose, names)[k] for pose in poses.world_from_segment)
-        near = (np.abs(before - np.array(motion.grid.center)) < 0.055).all(-1)
+        near = (np.abs(before - np.array(motion.grid.center)) < 0.045).all(-1)
         assert np.linalg.norm(after - before, axis=-1)[near].max() >= least
         error = np.linalg.norm(motion_paths.carried(before[near], motion)[1] - after[near], axis=-1)
         assert np.sqrt((error**2).mean()) < bound, name
