@@ -1,16 +1,20 @@
 """The scan itself: when the views are taken, where the C-arm stands, what it sees of the moving and of the resting phantom."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from legsim import projector
+from legsim import detector, projector, spectra
 from legsim.arrays import FloatArray
-from legsim.config import GridConfig, ScanConfig
+from legsim.config import GridConfig, ScanConfig, SpectrumConfig
+from legsim.detector import Detector
 from legsim.errors import LegsimError
 from legsim.geometry import ConeBeamGeometry, Projections, VolumeGrid
 from legsim.leg_phantom import LegPhantom
+from legsim.materials import Spectrum
 from legsim.opencl import Device
+from legsim.phantom import Phantom
 from legsim.signals import SegmentPoses
 
 
@@ -60,12 +64,92 @@ def field_of_view(scan: ScanConfig) -> float:
     return float(1e-3 * scan.source_isocenter_mm * np.sin(half_fan))
 
 
+@dataclass(frozen=True, slots=True)
+class Imaging:
+    """How the beam is made and read; the default is one energy and a perfect detector."""
+
+    spectrum: Spectrum | None = None
+    """None: the phantom's own attenuations, which are of one energy"""
+    water_precorrection: bool = False
+    detector: Detector = field(default_factory=Detector)
+
+
+def imaging(scan: ScanConfig) -> Imaging:
+    """The configured beam and detector.
+
+    Raises:
+        LegsimError: no such spectrum, or a detector that cannot be.
+    """
+    read = scan.detector
+    if len(read.lag_fractions) != len(read.lag_times_s):
+        counts = f"{len(read.lag_fractions)} lag_fractions and {len(read.lag_times_s)} lag_times_s"
+        raise LegsimError(f"scan.detector: {counts}; give one time for each fraction")
+    try:
+        made = Detector(
+            photons=read.photons,
+            electronic_noise=read.electronic_noise_photons,
+            blur_fwhm=1e-3 * read.blur_fwhm_mm,
+            lag=tuple(zip(read.lag_fractions, read.lag_times_s, strict=True)),
+            scatter_to_primary=read.scatter_to_primary,
+            scatter_fwhm=1e-3 * read.scatter_fwhm_mm,
+        )
+    except LegsimError as error:
+        raise LegsimError(f"scan.detector: {error}") from error
+    beam = scan.spectrum
+    if beam.water_precorrection and beam.kind == "none":
+        raise LegsimError("scan.spectrum.water_precorrection has nothing to correct at one energy; set scan.spectrum.kind or leave it out")
+    return Imaging(_spectrum(beam), beam.water_precorrection, made)
+
+
+def _spectrum(beam: SpectrumConfig) -> Spectrum | None:
+    if beam.kind == "none":
+        return None
+    if beam.kind == "file":
+        return spectra.load(beam.file)
+    return spectra.tube(
+        kvp=beam.kvp, anode_deg=beam.anode_deg, aluminum_mm=beam.aluminum_mm, copper_mm=beam.copper_mm, response=beam.response
+    )
+
+
+def fingerprint(scan: ScanConfig, seed: int) -> tuple[object, ...]:
+    """What decides the projections beside the settings themselves: a spectrum's file, and the seed where there is noise."""
+    table = _spectrum(scan.spectrum) if scan.spectrum.kind == "file" else None
+    return (None if table is None else [table.energies_kev.tolist(), table.weights.tolist()], seed if scan.detector.photons else None)
+
+
+def project(
+    phantom: Phantom,
+    geometry: ConeBeamGeometry,
+    device: Device,
+    how: Imaging,
+    rng: np.random.Generator,
+    *,
+    posed: Callable[[int], Sequence[FloatArray]] | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> Projections:
+    """What the detector reads of a phantom; ``posed`` and ``progress`` as of :func:`legsim.projector.project`."""
+    if how.spectrum is None:
+        arriving = projector.project(phantom, geometry, device, posed=posed, progress=progress)
+    else:
+        arriving = projector.project_spectrum(phantom, geometry, device, how.spectrum, posed=posed, progress=progress)
+    read = detector.detect(arriving, how.detector, rng)
+    if how.spectrum is None or not how.water_precorrection:
+        return read
+    return replace(read, line_integrals=how.spectrum.as_of_water(read.line_integrals))
+
+
 def expose(
-    phantom: LegPhantom, poses: SegmentPoses, geometry: ConeBeamGeometry, device: Device, progress: Callable[[int, int], None] | None = None
+    phantom: LegPhantom,
+    poses: SegmentPoses,
+    geometry: ConeBeamGeometry,
+    device: Device,
+    how: Imaging,
+    rng: np.random.Generator,
+    progress: Callable[[int, int], None] | None = None,
 ) -> Projections:
     """Projections of the phantom as ``poses`` have it at every view."""
 
     def posed(view: int) -> tuple[FloatArray, ...]:
         return phantom.posed(poses.world_from_segment[view], poses.segment_names)
 
-    return projector.project(phantom.phantom, geometry, device, posed=posed, progress=progress)
+    return project(phantom.phantom, geometry, device, how, rng, posed=posed, progress=progress)

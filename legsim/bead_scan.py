@@ -59,9 +59,10 @@ def expose(
 
     A bead's whole attenuation is added, not the excess over the tissue it displaces, which is less than a hundredth of it.
     """
-    ordered = np.stack([poses.of(name) for name in SEGMENTS], 1)
     placed = places(phantom, settings)
-    at_views = phantom.paths(placed, "soft_l", start=phantom.reference_world_from_segment, poses=ordered, segment_names=SEGMENTS)
+    # what is no segment of the phantom's is a swing of its soft tissue, which rests in the reference pose
+    start = [phantom.reference_world_from_segment[SEGMENTS.index(n)] if n in SEGMENTS else np.eye(4) for n in poses.segment_names]
+    at_views = phantom.paths(placed, "soft_l", start=start, poses=poses.world_from_segment, segment_names=poses.segment_names)
     radius = 0.5e-3 * settings.diameter_mm
     ball = trimesh.creation.icosphere(subdivisions=2, radius=radius)
     surface, triangles = np.asarray(ball.vertices), np.asarray(ball.faces)

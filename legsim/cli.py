@@ -162,6 +162,12 @@ def project(
     geometry: GeometryOption,
     out: Annotated[Path, typer.Option("--out", help="Projections, 32-bit .mha.")] = Path("projections.mha"),
     energy_kev: Annotated[float, typer.Option(help="Photon energy for parts given by material.")] = 60.0,
+    settings: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--set", metavar="a.b=c", help="Beam and detector as in `legsim run`: scan.detector.photons=1e5, scan.spectrum.kind=tube."
+        ),
+    ] = None,
     columns: ColumnsOption = None,
     rows: RowsOption = None,
     pixel_mm: PixelOption = None,
@@ -172,7 +178,16 @@ def project(
 
     with _progress() as progress:
         detector = tasks.Detector(columns, rows, pixel_mm)
-        lines = tasks.project(phantom, geometry, out, detector=detector, energy_kev=energy_kev, device=device, on_progress=progress)
+        lines = tasks.project(
+            phantom,
+            geometry,
+            out,
+            detector=detector,
+            energy_kev=energy_kev,
+            settings=tuple(settings or ()),
+            device=device,
+            on_progress=progress,
+        )
     for line in lines:
         _out.print(line)
 

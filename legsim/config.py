@@ -99,11 +99,61 @@ class ImuConfig(Section):
     )
 
 
+class WobbleConfig(Section):
+    """How the phantom's soft tissue swings on its bones; images and truth both show it, the sensors have imu.soft_tissue."""
+
+    amplitude: float = Field(default=0.0, ge=0)
+    """part of the oscillator's swing that is made: 0 is fixed to the bones, 1 hangs on the spring alone"""
+    frequency_hz: float = Field(default=10.0, gt=0)
+    damping: float = Field(default=0.25, gt=0)
+    """of critical"""
+
+
 class PhantomConfig(Section):
     """The scanned legs."""
 
     detail: Literal["coarse", "fine"] = "coarse"
     energy_kev: float = Field(default=60.0, gt=10, le=500)
+    wobble: WobbleConfig = WobbleConfig()
+
+
+class SpectrumConfig(Section):
+    """The beam's photon energies; "none" is one energy, phantom.energy_kev."""
+
+    kind: Literal["none", "tube", "file"] = "none"
+    kvp: float = Field(default=90.0, ge=30, le=300)
+    """tube"""
+    anode_deg: float = Field(default=12.0, gt=0, lt=90)
+    """tube: slope of the anode"""
+    aluminum_mm: float = Field(default=3.0, ge=0)
+    """tube: filter, the tube's own included"""
+    copper_mm: float = Field(default=0.1, ge=0)
+    """tube: further filter"""
+    response: Literal["energy", "count"] = "energy"
+    """tube: whether the detector weighs a photon by its energy, as flat panels do"""
+    file: str = ""
+    """file: a CSV of energy_kev,weight, photons as the detector weighs them"""
+    water_precorrection: bool = False
+    """whether line integrals are linearized as if all were water; bones still harden the beam"""
+
+
+class DetectorConfig(Section):
+    """What the detector adds to the projections; the defaults add nothing."""
+
+    photons: float = Field(default=0.0, ge=0)
+    """of the unattenuated beam in one pixel and view; 0: no noise"""
+    electronic_noise_photons: float = Field(default=0.0, ge=0)
+    """RMS of one reading; needs photons"""
+    blur_fwhm_mm: float = Field(default=0.0, ge=0)
+    """on the detector"""
+    lag_fractions: tuple[float, ...] = ()
+    """parts of the signal that traps hold back, an exponential each"""
+    lag_times_s: tuple[float, ...] = ()
+    """in which each falls to 1/e"""
+    scatter_to_primary: float = Field(default=0.0, ge=0)
+    """mean scatter over mean primary within the shadow, the same in every view"""
+    scatter_fwhm_mm: float = Field(default=100.0, gt=0)
+    """on the detector: how smooth the scatter is"""
 
 
 class ScanConfig(Section):
@@ -121,6 +171,8 @@ class ScanConfig(Section):
     columns: int = Field(default=620, ge=8)
     rows: int = Field(default=480, ge=8)
     pixel_mm: float = Field(default=0.616, gt=0)
+    spectrum: SpectrumConfig = SpectrumConfig()
+    detector: DetectorConfig = DetectorConfig()
 
 
 class GridConfig(Section):

@@ -17,6 +17,7 @@ from legsim.errors import LegsimError
 from legsim.phantom import Part, Phantom
 from legsim.resources import model_file
 from legsim.skinning import LegAxes, SoftWeights, smooth_step
+from legsim.swing_share import SwingShare, swing_of
 
 if TYPE_CHECKING:
     import trimesh
@@ -75,6 +76,8 @@ class _Group:
     """(p, 3) m, in the frame of the segment; soft ones in the frame of the straight leg's femur"""
     weights: SoftWeights | None
     """None for what is rigid"""
+    swing: FloatArray | None
+    """(p,) share of the soft tissue's swing; None for what is rigid, and where nothing swings"""
     offsets: FloatArray | None = None
     """(p, 3) m in world, added after the points have moved: small spheres on the skin stay spheres"""
 
@@ -90,6 +93,7 @@ class LegPhantom:
     reference_world_from_segment: FloatArray
     """(13, 4, 4) in the order of :data:`legsim.anatomy.SEGMENTS`"""
     _axes: tuple[LegAxes, LegAxes]
+    _swings: tuple[SwingShare, SwingShare] | None
     _groups: tuple[_Group, ...]
 
     def part_index(self, name: str) -> int:
@@ -112,8 +116,10 @@ class LegPhantom:
     def posed(self, world_from_segment: ArrayLike, segment_names: Sequence[str]) -> tuple[FloatArray, ...]:
         """Vertices of every part, each (p, 3) m in world, for one pose (s, 4, 4) of the named segments.
 
+        Where the names hold :func:`legsim.swing_share.swing_of` a bone, its soft tissue is shifted by that pose's translation.
+
         Raises:
-            LegsimError: a segment that carries a part has no pose.
+            LegsimError: a segment that carries a part has no pose, or soft tissue swings of a phantom that was not loaded for it.
         """
         poses = _Poses.of(world_from_segment, segment_names)
         vertices: list[FloatArray] = [np.empty((0, 3))] * len(self.phantom.parts)
@@ -121,7 +127,7 @@ class LegPhantom:
             if group.weights is None:
                 moved = transforms.apply(poses[group.segment], group.points)
             else:
-                moved = self._soft(group.points, group.weights, poses, group.segment[-1])
+                moved = self._soft(group.points, group.weights, group.swing, poses, group.segment[-1])
             moved = moved if group.offsets is None else moved + group.offsets
             for part, piece in zip(group.parts, np.split(moved, group.ends[:-1]), strict=True):
                 vertices[part] = piece
@@ -164,8 +170,8 @@ class LegPhantom:
             return np.stack([transforms.apply(pose[segment], local) for pose in after])
         side = segment[-1]
         straight = self._straightened(points, before, side)
-        weights = SoftWeights.at(straight, self._axes[SIDES.index(side)])
-        return np.stack([self._soft(straight, weights, pose, side) for pose in after])
+        weights, swing = self._weights(straight, side)
+        return np.stack([self._soft(straight, weights, swing, pose, side) for pose in after])
 
     def shank_share(self, points_world: ArrayLike, side: str, *, pose: ArrayLike, segment_names: Sequence[str]) -> FloatArray:
         """(p,) 0 where soft tissue at world points (p, 3) goes with the thigh, 1 where it goes with the shank, between about the knee."""
@@ -216,11 +222,10 @@ class LegPhantom:
         value = materials.attenuation(material, energy_kev)
         first = len(self.phantom.parts)
         parts = [Part(f"{name}_{k}", material, value, c + offsets, triangles) for k, c in enumerate(world)]
-        weights = SoftWeights.at(points, self._axes[SIDES.index(segment[-1])]) if soft else None
+        weights, swing = self._weights(points, segment[-1]) if soft else (None, None)
         members = tuple(range(first, first + len(parts)))
-        group = _Group(
-            segment, members, tuple(len(offsets) * (k + 1) for k in range(len(parts))), points, weights, np.tile(offsets, (len(parts), 1))
-        )
+        ends = tuple(len(offsets) * (k + 1) for k in range(len(parts)))
+        group = _Group(segment, members, ends, points, weights, swing, np.tile(offsets, (len(parts), 1)))
         return replace(
             self,
             phantom=Phantom((*self.phantom.parts, *parts)),
@@ -231,21 +236,32 @@ class LegPhantom:
     def _reference(self, segment: str) -> FloatArray:
         return self.reference_world_from_segment[SEGMENTS.index(segment)]
 
-    def _soft(self, points: FloatArray, weights: SoftWeights, poses: "_Poses", side: str) -> FloatArray:
+    def _weights(self, points: FloatArray, side: str) -> tuple[SoftWeights, FloatArray | None]:
+        """What carries soft points (p, 3) in the femur's frame of the straight leg, and what part of the swing they take."""
+        k = SIDES.index(side)
+        return SoftWeights.at(points, self._axes[k]), None if self._swings is None else self._swings[k].at(points)
+
+    def _soft(self, points: FloatArray, weights: SoftWeights, swing: FloatArray | None, poses: "_Poses", side: str) -> FloatArray:
         """Points (p, 3) in the femur's frame of the straight leg, carried to world by the soft map."""
         hip = self._reference(f"femur_{side}")
         femur, tibia, patella, foot = (
             poses[f"{name}_{side}"] @ transforms.inverse(self._reference(f"{name}_{side}")) @ hip
             for name in ("femur", "tibia", "patella", "calcn")
         )
-        return skinning.deform(points, weights, femur=femur, tibia=tibia, patella=patella, foot=foot)
+        moved = skinning.deform(points, weights, femur=femur, tibia=tibia, patella=patella, foot=foot)
+        of_thigh, of_shank = (swing_of(f"{bone}_{side}") for bone in ("femur", "tibia"))
+        if of_thigh not in poses.names:
+            return moved
+        if swing is None:
+            raise LegsimError("the poses hold a swing of soft tissue; load the phantom with swinging=True")
+        thigh, shank = (poses[name][:3, 3] for name in (of_thigh, of_shank))
+        return moved + swing[:, None] * (thigh + weights.knee_share[:, None] * (shank - thigh))
 
     def _straightened(self, points: FloatArray, poses: "_Poses", side: str) -> FloatArray:
         """The points of the straight leg that the soft map carries to world ``points`` (p, 3): damped Newton from two starts."""
-        axes = self._axes[SIDES.index(side)]
 
         def carried(p: FloatArray) -> FloatArray:
-            return self._soft(p, SoftWeights.at(p, axes), poses, side)
+            return self._soft(p, *self._weights(p, side), poses, side)
 
         offset = transforms.inverse(self._reference(f"femur_{side}")) @ self._reference(f"tibia_{side}")
         thigh = transforms.apply(transforms.inverse(poses[f"femur_{side}"]), points)
@@ -326,10 +342,12 @@ def load(
     scales: SegmentScales | None = None,
     detail: Detail = "coarse",
     energy_kev: float = materials.DEFAULT_ENERGY_KEV,
+    swinging: bool = False,
 ) -> LegPhantom:
     """The phantom in its reference pose, sized by the scale factors of the leg model's segments.
 
     The knee keeps one size, the femur's, on both of its sides, so that the joint faces fit; sizes change smoothly along the shafts.
+    ``swinging`` prepares soft tissue for poses that shift it against the bones (see :mod:`legsim.wobble`).
     """
     scales = scales or SegmentScales.uniform()
     reference = reference_pose(scales)
@@ -347,17 +365,26 @@ def load(
             local.append(vertices)
             segments.append(f"{recipe.segment}_{side}")
     axes = (_axes(scales, "l"), _axes(scales, "r"))
-    return LegPhantom(Phantom(tuple(parts)), tuple(segments), reference, axes, _grouped(segments, local, axes))
+    swings = (_swing_share(parts, segments, reference, "l"), _swing_share(parts, segments, reference, "r")) if swinging else None
+    still = LegPhantom(Phantom(tuple(parts)), tuple(segments), reference, axes, swings, ())
+    return replace(still, _groups=_grouped(still, local))
 
 
-def _grouped(segments: Sequence[str], local: Sequence[FloatArray], axes: tuple[LegAxes, LegAxes]) -> tuple[_Group, ...]:
-    groups = []
+def _swing_share(parts: Sequence[Part], segments: Sequence[str], reference: FloatArray, side: str) -> SwingShare:
+    """Of one leg: by the distance from all its rigid parts."""
+    femur_from_world = transforms.inverse(reference[SEGMENTS.index(f"femur_{side}")])
+    rigid = [part for part, segment in zip(parts, segments, strict=True) if segment.endswith(f"_{side}") and not segment.startswith("soft")]
+    return SwingShare([(transforms.apply(femur_from_world, part.vertices), part.triangles) for part in rigid])
+
+
+def _grouped(phantom: LegPhantom, local: Sequence[FloatArray]) -> tuple[_Group, ...]:
+    groups, segments = [], phantom.segments
     for segment in sorted(set(segments)):
         members = tuple(k for k, name in enumerate(segments) if name == segment)
         points = np.concatenate([local[k] for k in members])
-        weights = SoftWeights.at(points, axes[SIDES.index(segment[-1])]) if segment.startswith("soft") else None
+        weights, swing = phantom._weights(points, segment[-1]) if segment.startswith("soft") else (None, None)
         ends = tuple(int(n) for n in np.cumsum([len(local[k]) for k in members]))
-        groups.append(_Group(segment, members, ends, points, weights))
+        groups.append(_Group(segment, members, ends, points, weights, swing))
     return tuple(groups)
 
 

@@ -11,6 +11,7 @@ from legsim.errors import LegsimError
 
 DEFAULT_ENERGY_KEV = 60.0
 """monochromatic default: about the mean energy of a 90 to 120 kV C-arm spectrum behind its filters"""
+_RAYS_AT_ONCE = 4096
 ENERGY_RANGE_KEV = (5.0, 800.0)
 """where the tables are used: no edges of the tissues' elements lie inside, and xraylib's total cross sections hold"""
 
@@ -92,7 +93,7 @@ def attenuation(name: str, energy_kev: float = DEFAULT_ENERGY_KEV) -> float:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Spectrum:
-    """Photons by energy, as the detector weighs them: for effective attenuations of thin objects."""
+    """Photons by energy, as the detector weighs them."""
 
     energies_kev: FloatArray
     """(e,)"""
@@ -110,9 +111,24 @@ class Spectrum:
         """(e,) 1/m of a material at each energy."""
         return np.array([attenuation(name, float(energy)) for energy in self.energies_kev])
 
-    def line_integral(self, material_names: tuple[str, ...], path_lengths: ArrayLike) -> FloatArray:
-        """-ln of the transmitted share (...,) through path lengths (..., m) in m of each material: beam hardening included."""
-        coefficients = np.stack([self.attenuations(name) for name in material_names])
-        exponents = np.asarray(path_lengths, float) @ coefficients
-        least = exponents.min(-1, keepdims=True)  # taken out of the sum, so that thick objects do not underflow
-        return least[..., 0] - np.log(np.exp(least - exponents) @ self.weights)
+    def line_integral(self, attenuations: ArrayLike, path_lengths: ArrayLike) -> FloatArray:
+        """-ln of the transmitted share (...,) through path lengths (..., m) in m of materials of ``attenuations`` (m, e) 1/m."""
+        coefficients, lengths = np.asarray(attenuations, float), np.asarray(path_lengths, float)
+        rays = lengths.reshape(-1, lengths.shape[-1])
+        integrals = np.zeros(len(rays))
+        met = np.flatnonzero(rays.any(-1))
+        for chosen in np.array_split(met, max(1, len(met) // _RAYS_AT_ONCE)):
+            exponents = rays[chosen] @ coefficients
+            least = exponents.min(-1, keepdims=True)  # taken out of the sum, so that thick objects do not underflow
+            integrals[chosen] = least[:, 0] - np.log(np.exp(least - exponents) @ self.weights)
+        return integrals.reshape(lengths.shape[:-1])
+
+    def as_of_water(self, line_integrals: ArrayLike) -> FloatArray:
+        """Line integrals without the beam hardening that water would have caused: what water of the same transmission would have read
+        at its mean attenuation. Below 0, as noise has it, nothing changes; beyond 2 m of water the last slope goes on."""
+        values, water = np.asarray(line_integrals, float), self.attenuations("water")
+        lengths = np.linspace(0.0, 2.0, 4001)
+        measured, mean = self.line_integral(water[None], lengths[:, None]), float(self.weights @ water)
+        beyond = (lengths[-1] - lengths[-2]) / (measured[-1] - measured[-2])
+        inside = mean * np.interp(values, measured, lengths)
+        return np.where(values < 0, values, inside + mean * beyond * np.maximum(values - measured[-1], 0))

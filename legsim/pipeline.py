@@ -38,7 +38,9 @@ from legsim import (
     view,
     voxelizer,
     whole_files,
+    wobble,
 )
+from legsim.acquisition import Imaging
 from legsim.artifacts import RunFolder, key_of
 from legsim.config import RunConfig
 from legsim.correction import Scan
@@ -55,7 +57,7 @@ from legsim.signals import ImuSignals, RigidMotion
 from legsim.soft_tissue import SoftTissue
 from legsim.stage_store import StageStore
 
-_NOISE, _STARTS = 1, 2
+_NOISE, _STARTS, _PHOTONS = 1, 2, 4
 """streams of the run's seed"""
 
 
@@ -111,12 +113,13 @@ def run(
     """
     for name in set(settings.methods.run) - {methods.REFERENCE}:
         methods.find(name)  # a name that is not there is told before anything is computed
+    how = acquisition.imaging(settings.scan)  # so is a spectrum
     opened = opencl.open_device(device)
     folder = RunFolder(out, _about(settings, opened), store)
     whole_files.write_text(out / "config.toml", config.dump(settings))
     body = _body(settings, folder, on_progress)
     signals = _sense(settings, body.recovery, body.splines, body.sensors, folder, _motion_key(settings))
-    moving, still = _scan(settings, body, folder, opened, on_progress)
+    moving, still = _scan(settings, body, how, folder, opened, on_progress)
     starts = _starts(settings, body, signals, opened)
     scan = Scan(moving, signals, starts.starts)
     grid = acquisition.volume_grid(settings.grid, body.geometry.rotation_center())
@@ -155,7 +158,12 @@ def _motion_key(settings: RunConfig) -> str:
 
 
 def _scan_key(settings: RunConfig) -> str:
-    return key_of(_motion_key(settings), settings.scan.model_dump(), settings.phantom.model_dump())
+    return key_of(
+        _motion_key(settings),
+        settings.scan.model_dump(),
+        settings.phantom.model_dump(),
+        acquisition.fingerprint(settings.scan, settings.seed),
+    )
 
 
 def _body(settings: RunConfig, folder: RunFolder, on_progress: OnProgress) -> ScannedLeg:
@@ -168,7 +176,13 @@ def _body(settings: RunConfig, folder: RunFolder, on_progress: OnProgress) -> Sc
     poses = imu.segment_poses_at(recovered.leg, splines, times)
     isocenter = recovered.leg.joint_centers(poses).of("knee_l")[0]
     geometry = acquisition.c_arm(settings.scan, times, isocenter)
-    phantom = leg_phantom.load(scales=recovered.leg.scales, detail=settings.phantom.detail, energy_kev=settings.phantom.energy_kev)
+    wanted = settings.phantom
+    if wanted.wobble.amplitude > 0:
+        tissue = SoftTissue(wanted.wobble.frequency_hz, wanted.wobble.damping, wanted.wobble.amplitude)
+        poses = wobble.swinging(poses, recovered.leg, splines, tissue)
+    phantom = leg_phantom.load(
+        scales=recovered.leg.scales, detail=wanted.detail, energy_kev=wanted.energy_kev, swinging=wanted.wobble.amplitude > 0
+    )
     on_progress("joint angles", 1, 1)
     return ScannedLeg(recovered, splines, sensors(settings.imu), times, poses, phantom, geometry)
 
@@ -232,21 +246,22 @@ def sense(recovered: Recovery, splines: JointSplines, placed: tuple[Sensor, ...]
 
 
 def _scan(
-    settings: RunConfig, body: ScannedLeg, folder: RunFolder, device: Device, on_progress: OnProgress
+    settings: RunConfig, body: ScannedLeg, how: Imaging, folder: RunFolder, device: Device, on_progress: OnProgress
 ) -> tuple[Projections, Projections]:
-    """Projections of the moving phantom, and of the one that keeps the first view's pose."""
+    """Projections of the moving phantom, and of the one that keeps the first view's pose; each with noise of its own."""
     key = _scan_key(settings)
     if not folder.done("geometry", key):
         with folder.stage("geometry", key, ["geometry.json", "geometry_rtk.xml"]):
             geometry_files.save(folder.path / "geometry.json", body.geometry)
             geometry_files.save(folder.path / "geometry_rtk.xml", body.geometry)
     exposures = []
-    for name, poses in (("projections", body.poses), ("projections-static", body.poses.held_at(0))):
+    for exposure, (name, poses) in enumerate((("projections", body.poses), ("projections-static", body.poses.held_at(0)))):
         path = folder.path / f"{name}.mha"
         if not folder.done(name, key):
             with folder.stage(name, key, [path.name]):
                 shown = "projecting" if poses is body.poses else "projecting, at rest"
-                exposed = acquisition.expose(body.phantom, poses, body.geometry, device, partial(on_progress, shown))
+                drawing = np.random.default_rng([settings.seed, _PHOTONS, exposure])
+                exposed = acquisition.expose(body.phantom, poses, body.geometry, device, how, drawing, partial(on_progress, shown))
                 images.save_projections(path, exposed)
         exposures.append(images.load_projections(path, body.geometry))
     return exposures[0], exposures[1]

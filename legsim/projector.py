@@ -1,12 +1,14 @@
 """Phantom and geometry to projections: exact line integrals through triangle meshes, no voxels and no sampling along the ray."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 
-from legsim.arrays import FloatArray
+from legsim import materials
+from legsim.arrays import Float32Array, FloatArray
 from legsim.errors import LegsimError
 from legsim.geometry import ConeBeamGeometry, Projections
+from legsim.materials import Spectrum
 from legsim.opencl import Device
 from legsim.phantom import Phantom
 from legsim.rasterizer import MeshRaster, TileKernel
@@ -36,10 +38,57 @@ def project(
     Raises:
         LegsimError: a part is not closed, surrounds the source or reaches behind it, or posed vertices do not fit.
     """
-    raster = MeshRaster(phantom, device)
     images = np.empty((len(geometry), *geometry.shape_vu), np.float32)
-    integrate = TileKernel(raster, "integrate", "project_mesh.cl")
-    attenuations = device.upload(np.array([0.0, *(part.attenuation for part in phantom.parts)], np.float32))
+    attenuations = np.array([[0.0], *([part.attenuation] for part in phantom.parts)], np.float32)
+    for view, (image,) in enumerate(_views(phantom, geometry, device, attenuations, posed)):
+        images[view] = image
+        if progress is not None:
+            progress(view + 1, len(geometry))
+    return Projections(geometry, images)
+
+
+def project_spectrum(
+    phantom: Phantom,
+    geometry: ConeBeamGeometry,
+    device: Device,
+    spectrum: Spectrum,
+    *,
+    posed: Callable[[int], Sequence[FloatArray]] | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> Projections:
+    """As :func:`project`, -ln of the share of a spectrum that comes through: beams harden.
+
+    The path through each material is exact; then the share of each energy. Parts of a known material attenuate as it does, at every
+    energy; others by their own attenuation, the same at all energies.
+    """
+    known = materials.names()
+    fillings = [(part.material, 0.0) if part.material in known else ("", part.attenuation) for part in phantom.parts]
+    channels = sorted(set(fillings))
+    coefficients = np.stack(
+        [spectrum.attenuations(name) if name else np.full(len(spectrum.energies_kev), value) for name, value in channels]
+    )
+    present = np.zeros((len(phantom.parts) + 1, len(channels)), np.float32)
+    present[np.arange(len(fillings)) + 1, [channels.index(filling) for filling in fillings]] = 1
+    images = np.empty((len(geometry), *geometry.shape_vu), np.float32)
+    for view, lengths in enumerate(_views(phantom, geometry, device, present, posed)):
+        images[view] = spectrum.line_integral(coefficients, np.moveaxis(lengths, 0, -1))
+        if progress is not None:
+            progress(view + 1, len(geometry))
+    return Projections(geometry, images)
+
+
+def _views(
+    phantom: Phantom,
+    geometry: ConeBeamGeometry,
+    device: Device,
+    values: np.ndarray,
+    posed: Callable[[int], Sequence[FloatArray]] | None,
+) -> Iterator[Float32Array]:
+    """For each view the integrals (channels, rows, columns) of ``values`` (parts + 1, channels); the array is used again for the next."""
+    raster = MeshRaster(phantom, device)
+    images = np.empty((values.shape[1], *geometry.shape_vu), np.float32)
+    integrate = TileKernel(raster, "integrate", "project_mesh.cl", CHANNELS=values.shape[1])
+    uploaded = device.upload(values)
     sources = geometry.sources()
     for view, matrix in enumerate(geometry.matrices):
         raster.move(None if posed is None else posed(view))
@@ -50,12 +99,9 @@ def project(
         raster.place(rows)
         # columns of the map from (u, v, 1) to a ray of unit depth
         directions = device.upload(np.ascontiguousarray(np.linalg.inv(matrix[:, :3]).T, np.float32))
-        target = device.zeros(images[0].size)
-        integrate.run(raster.sort(geometry.shape_vu), (attenuations, directions), target)
-        device.download(target, images[view])
-        if progress is not None:
-            progress(view + 1, len(geometry))
-    return Projections(geometry, images)
+        target = device.zeros(images.size)
+        integrate.run(raster.sort(geometry.shape_vu), (uploaded, directions), target)
+        yield device.download(target, images)
 
 
 def _require_in_front(raster: MeshRaster, matrix: FloatArray, source: FloatArray, view: int) -> None:

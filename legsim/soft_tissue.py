@@ -65,19 +65,22 @@ def swing(signals: ImuSignals, tissue: SoftTissue) -> TissueMotion:
             f"soft tissue at {tissue.frequency_hz:g} Hz needs signals of at least {4 * tissue.frequency_hz:g} Hz; got {rate:g} Hz: "
             "raise imu.rate_hz"
         )
+    driven = signals.specific_force - signals.specific_force.mean(0)
+    second = _response([1.0, 0.0, 0.0], tissue.damping, 2 * np.pi * tissue.frequency_hz / rate, -driven)
+    felt = ImuSignals(signals.times, signals.sensor_names, signals.angular_velocity, signals.specific_force + tissue.amplitude * second)
+    return TissueMotion(felt, shift(driven, rate, tissue))
+
+
+def shift(acceleration: FloatArray, rate_hz: float, tissue: SoftTissue) -> FloatArray:
+    """How far (n, ...) m what hangs on the tissue is from where it rests, its holder accelerating by ``acceleration`` (n, ...) m/s^2,
+    linear between samples at ``rate_hz``; it starts settled under the first sample."""
     w = 2 * np.pi * tissue.frequency_hz
-    drive = -(signals.specific_force - signals.specific_force.mean(0))
-    rows = drive.reshape(len(drive), -1)
     # in units of 1/w, so that no coefficient is tiny
-    shift = _response([1.0], tissue.damping, w / rate, rows) / w**2
-    second = _response([1.0, 0.0, 0.0], tissue.damping, w / rate, rows)
-    force = signals.specific_force + tissue.amplitude * second.reshape(drive.shape)
-    felt = ImuSignals(signals.times, signals.sensor_names, signals.angular_velocity, force)
-    return TissueMotion(felt, tissue.amplitude * shift.reshape(drive.shape))
+    return tissue.amplitude * (_response([1.0], tissue.damping, w / rate_hz, -acceleration) / w**2)
 
 
 def _response(numerator: list[float], damping: float, step: float, drive: FloatArray) -> FloatArray:
-    """Output (n, c) of numerator(s) / (s^2 + 2 damping s + 1) to a drive linear between samples ``step`` apart, settled at the start."""
+    """Output (n, ...) of numerator(s) / (s^2 + 2 damping s + 1) to a drive linear between samples ``step`` apart, settled at the start."""
     # its annotation leaves open how many parts there are
     discrete: Any = cont2discrete((numerator, [1.0, 2 * damping, 1.0]), step, method="foh")
     top, bottom = discrete[:2]

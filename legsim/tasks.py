@@ -8,11 +8,25 @@ from pathlib import Path
 
 import numpy as np
 
-from legsim import artifacts, evaluation, fdk, geometry_files, geometry_summary, images, opencl, phantom_files, projector, view, whole_files
+from legsim import (
+    acquisition,
+    artifacts,
+    config,
+    evaluation,
+    fdk,
+    geometry_files,
+    geometry_summary,
+    images,
+    opencl,
+    phantom_files,
+    view,
+    whole_files,
+)
 from legsim.errors import LegsimError, at
 from legsim.geometry import ConeBeamGeometry, Volume, VolumeGrid
 
 OnProgress = Callable[[str, int, int], None]
+_OF_THE_BEAM = ("scan.spectrum.", "scan.detector.", "seed=")
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,15 +49,24 @@ def project(
     *,
     detector: Detector,
     energy_kev: float,
+    settings: tuple[str, ...] = (),
     device: str | None,
     on_progress: OnProgress,
 ) -> list[str]:
-    """Line integrals of the meshes of a PHANTOM.toml; returns lines to print."""
+    """Line integrals of the meshes of a PHANTOM.toml; returns lines to print. ``settings`` as of a run, of beam and detector only."""
+    foreign = [s for s in settings if not s.strip().startswith(_OF_THE_BEAM)]
+    if foreign:
+        raise LegsimError(
+            f"--set {foreign[0]}: `legsim project` heeds scan.spectrum.<key>, scan.detector.<key> and seed only; leave it out"
+        )
+    read_by = config.load(overrides=settings)
+    how = acquisition.imaging(read_by.scan)
     geometry = detector.geometry(geometry_file)
     read = phantom_files.read(phantom_file, energy_kev=energy_kev)
     phantom = read.phantom
     opened = opencl.open_device(device)
-    projections = projector.project(phantom, geometry, opened, progress=lambda done, total: on_progress("projecting", done, total))
+    drawing = np.random.default_rng(read_by.seed)
+    projections = acquisition.project(phantom, geometry, opened, how, drawing, progress=partial(on_progress, "projecting"))
     images.save_projections(out, projections)
     values = projections.line_integrals
     return [

@@ -1,8 +1,15 @@
+from pathlib import Path
+
 import numpy as np
 import pytest
+import trimesh
 
-from legsim import acquisition, config
+from legsim import acquisition, config, materials, projector
+from legsim.acquisition import Imaging
+from legsim.detector import Detector
 from legsim.errors import LegsimError
+from legsim.geometry import ConeBeamGeometry
+from legsim.phantom import Part, Phantom
 
 RECORDED = 3.0 + np.arange(2400) / 120
 
@@ -55,3 +62,70 @@ def test_the_grid_surrounds_the_isocenter():
     grid = acquisition.volume_grid(config.GridConfig(voxels=20, voxel_mm=2.0), np.array([0.1, 0.5, -0.1]))
     assert (grid.shape_zyx, grid.center) == ((20, 20, 20), (0.1, 0.5, -0.1))
     assert grid.spacing_xyz == pytest.approx((0.002, 0.002, 0.002))
+
+
+def with_detector(**changes) -> config.ScanConfig:
+    return scan(detector=config.DetectorConfig(**changes))
+
+
+def with_spectrum(tmp_path: Path, text: str = "40,1\n80,1\n", **changes) -> config.ScanConfig:
+    (tmp_path / "s.csv").write_text(f"energy_kev,weight\n{text}")
+    return scan(spectrum=config.SpectrumConfig(kind="file", file=str(tmp_path / "s.csv"), **changes))
+
+
+def ball() -> tuple[Phantom, ConeBeamGeometry]:
+    mesh = trimesh.creation.icosphere(2, radius=0.05)
+    water = Part("ball", "water", materials.attenuation("water"), mesh.vertices, mesh.faces)
+    small = scan(views=3, columns=40, rows=32, pixel_mm=8.0)
+    return Phantom((water,)), acquisition.c_arm(small, np.arange(3) / 31, np.zeros(3))
+
+
+def seen(how: Imaging, device, seed: int = 0) -> np.ndarray:
+    return acquisition.project(*ball(), device, how, np.random.default_rng(seed)).line_integrals
+
+
+def test_settings_become_a_detector_in_si_units():
+    assert acquisition.imaging(scan()) == Imaging()
+    assert Imaging().detector.perfect
+    read = with_detector(
+        photons=1e4, blur_fwhm_mm=0.5, lag_fractions=(0.01,), lag_times_s=(0.2,), scatter_to_primary=0.3, scatter_fwhm_mm=250
+    )
+    assert acquisition.imaging(read).detector == Detector(1e4, 0.0, 5e-4, ((0.01, 0.2),), 0.3, 0.25)
+
+
+def test_the_default_images_are_the_projectors_bit_for_bit(device):
+    np.testing.assert_array_equal(seen(acquisition.imaging(scan()), device), projector.project(*ball(), device).line_integrals)
+
+
+def test_noise_follows_the_seed(device):
+    how = acquisition.imaging(with_detector(photons=1e4))
+    np.testing.assert_array_equal(seen(how, device), seen(how, device))
+    assert (seen(how, device) != seen(how, device, seed=1)).any()
+
+
+def test_water_reads_as_of_one_energy_when_it_is_precorrected(device, tmp_path):
+    plain, corrected = (seen(acquisition.imaging(with_spectrum(tmp_path, water_precorrection=c)), device) for c in (False, True))
+    mean = 0.5 * (materials.attenuation("water", 40.0) + materials.attenuation("water", 80.0))
+    lengths = projector.project(*ball(), device).line_integrals / materials.attenuation("water")
+    np.testing.assert_allclose(corrected, mean * lengths, atol=2e-5)
+    assert (plain[lengths > 0.05] < 0.99 * corrected[lengths > 0.05]).all()
+
+
+def test_the_seed_matters_to_noisy_images_alone_and_a_spectrums_numbers_to_its(tmp_path):
+    assert acquisition.fingerprint(scan(), 1) == acquisition.fingerprint(scan(), 2)
+    noisy = with_detector(photons=10)
+    assert acquisition.fingerprint(noisy, 1) != acquisition.fingerprint(noisy, 2)
+    before = acquisition.fingerprint(with_spectrum(tmp_path), 1)
+    assert before == acquisition.fingerprint(with_spectrum(tmp_path), 1)
+    assert before != acquisition.fingerprint(with_spectrum(tmp_path, "40,1\n80,2\n"), 1)
+
+
+def test_detectors_and_beams_that_cannot_be_are_refused(tmp_path):
+    with pytest.raises(LegsimError, match=r"scan\.detector: 2 lag_fractions and 1 lag_times_s; give one time"):
+        acquisition.imaging(with_detector(lag_fractions=(0.1, 0.1), lag_times_s=(1.0,)))
+    with pytest.raises(LegsimError, match=r"scan\.detector: electronic noise .* set the detector's photons too"):
+        acquisition.imaging(with_detector(electronic_noise_photons=3.0))
+    with pytest.raises(LegsimError, match="nothing to correct at one energy"):
+        acquisition.imaging(scan(spectrum=config.SpectrumConfig(water_precorrection=True)))
+    with pytest.raises(LegsimError, match=r"no\.csv"):
+        acquisition.imaging(scan(spectrum=config.SpectrumConfig(kind="file", file=str(tmp_path / "no.csv"))))

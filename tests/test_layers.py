@@ -13,6 +13,7 @@ PACKAGE = ROOT / "legsim"
 HOMES = {
     "pyopencl": {"opencl"},
     "xraylib": {"materials"},
+    "spekpy": {"spectra"},
     "mujoco": {"leg"},
     "ezc3d": {"c3d"},
     "rerun": {"view"},

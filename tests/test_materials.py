@@ -46,14 +46,23 @@ def test_tissues_are_ordered_as_on_a_radiograph():
 def test_a_spectrum_of_one_line_is_monochromatic_and_hardening_lowers_thick_integrals():
     single = materials.Spectrum(np.array([60.0]), np.array([3.0]))
     paths = np.array([[0.01, 0.1], [0.05, 0.0]])
-    expected = paths @ [materials.attenuation("cortical_bone", 60.0), materials.attenuation("muscle", 60.0)]
-    np.testing.assert_allclose(single.line_integral(("cortical_bone", "muscle"), paths), expected, rtol=1e-12)
+    both = np.stack([single.attenuations(name) for name in ("cortical_bone", "muscle")])
+    np.testing.assert_allclose(single.line_integral(both, paths), (paths @ both)[:, 0], rtol=1e-12)
     broad = materials.Spectrum(np.array([40.0, 60.0, 90.0]), np.array([1.0, 2.0, 1.0]))
     lengths = np.array([[1e-6], [0.1], [1.0], [50.0]])
-    effective = broad.line_integral(("cortical_bone",), lengths) / lengths[:, 0]
+    effective = broad.line_integral(broad.attenuations("cortical_bone")[None], lengths) / lengths[:, 0]
     assert (np.diff(effective) < 0).all()
     assert effective[0] == pytest.approx(broad.attenuations("cortical_bone") @ broad.weights, rel=1e-3)
     assert effective[-1] == pytest.approx(materials.attenuation("cortical_bone", 90.0), rel=1e-2)
+
+
+def test_water_read_as_of_water_is_linear_and_noise_below_zero_stays():
+    broad = materials.Spectrum(np.array([30.0, 60.0, 90.0]), np.array([1.0, 2.0, 1.0]))
+    lengths = np.array([0.0, 1e-4, 0.013, 0.2, 1.0, 1.99, 3.0])
+    water = broad.attenuations("water")
+    found = broad.as_of_water(broad.line_integral(water[None], lengths[:, None]))
+    np.testing.assert_allclose(found, lengths * (broad.weights @ water), rtol=1e-3)
+    np.testing.assert_array_equal(broad.as_of_water([-0.5, -1e-3]), [-0.5, -1e-3])
 
 
 def test_refusals_name_the_cure():

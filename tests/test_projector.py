@@ -10,9 +10,10 @@ import pytest
 import reference_projector
 import trimesh
 
-from legsim import opencl, projector, transforms
+from legsim import materials, opencl, projector, transforms
 from legsim.errors import LegsimError
 from legsim.geometry import ConeBeamGeometry
+from legsim.materials import Spectrum
 from legsim.phantom import Part, Phantom
 
 MEAN, WORST = 1e-6, 2e-5
@@ -242,6 +243,45 @@ def test_posed_vertices_must_fit(device):
         projector.project(phantom, circular(), device, posed=lambda view: [np.zeros((3, 3))])
     with pytest.raises(LegsimError, match="not a finite number"):
         projector.project(phantom, circular(), device, posed=lambda view: [np.full((642, 3), np.nan)])
+
+
+BROAD = Spectrum(np.array([25.0, 40.0, 60.0, 85.0]), np.array([1.0, 3.0, 2.0, 1.0]))
+
+
+def made_of(name: str, material: str, mesh: trimesh.Trimesh, energy_kev: float = 60.0) -> Part:
+    return Part(name, material, materials.attenuation(material, energy_kev), np.asarray(mesh.vertices), np.asarray(mesh.faces))
+
+
+def test_a_spectrum_of_one_line_projects_as_one_energy_does(device):
+    overlapping = [trimesh.creation.icosphere(3, radius=r).apply_translation((x, 0, 0)) for r, x in ((0.06, 0), (0.04, 0.03), (0.03, 0.05))]
+    filled = zip("abc", ("muscle", "cortical_bone", "air"), overlapping, strict=True)
+    bead = trimesh.creation.icosphere(3, radius=0.01)
+    phantom = Phantom((*(made_of(*filling) for filling in filled), Part("d", "stated", 500.0, bead.vertices, bead.faces)))
+    one = projector.project(phantom, circular(), device).line_integrals
+    line = projector.project_spectrum(phantom, circular(), device, Spectrum(np.array([60.0]), np.ones(1))).line_integrals
+    np.testing.assert_allclose(line, one, rtol=2e-6, atol=2e-6)
+    assert one.max() > 10
+
+
+def test_a_slab_of_water_hardens_the_beam_as_the_integral_over_energies_says(device):
+    thicknesses = np.array([1e-5, 0.01, 0.05, 0.2, 0.6])
+    found = []
+    for thickness in thicknesses:
+        slab = trimesh.creation.box(bounds=[[-9, -9, 2.0], [9, 9, 2.0 + thickness]])
+        found.append(projector.project_spectrum(Phantom((made_of("slab", "water", slab),)), looking_along_z((9, 9)), device, BROAD))
+    middle = np.array([projections.line_integrals[0, 4, 4] for projections in found])
+    water = [materials.attenuation("water", energy) for energy in (25.0, 40.0, 60.0, 85.0)]
+    shares = np.array([1, 3, 2, 1]) / 7
+    expected = [-np.log(sum(share * np.exp(-mu * t) for share, mu in zip(shares, water, strict=True))) for t in thicknesses]
+    np.testing.assert_allclose(middle[1:], expected[1:], rtol=2e-5)
+    assert middle[0] / thicknesses[0] == pytest.approx(shares @ water, rel=0.02)
+    assert (np.diff(middle) > 0).all()
+    assert (np.diff(middle[1:] / thicknesses[1:]) < 0).all()
+    oblique = projector.project_spectrum(Phantom((made_of("s", "water", slab),)), looking_along_z((9, 9), 4.0), device, BROAD)
+    slant = np.sqrt(1 + (4 / 4) ** 2) * 0.6
+    np.testing.assert_allclose(
+        oblique.line_integrals[0, 4, 8], -np.log(sum(s * np.exp(-m * slant) for s, m in zip(shares, water, strict=True))), rtol=2e-5
+    )
 
 
 @pytest.mark.peer

@@ -40,6 +40,31 @@ def ball_scan(tmp_path_factory):
     return folder
 
 
+def project(folder, out, *settings):
+    tasks.project(
+        folder / "phantom.toml",
+        folder / "geometry.json",
+        out,
+        detector=tasks.Detector(),
+        energy_kev=60,
+        settings=settings,
+        device=None,
+        on_progress=quiet,
+    )
+    return sitk.GetArrayFromImage(sitk.ReadImage(out))
+
+
+def test_projections_take_the_detectors_settings_and_the_seed(ball_scan, tmp_path):
+    photons = "scan.detector.photons=1e4"
+    clean, noisy = sitk.GetArrayFromImage(sitk.ReadImage(ball_scan / "p.mha")), project(ball_scan, tmp_path / "a.mha", photons)
+    air = clean == 0
+    assert noisy[air].std() == pytest.approx(0.01, rel=0.02)
+    np.testing.assert_array_equal(project(ball_scan, tmp_path / "b.mha", photons, "seed=0"), noisy)
+    assert (project(ball_scan, tmp_path / "b.mha", photons, "seed=7") != noisy).any()
+    with pytest.raises(LegsimError, match=r"--set scan\.views=7: .* heeds scan\.spectrum\.<key>, scan\.detector\.<key> and seed"):
+        project(ball_scan, tmp_path / "b.mha", "scan.views=7")
+
+
 def reconstruct(folder, out, **changes):
     options = {"motion": None, "like": None, "shape_zyx": (40, 40, 40), "spacing_mm": (2.0, 2.0, 2.0), "center_mm": None}
     return tasks.reconstruct(folder / "p.mha", folder / "geometry.json", out, **(options | changes), device=None, on_progress=quiet)

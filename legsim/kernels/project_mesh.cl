@@ -1,36 +1,46 @@
-/* Line integrals of attenuation along the rays of one view, one work-group a tile, one work-item a pixel. After mesh_hits.cl.
+/* Line integrals along the rays of one view, one work-group a tile, one work-item a pixel. After mesh_hits.cl; built with CHANNELS, how
+ * many integrals of each ray are wanted: one of attenuation, or one of every material's presence.
  *
- * attenuations: (parts + 1) 1/m, entry 0 for the outside. directions: 3 columns of 3: the ray of pixel (u, v), of unit depth, is
- * directions @ (u, v, 1). listed: the tiles to do, (launched,). needed: crossings of the fullest pixel of each tile. image: (rows, columns).
+ * values: (parts + 1, CHANNELS), such as attenuations in 1/m, row 0 for the outside. directions: 3 columns of 3: the ray of pixel (u, v), of unit depth, is
+ * directions @ (u, v, 1). listed: the tiles to do, (launched,). needed: crossings of the fullest pixel of each tile. image:
+ * (CHANNELS, rows, columns).
  */
-float integral(const LIST float *depths, const LIST int *tags, const int count, __global const float *attenuations)
+void add_stretch(float *sums, __global const float *values, const int last, const float length)
+{
+    for (int c = 0; c < CHANNELS; ++c)
+        sums[c] += values[CHANNELS * last + c] * length;
+}
+
+void integrals(const LIST float *depths, const LIST int *tags, const int count, __global const float *values, float *sums)
 {
     Place place;
     start_outside(&place);
-    float sum = 0.0f, from = 0.0f;
+    for (int c = 0; c < CHANNELS; ++c)
+        sums[c] = 0.0f;
+    float from = 0.0f;
     for (int k = 0; k < count; ++k) {
         const float to = depths[(size_t)k * PIXELS];
-        sum += attenuations[last_inside(&place)] * (to - from);
+        add_stretch(sums, values, last_inside(&place), to - from);
         from = to;
         pass(&place, tags[(size_t)k * PIXELS]);
     }
     if (!place.twice)
-        return sum;
+        return;
     start_outside(&place);
-    sum = 0.0f;
+    for (int c = 0; c < CHANNELS; ++c)
+        sums[c] = 0.0f;
     for (int k = 0; k < count; ++k) {
         const float to = depths[(size_t)k * PIXELS];
-        sum += attenuations[last_inside(&place)] * (to - from);
+        add_stretch(sums, values, last_inside(&place), to - from);
         from = to;
         pass_counting(&place, tags, k);
     }
-    return sum;
 }
 
 __kernel __attribute__((reqd_work_group_size(BAND, GROUP_BANDS, 1)))
 void integrate(__global const int *triangles, __global const int *parts, __global const int2 *whole, __global const float4 *rest,
                __global const uint *entries, __global const ulong *starts, __global const uint *listed, const int2 pixels, const int2 tiles,
-               __global const float *attenuations, __global const float *directions, __global int *needed, __global float *image,
+               __global const float *values, __global const float *directions, __global int *needed, __global float *image,
                const int capacity, __global float *spare_depths, __global int *spare_tags)
 {
     const size_t tile = listed[get_group_id(0)];
@@ -53,9 +63,11 @@ void integrate(__global const int *triangles, __global const int *parts, __globa
             atomic_max(&needed[tile], found[own]);
         const int count = min(found[own], capacity);
         sort_by_depth(depths + first, tags + first, count);
-        const float sum = integral(depths + first, tags + first, count, attenuations);
+        float sums[CHANNELS];
+        integrals(depths + first, tags + first, count, values, sums);
         const float3 ray = vload3(0, directions) * (float)column + vload3(1, directions) * (float)row + vload3(2, directions);
         if (column < pixels.x && row < pixels.y)
-            image[(size_t)row * pixels.x + column] = sum * length(ray);
+            for (int c = 0; c < CHANNELS; ++c)
+                image[((size_t)c * pixels.y + row) * pixels.x + column] = sums[c] * length(ray);
     }
 }
