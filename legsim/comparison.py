@@ -9,7 +9,7 @@ import numpy as np
 
 from legsim import acquisition, evaluation, residuals, whole_files
 from legsim.artifacts import key_of
-from legsim.evaluation import Metrics, Region, RegionMetrics, Registration
+from legsim.evaluation import Metrics, Region, RegionMetrics, Registration, RegistrationError
 from legsim.geometry import VolumeGrid
 from legsim.presentation import MethodResult
 from legsim.reconstruction import Reconstructed
@@ -41,14 +41,28 @@ def compare(
                 whole_files.write_text(path, json.dumps(asdict(result), indent=1) + "\n")
         results.append(result_from(json.loads(path.read_text("utf-8"))))
     stage.on_progress("comparing", len(corrected), len(corrected))
-    _write_all(stage, results)
+    _write_all(stage, results, _registration_error(stage, corrected[0], regions))
     return tuple(results)
 
 
-def _write_all(stage: Stage, results: list[MethodResult]) -> None:
+def _registration_error(stage: Stage, reference: Reconstructed, regions: Callable[[], tuple[Region, ...]]) -> RegistrationError | None:
+    """Of the registration that all methods go through; None where there is none."""
+    if not stage.settings.evaluation.register_volumes:
+        return None
+    path = stage.folder.path / "registration-error.json"
+    key = key_of(stage.scan_key, stage.settings.evaluation.model_dump(), stage.folder.hash_of(f"volume-{reference.volume.name}.mha"))
+    if not stage.folder.done(path.stem, key):
+        with stage.folder.stage(path.stem, key, [path.name]):
+            found = evaluation.registration_error(reference.volume.volume, regions())
+            whole_files.write_text(path, json.dumps(asdict(found), indent=1) + "\n")
+    return RegistrationError(**json.loads(path.read_text("utf-8")))
+
+
+def _write_all(stage: Stage, results: list[MethodResult], missed: RegistrationError | None) -> None:
     """metrics.json: every method's."""
     content = {
         "scaling": f"percentiles {evaluation.SCALING_PERCENTILES} of each volume inside the regions to 0 and 1",
+        "registration_error": None if missed is None else asdict(missed),
         "methods": [asdict(r) for r in results],
     }
     key = key_of(content)

@@ -178,6 +178,13 @@ class VolumeGrid:
         x, y, z = (o + s * np.arange(n) for o, s, n in zip(self.origin, self.spacing_xyz, (nx, ny, nz), strict=True))
         return x, y, z
 
+    def cropped(self, box_zyx: tuple[slice, slice, slice]) -> "VolumeGrid":
+        """The grid of the voxels in ``box_zyx``, where they are."""
+        starts, stops = np.transpose([part.indices(n)[:2] for part, n in zip(box_zyx, self.shape_zyx, strict=True)])
+        nz, ny, nx = (stops - starts).tolist()
+        x, y, z = (self.origin + np.array(self.spacing_xyz) * (starts + stops - 1)[::-1] / 2).tolist()
+        return VolumeGrid((nz, ny, nx), self.spacing_xyz, (x, y, z))
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Volume:

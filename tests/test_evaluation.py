@@ -158,3 +158,22 @@ def test_what_cannot_be_compared_is_refused(volume, message):
 def test_an_empty_region_is_refused():
     with pytest.raises(LegsimError, match="holds no voxel"):
         evaluation.evaluate(blob(GRID), blob(GRID), [evaluation.Region("nothing", np.zeros((48, 48, 48), bool))])
+
+
+def test_the_registrations_own_error_is_a_small_part_of_a_voxel():
+    error = evaluation.registration_error(blob(GRID), regions(GRID))
+    assert 0 < error.translation_mm < 0.1 * 1e3 * GRID.spacing_xyz[0]
+    assert 0 < error.rotation_deg < 0.2
+
+
+def test_voxels_far_from_the_regions_decide_nothing():
+    grid = VolumeGrid.cubic(90, 0.002, GRID.center)
+    center = transforms.translation(grid.center)
+    moved = (
+        center @ transforms.rigid(transforms.rotation_from_vector([0.02, -0.05, 0.03]), [0.003, -0.002, 0.001]) @ transforms.inverse(center)
+    )
+    wide, reference = blob(grid, moved), blob(grid)
+    littered = wide.attenuation.copy()
+    littered[:8], littered[..., -8:] = 1e4, -1e4
+    shown = regions(grid)
+    assert evaluation.evaluate(Volume(grid, littered), reference, shown) == evaluation.evaluate(wide, reference, shown)

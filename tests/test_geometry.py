@@ -1,5 +1,7 @@
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from legsim import transforms
 from legsim.errors import LegsimError
@@ -104,3 +106,16 @@ def test_grid_is_centered_and_steps_by_its_spacing():
 def test_impossible_values_are_refused(make, message):
     with pytest.raises(LegsimError, match=message):
         make()
+
+
+@given(
+    counts=st.tuples(*[st.integers(2, 9)] * 3),
+    starts=st.tuples(*[st.integers(0, 7)] * 3),
+    lengths=st.tuples(*[st.integers(1, 9)] * 3),
+)
+def test_a_cropped_grid_keeps_its_voxels_in_place(counts, starts, lengths):
+    grid = VolumeGrid(counts, (0.1, 0.2, 0.3), (1.0, -2.0, 0.5))
+    box = tuple(slice(min(a, n - 1), min(a, n - 1) + k) for a, k, n in zip(starts, lengths, counts, strict=True))
+    cropped = grid.cropped(box)
+    for axis, part, whole in zip(cropped.axes(), box[::-1], grid.axes(), strict=True):
+        np.testing.assert_allclose(axis, whole[part], atol=1e-12)
