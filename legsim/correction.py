@@ -83,7 +83,7 @@ class Correction:
 
     method: str
     projections: Projections
-    """images, warped or as recorded, under the nominal geometry: filter weights belong to the scanner as it really turned"""
+    """images, warped or as recorded, under the scanner's own geometry: the motion is told apart from it"""
     motion: RigidMotion | ControlPointMotion | FieldMotion | None
     """how the object moved against its reference pose, for the back-projection to follow: M(i) in P(i) M(i), moving least
     squares, or displacements; None where voxels stay (uncorrected scans and warped images)"""

@@ -1,17 +1,20 @@
 """Filtered back-projection of cone-beam scans (Feldkamp, Davis and Kress 1984), static or motion-compensated, in absolute units."""
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from legsim import backprojection, backprojection_plan, filtering
+from legsim import backprojection, backprojection_plan, filtering, motion_paths
 from legsim.arrays import Float32Array
 from legsim.backprojection_plan import BackprojectionPlan, Kernel, Motion
 from legsim.filtering import FilterOptions
 from legsim.geometry import ConeBeamGeometry, Projections, Volume, VolumeGrid
 from legsim.opencl import Device
 from legsim.redundancy import ShortScanWarning as ShortScanWarning
+
+# m: half of the cube over which a motion's rigid part is taken in a grid of a few voxels
+_LEAST_HALF = 0.01
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -48,10 +51,10 @@ def reconstruct(
 ) -> Volume:
     """Linear attenuation (1/m) on ``grid``, of the object as it was at the motion's reference time.
 
-    Works for any 3x4 matrices. Cosine and redundancy weights belong to the nominal scan, that is to ``projections.geometry``; ``motion``
-    enters the back-projection alone: each voxel is looked up in view i where the motion carries it to at times[i]. It may be rigid (P(i)
-    M(i)), moving least squares of three followed points, or displacements on a coarse grid. Voxels that a view does not see get
-    nothing from it. ``progress`` counts parts of the work.
+    Works for any 3x4 matrices. Each voxel is looked up in view i where ``motion`` carries it to at times[i]. The motion may be rigid (P(i)
+    M(i)), moving least squares of three followed points, or displacements on a coarse grid. Cosine and redundancy weights are those of the
+    path that the source takes about the object, which the motion's rigid part bends: see :func:`seen_from_the_object`. Voxels that
+    a view does not see get nothing from it. ``progress`` counts parts of the work.
 
     Raises:
         LegsimError: no axis of rotation fits the sources, or the motion has another number of views.
@@ -79,10 +82,24 @@ def reconstruct_slabs(
     decided = plan(projections.geometry, grid, device, motion=motion, options=options)
     mirrored = np.array(decided.mirrored)
     halves = _halves(progress)
+    weighted = replace(projections, geometry=seen_from_the_object(projections.geometry, grid, motion))
     batches = filtering.filtered_views(
-        projections, options.filter, halves[0], finish=lambda images, views: backprojection.arranged(images, mirrored[views])
+        weighted, options.filter, halves[0], finish=lambda images, views: backprojection.arranged(images, mirrored[views])
     )
     yield from backprojection.slabs(batches, projections.geometry, grid, device, decided, motion=motion, progress=halves[1])
+
+
+def seen_from_the_object(geometry: ConeBeamGeometry, grid: VolumeGrid, motion: Motion | None) -> ConeBeamGeometry:
+    """The scan as it was for an object that holds still: P(i) M(i), M being the motion's rigid part over the inner half of the grid.
+
+    Weights that belong to this path count what the object's lines were really measured with; those of the scanner's own path leave
+    per cents of error that vary slowly across the volume (docs/reconstruction.md).
+    """
+    if motion is None:
+        return geometry
+    half = np.maximum(0.25 * np.array(grid.shape_zyx[::-1]) * grid.spacing_xyz, _LEAST_HALF)
+    corners = np.stack(np.meshgrid([-1.0, 1.0], [-1.0, 1.0], [-1.0, 1.0]), -1).reshape(-1, 3)
+    return geometry.moved(motion_paths.rigid_part(motion, grid.center + half * corners))
 
 
 def _halves(progress: Callable[[int, int], None] | None) -> tuple[Callable[[int, int], None] | None, Callable[[int, int], None] | None]:

@@ -1,6 +1,6 @@
 """What happens to each projection before back-projection: truncation correction, cosine and redundancy weights, ramp filter.
 
-All weights come from the nominal geometry of the projections. Filtering is row by row, in batches of float32 FFTs on all cores.
+All weights come from the geometry of the projections. Filtering is row by row, in batches of float32 FFTs on all cores.
 """
 
 import os
@@ -117,7 +117,6 @@ class FilterPlan:
     """(v, 3): dot(ray (u, v, 1), direction to the axis)"""
     cosine_square: FloatArray
     """(v, 3, 3): quadratic form of (u, v, 1) that gives the squared length of the ray"""
-
     first_cosines: Float32Array
     """(rows, columns + 2 reach) those of the first view, which serve all views of a circular scan"""
 
@@ -133,8 +132,11 @@ def cosines(shape_vu: tuple[int, int], reach: int, numerator: FloatArray, square
     """(rows, columns + 2 reach) numerator . (u, v, 1) over the root of the quadratic form: see :class:`FilterPlan`."""
     u, v = np.arange(-reach, shape_vu[1] + reach, dtype=np.float32), np.arange(shape_vu[0], dtype=np.float32)[:, None]
     n, g = numerator.astype(np.float32), square.astype(np.float32)
-    squared = (g[0, 0] * u + 2 * g[0, 2]) * u + v * (g[1, 1] * v + 2 * g[0, 1] * u + 2 * g[1, 2]) + g[2, 2]
-    return (n[0] * u + n[1] * v + n[2]) / np.sqrt(squared)
+    lengths = (2 * g[0, 1] * v) * u
+    lengths += (g[0, 0] * u + 2 * g[0, 2]) * u
+    lengths += (g[1, 1] * v + 2 * g[1, 2]) * v + g[2, 2]
+    np.sqrt(lengths, out=lengths)
+    return np.divide(n[0] * u + (n[1] * v + n[2]), lengths, out=lengths)
 
 
 def plan_filter(geometry: ConeBeamGeometry, options: FilterOptions) -> FilterPlan:

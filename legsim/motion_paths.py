@@ -26,6 +26,13 @@ def carried(points: ArrayLike, motion: Motion) -> FloatArray:
     return points + np.stack(list(fields))
 
 
+def rigid_part(motion: Motion, points: ArrayLike) -> FloatArray:
+    """(v, 4, 4) the rigid motion that carries points (p, 3) most nearly as ``motion`` does; a rigid one's own matrices."""
+    if isinstance(motion, RigidMotion):
+        return motion.moved_from_reference
+    return np.stack([transforms.best_rigid(points, moved) for moved in carried(points, motion)])
+
+
 def _between(nodes: FloatArray, index_zyx: FloatArray) -> FloatArray:
     """(p,) linear between nodes (z, y, x), and as on the border beyond it."""
     return np.asarray(ndimage.map_coordinates(np.asarray(nodes, float), index_zyx, order=1, mode="nearest"), float)

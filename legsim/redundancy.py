@@ -1,6 +1,6 @@
 """How often a scan measures each ray, and what share of the angle each view stands for.
 
-Everything here belongs to the nominal scan: the circle (nearly) that the sources run on. Motion of the scanned object does not enter.
+Everything here is told by the sources, which run nearly on a circle. Where the scanned object moved, they are to be given as seen from it.
 """
 
 import warnings

@@ -5,14 +5,17 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import trimesh
 from reference_backprojection import Ellipsoid, project
 
-from legsim import fdk, transforms
+from legsim import fdk, mls, projector, transforms
 from legsim.errors import LegsimError
 from legsim.fdk import FdkOptions, ShortScanWarning
 from legsim.filtering import FilterOptions
 from legsim.geometry import ConeBeamGeometry, VolumeGrid
+from legsim.motions import ControlPointMotion, FieldMotion
 from legsim.opencl import Device
+from legsim.phantom import Part, Phantom
 from legsim.signals import RigidMotion
 
 BODY = Ellipsoid((0.0, 0.0, 0.0), (0.09, 0.07, 0.08), 20.0)
@@ -94,8 +97,8 @@ def test_the_object_may_be_anywhere_and_the_axis_any(device: Device) -> None:
 
 
 def test_known_rigid_motion_is_undone(device: Device, rng: np.random.Generator) -> None:
-    geometry = scan()
-    phase = np.linspace(0, 3, len(geometry))
+    geometry = scan(206.0)
+    phase = np.linspace(0, 9, len(geometry))
     turns = 0.05 * np.stack([np.sin(phase), np.sin(2 * phase), 1 - np.cos(phase)], -1)
     shifts = 0.008 * np.stack([np.sin(1.3 * phase), 1 - np.cos(2 * phase), np.sin(phase)], -1)
     moved = transforms.rigid(transforms.rotation_from_vector(turns), shifts)
@@ -104,8 +107,47 @@ def test_known_rigid_motion_is_undone(device: Device, rng: np.random.Generator) 
     still = fdk.reconstruct(seen, grid, device)
     corrected = fdk.reconstruct(seen, grid, device, motion=RigidMotion(geometry.times, moved))
     error = np.abs(means(corrected.attenuation, grid, PLACES) - TRUTH)
-    assert error.max() < 0.02 * 30
+    assert error.max() < 0.015 * 30  # weights of the scanner's own path leave 0.03
+    assert error.mean() < 0.005 * 30
     assert error.mean() < 0.2 * np.abs(means(still.attenuation, grid, PLACES) - TRUTH).mean()
+    as_geometry = fdk.reconstruct(replace(seen, geometry=geometry.moved(moved)), grid, device)
+    np.testing.assert_allclose(as_geometry.attenuation, corrected.attenuation, atol=1e-4 * 30)
+    joints = np.array([[0.02, 0.3, 0.0], [0.0, 0.0, 0.05], [0.0, -0.3, -0.02]])
+    followed = ControlPointMotion(geometry.times, joints, transforms.apply(moved, joints))
+    np.testing.assert_allclose(fdk.reconstruct(seen, grid, device, motion=followed).attenuation, corrected.attenuation, atol=1e-4 * 30)
+
+
+def test_known_bending_is_undone(device: Device) -> None:
+    """Three joints swing by centimeters; a deforming mesh is projected, so that nothing is shared with the reconstruction."""
+    geometry = scan(views=100)
+    phase = np.linspace(0, 9, len(geometry))[:, None, None]
+    joints = np.array([[-0.05, 0.4, 0.0], [0.02, 0.0, 0.0], [-0.04, -0.4, 0.01]])
+    swing = 0.01 * np.sin(phase * np.array([[[1.0], [1.4], [0.6]]]) + np.array([0.0, 1.0, 2.0]))
+    motion = ControlPointMotion(geometry.times, joints, joints + swing - swing[:1])
+    ball = trimesh.creation.icosphere(subdivisions=3)
+    solids = [(BODY, 20.0), (BONE, 30.0), (HOLE, 0.0)]
+    parts = [Part(f"{k}", "made", value, ball.vertices * e.radii + e.center, ball.faces) for k, (e, value) in enumerate(solids)]
+    deformed = [tuple(mls.displaced(part.vertices, joints, moved) for part in parts) for moved in motion.moved]
+    seen = projector.project(Phantom(tuple(parts)), geometry, device, posed=lambda view: deformed[view])
+    grid = VolumeGrid.cubic(64, 0.003, (0.0015, 0.0015, 0.0015))
+    still, corrected = (fdk.reconstruct(seen, grid, device, motion=m).attenuation for m in (None, motion))
+    error = np.abs(means(corrected, grid, PLACES) - TRUTH)
+    assert error.max() < 0.012 * 30
+    assert error.mean() < 0.1 * np.abs(means(still, grid, PLACES) - TRUTH).mean()
+
+
+def test_a_rest_that_is_told_by_points_or_a_field_changes_nothing(device: Device) -> None:
+    projections = project(scan(views=60, shape_vu=(48, 78)), [BODY, BONE])
+    grid, times = VolumeGrid.cubic(30, 0.005, (0.0, 0.0, 0.0)), projections.geometry.times
+    joints = np.array([[0.02, 0.3, 0.0], [0.0, 0.0, 0.05], [0.0, -0.3, -0.02]])
+    rest = np.zeros((60, 3, 4, 5, 3), np.float32)
+    plain = fdk.reconstruct(projections, grid, device).attenuation
+    np.testing.assert_array_equal(fdk.reconstruct(projections, grid, device, motion=RigidMotion.identity(times)).attenuation, plain)
+    for motion in (
+        ControlPointMotion(times, joints, np.repeat(joints[None], 60, 0)),
+        FieldMotion(times, VolumeGrid((3, 4, 5), (0.05, 0.06, 0.08), (0.0, 0.0, 0.0)), rest),
+    ):
+        np.testing.assert_allclose(fdk.reconstruct(projections, grid, device, motion=motion).attenuation, plain, atol=2e-5 * plain.max())
 
 
 def test_a_cut_off_object_keeps_its_values_inside(device: Device) -> None:

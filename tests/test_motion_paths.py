@@ -26,6 +26,24 @@ def test_all_kinds_of_motion_agree_where_everything_moves_as_one(rng: np.random.
     np.testing.assert_allclose(motion_paths.carried(points, motion_paths.sampled(followed, GRID)), expected, atol=1e-9)
 
 
+def test_the_rigid_part_of_a_rigid_motion_is_itself_and_of_a_bend_its_least_squares(rng: np.random.Generator):
+    points = rng.normal(size=(8, 3))
+    true = rigid().moved_from_reference
+    np.testing.assert_array_equal(motion_paths.rigid_part(rigid(), points), true)
+    followed = ControlPointMotion(TIMES, points[:5], motion_paths.carried(points[:5], rigid()))
+    np.testing.assert_allclose(motion_paths.rigid_part(followed, points), true, atol=1e-12)
+    bent = ControlPointMotion(TIMES, points[:5], points[:5] + rng.normal(0, 0.1, (5, 5, 3)))
+    goal, part = motion_paths.carried(points, bent), motion_paths.rigid_part(bent, points)
+
+    def misfit(tried: np.ndarray) -> float:
+        return float(((transforms.apply(tried, points) - goal) ** 2).sum())
+
+    least = misfit(part)
+    for _ in range(20):
+        nearby = transforms.rigid(transforms.rotation_from_vector(rng.normal(0, 1e-2, 3)), rng.normal(0, 1e-2, 3))
+        assert misfit(nearby @ part) > least
+
+
 def test_a_field_is_linear_between_nodes_and_as_its_border_beyond():
     moved = np.zeros((1, *GRID.shape_zyx, 3), np.float32)
     moved[0, :, :, :, 0] = 0.01 * np.arange(5)
