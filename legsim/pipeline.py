@@ -25,7 +25,6 @@ from legsim import (
     images,
     imu,
     leg_phantom,
-    methods,
     opencl,
     presentation,
     reconstruction,
@@ -97,15 +96,14 @@ class RunResult:
 
 def run(settings: RunConfig, out: Path, *, device: str | None = None, on_progress: OnProgress) -> RunResult:
     """One scan, from the recording to report and recording in ``out``."""
-    for name in set(settings.methods.run) - {methods.REFERENCE}:
-        methods.find(name)  # a name that is not there is told before anything is computed
+    reconstruction.check(settings)  # what no method can be run with is told before anything is computed
     opened = opencl.open_device(device)
     folder = RunFolder(out, _about(settings, opened))
     artifacts.write_text(out / "config.toml", config.dump(settings))
     body = _body(settings, folder, on_progress)
     signals = _sense(settings, body.recovery, body.splines, body.sensors, folder, _motion_key(settings))
-    moving, still = _scan(settings, body, folder, opened, on_progress)
     starts = _starts(settings, body, signals, opened)
+    moving, still = _scan(settings, body, folder, opened, on_progress)
     scan = Scan(moving, signals, starts.starts)
     grid = acquisition.volume_grid(settings.grid, body.geometry.rotation_center())
     stage = Stage(settings, folder, opened, _scan_key(settings), on_progress)
