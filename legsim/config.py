@@ -93,9 +93,12 @@ class ImuConfig(Section):
     """the sensors' clock less the C-arm's: what happens at t is stamped t plus this; no method is told"""
     soft_tissue: SoftTissueConfig = SoftTissueConfig()
     noise: NoiseConfig = NoiseConfig()
-    sensors: tuple[SensorConfig, ...] = (
-        SensorConfig(name="shank_l", segment="tibia_l", distance_mm=140),
-        SensorConfig(name="thigh_l", segment="femur_l", distance_mm=250),
+    sensors: tuple[SensorConfig, ...] = Field(
+        default=(
+            SensorConfig(name="shank_l", segment="tibia_l", distance_mm=140),
+            SensorConfig(name="thigh_l", segment="femur_l", distance_mm=250),
+        ),
+        min_length=1,
     )
 
 

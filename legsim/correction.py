@@ -4,6 +4,7 @@ A method is a function from a :class:`Scan` (everything a real scanner would hav
 and the motion that the back-projection follows).
 """
 
+import traceback
 from dataclasses import dataclass
 from typing import Literal, Protocol
 
@@ -93,8 +94,16 @@ class Correction:
     """sentences on how it went, for the report"""
 
     def __post_init__(self) -> None:
+        if not isinstance(self.projections, Projections):
+            raise LegsimError(f"a Correction's projections are a legsim.geometry.Projections, not {type(self.projections).__name__}")
+        if not np.isfinite(self.projections.line_integrals).all():
+            raise LegsimError("the corrected projections hold values that are not numbers; leave such pixels as they were recorded")
         if self.motion is None:
             return
+        if not isinstance(self.motion, RigidMotion | ControlPointMotion | FieldMotion):
+            raise LegsimError(
+                f"a Correction's motion is None, a RigidMotion, a ControlPointMotion or a FieldMotion, not {type(self.motion).__name__}"
+            )
         views = self.projections.geometry.times
         if len(self.motion.times) != len(views) or np.abs(self.motion.times - views).max() > 1e-6:
             raise LegsimError(
@@ -114,6 +123,35 @@ class CorrectionMethod(Protocol):
     """A whole method. The pipeline knows no more of it than this."""
 
     def __call__(self, scan: Scan, /) -> Correction: ...
+
+
+def guarded(name: str, method: CorrectionMethod) -> CorrectionMethod:
+    """A user's own ``method``, whose troubles are told in one line under its ``name``.
+
+    Raises (when called):
+        LegsimError: the method raised anything, or what it returned is no Correction of the scan's views and pixels.
+    """
+
+    def correct(scan: Scan, /) -> Correction:
+        try:
+            found = method(scan)
+        except Exception as error:
+            inner = traceback.extract_tb(error.__traceback__)[-1]
+            what = " ".join(f"{type(error).__name__}: {error}".split())
+            raise LegsimError(
+                f"method {name} failed in {inner.filename}, line {inner.lineno}: {what}; "
+                "mend it and run again (--debug shows the way there), what was finished is kept"
+            ) from error
+        if not isinstance(found, Correction):
+            raise LegsimError(f"method {name} returned {type(found).__name__}; return a legsim.correction.Correction")
+        given, got = scan.projections.line_integrals.shape, found.projections.line_integrals.shape
+        if got != given:
+            raise LegsimError(
+                f"method {name} returned {got} (views, rows, columns) for a scan of {given}; change pixels, but keep their number"
+            )
+        return found
+
+    return correct
 
 
 def uncorrected(scan: Scan, /) -> Correction:

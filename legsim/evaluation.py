@@ -170,10 +170,8 @@ def gradient_entropy(volume: Float32Array, mask: NDArray[np.bool_]) -> float:
     Low where few voxels hold all edges: blur and streaks raise it, scale and offset of the values do not change it. The criterion is
     McGee et al.'s ("Image metric-based correction (autocorrection) of motion effects: analysis of image metrics", J Magn Reson Imaging
     11, 2000), with the magnitude of the gradient by central differences along all three axes, per voxel. Its greatest value is the
-    logarithm of the number of voxels. Voxels that are NaN, have a NaN beside them or lie at the grid's border are left out.
-
-    Raises:
-        LegsimError: no voxel is left, or the volume is constant there.
+    logarithm of the number of voxels; 0 where one voxel has all of the gradient, or none has any. Voxels that are NaN, have a NaN beside
+    them or lie at the grid's border are left out.
     """
     squared = np.zeros([n - 2 for n in volume.shape], np.float32)
     inner = slice(1, -1)
@@ -184,10 +182,8 @@ def gradient_entropy(volume: Float32Array, mask: NDArray[np.bool_]) -> float:
     known = mask & np.isfinite(volume)
     steps = np.sqrt(squared[known[inner, inner, inner]], dtype=np.float64)
     steps = steps[np.isfinite(steps) & (steps > 0)]
-    if not steps.size:
-        raise LegsimError("the volume has no gradient inside the region, so no gradient entropy; is it constant, or the region too thin?")
     p = steps / steps.sum()
-    return float(-(p * np.log(p)).sum())
+    return float((p * -np.log(p)).sum())
 
 
 def scaled(attenuation: Float32Array, mask: NDArray[np.bool_], name: str) -> Float32Array:

@@ -144,16 +144,17 @@ def find(name: str) -> Callable[[Setup], CorrectionMethod]:
     """
     if name in BUILT_IN:
         return BUILT_IN[name]
-    if name.startswith(_RIGID_FROM):
-        return lambda setup: _rigid(replace(setup, sensor=name.removeprefix(_RIGID_FROM)))
+    sensor = rigid_sensor(name)
+    if sensor is not None:
+        return lambda setup: _rigid(replace(setup, sensor=sensor))
     path, separator, function = name.rpartition(":")
     if separator and path.endswith(".py"):
-        own = _from_file(Path(path), function)
+        own = correction.guarded(label(name), _from_file(Path(path), function))
         return lambda _: own
     installed = {point.name: point for point in importlib.metadata.entry_points(group=ENTRY_POINTS)}
     if name in installed:
-        point = installed[name]
-        return lambda _: point.load()
+        own = correction.guarded(name, _installed(installed[name]))
+        return lambda _: own
     known = ", ".join([REFERENCE, *BUILT_IN, f"{_RIGID_FROM}<sensor>", *installed])
     raise LegsimError(f"no correction method named {name!r}; there are: {known}, or your own as path/to/file.py:function")
 
@@ -163,15 +164,35 @@ def build(name: str, setup: Setup) -> CorrectionMethod:
     return find(name)(setup)
 
 
+def rigid_sensor(name: str) -> str | None:
+    """The sensor that a name such as ``rigid@thigh_l`` asks for; None for other names."""
+    return name.removeprefix(_RIGID_FROM) if name.startswith(_RIGID_FROM) else None
+
+
 def label(name: str) -> str:
     """What a method is called in tables and file names: its name, or the function's where it comes from a file."""
     return name.rpartition(":")[2]
 
 
 def fingerprint(name: str) -> str:
-    """Changes when a user's own file changes, so that a run knows to compute it again."""
+    """Changes when the file of a user's own method changes, so that a run knows to compute it again."""
     path, separator, _ = name.rpartition(":")
-    return artifacts.sha256(Path(path)) if separator and Path(path).is_file() else name
+    if separator and Path(path).is_file():
+        return artifacts.sha256(Path(path))
+    module = next((p.module for p in importlib.metadata.entry_points(group=ENTRY_POINTS) if p.name == name and name not in BUILT_IN), None)
+    spec = None if module is None else importlib.util.find_spec(module)
+    return artifacts.sha256(Path(spec.origin)) if spec is not None and spec.origin is not None else name
+
+
+def _installed(point: importlib.metadata.EntryPoint) -> CorrectionMethod:
+    try:
+        method = point.load()
+    except Exception as error:
+        problem = f"method {point.name}: {point.value} cannot be loaded ({type(error).__name__}: {error})"
+        raise LegsimError(f"{problem}; mend or remove the package that offers it") from error
+    if not callable(method):
+        raise LegsimError(f'method {point.name}: {point.value} is not a function; name one in [project.entry-points."{ENTRY_POINTS}"]')
+    return cast(CorrectionMethod, method)
 
 
 def _from_file(path: Path, function: str) -> CorrectionMethod:
@@ -181,7 +202,10 @@ def _from_file(path: Path, function: str) -> CorrectionMethod:
     if spec is None or spec.loader is None:
         raise at(path, "is not a Python file", "give a method as path/to/file.py:function")
     module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
+    try:
+        spec.loader.exec_module(module)
+    except Exception as error:
+        raise at(path, f"cannot be imported ({type(error).__name__}: {error})", "mend the file") from error
     method = getattr(module, function, None)
     if not callable(method):
         raise at(path, f"has no function {function!r}", f"define `def {function}(scan): return legsim.correction.Correction(...)`")

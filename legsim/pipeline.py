@@ -24,7 +24,6 @@ from legsim import (
     images,
     imu,
     leg_phantom,
-    methods,
     opencl,
     presentation,
     reconstruction,
@@ -111,16 +110,15 @@ def run(
 
     Stages that ``store`` holds are taken from there. Without ``presented`` the run ends at the numbers: no report, no recording.
     """
-    for name in set(settings.methods.run) - {methods.REFERENCE}:
-        methods.find(name)  # a name that is not there is told before anything is computed
+    reconstruction.check(settings)  # what no method can be run with is told before anything is computed
     how = acquisition.imaging(settings.scan)  # so is a spectrum
     opened = opencl.open_device(device)
     folder = RunFolder(out, _about(settings, opened), store)
     whole_files.write_text(out / "config.toml", config.dump(settings))
     body = _body(settings, folder, on_progress)
     signals = _sense(settings, body.recovery, body.splines, body.sensors, folder, _motion_key(settings))
-    moving, still = _scan(settings, body, how, folder, opened, on_progress)
     starts = _starts(settings, body, signals, opened)
+    moving, still = _scan(settings, body, how, folder, opened, on_progress)
     scan = Scan(moving, signals, starts.starts)
     grid = acquisition.volume_grid(settings.grid, body.geometry.rotation_center())
     stage = Stage(settings, folder, opened, _scan_key(settings), on_progress)

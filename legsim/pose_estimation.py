@@ -74,7 +74,7 @@ def _check(times: FloatArray, rate: FloatArray, force: FloatArray, at: FloatArra
     if at[0] < times[0] - _ROUNDING or at[-1] > times[-1] + _ROUNDING:
         raise LegsimError(
             f"poses are wanted from {at[0]:g} to {at[-1]:g} s, but the sensor recorded {times[0]:g} to {times[-1]:g} s; "
-            "record longer or scan less"
+            "record longer, scan less, or mend the offset of the clocks"
         )
 
 

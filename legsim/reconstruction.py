@@ -10,6 +10,7 @@ import numpy as np
 from legsim import artifacts, bead_scan, correction, fdk, images, imu, methods, motion_paths, true_field, whole_files
 from legsim.artifacts import key_of
 from legsim.bead_scan import BeadScan
+from legsim.config import RunConfig
 from legsim.correction import Correction, Scan
 from legsim.errors import LegsimError
 from legsim.geometry import Projections, VolumeGrid
@@ -36,6 +37,48 @@ class Reconstructed:
     warped_by: ControlPointMotion | None
     """points by which the images were warped"""
     notes: tuple[str, ...]
+
+
+_FOLLOW_ONE, _FOLLOW_JOINTS = ("rigid", "rigid-printed-order"), ("nonrigid-2d", "nonrigid-3d")
+"""methods that need the sensor of methods.sensor, and those that need thigh and shank"""
+
+
+def check(settings: RunConfig) -> None:
+    """Refuses, before anything is computed, methods that this configuration cannot run.
+
+    Raises:
+        LegsimError: a name that is not there, two methods of one label, or a sensor that a method needs and nobody carries.
+    """
+    run = [name for name in dict.fromkeys(settings.methods.run) if name != methods.REFERENCE]
+    labels = [methods.label(name) for name in run]
+    for name, label in zip(run, labels, strict=True):
+        methods.find(name)
+        if labels.count(label) > 1 or label == methods.REFERENCE:
+            raise LegsimError(f"methods.run: {name} would be called {label!r} like another method; rename its function")
+    names = [sensor.name for sensor in settings.imu.sensors]
+    followed = [(f"methods.run: {name}", methods.rigid_sensor(name)) for name in run]
+    followed += [("methods.sensor", settings.methods.sensor)] if set(run) & set(_FOLLOW_ONE) else []
+    for place, sensor in followed:
+        if sensor is not None and sensor not in names:
+            raise LegsimError(f"{place}: there is no sensor {sensor!r}; name one of {', '.join(names)}, or add it to imu.sensors")
+    if set(run) & set(_FOLLOW_JOINTS):
+        carriers(settings)
+
+
+def carriers(settings: RunConfig) -> tuple[tuple[str, str, str], ...]:
+    """(side, thigh's sensor, shank's sensor) of each leg whose joints are followed; the first sensor on each segment is taken.
+
+    Raises:
+        LegsimError: a segment of a leg that is to be followed has no sensor.
+    """
+    legs = []
+    for side in ("l", "r") if settings.methods.legs == "both" else ("l",):
+        found = [next((s.name for s in settings.imu.sensors if s.segment == f"{bone}_{side}"), None) for bone in ("femur", "tibia")]
+        if found[0] is None or found[1] is None:
+            asked = 'methods.legs = "both" needs' if settings.methods.legs == "both" else "nonrigid-2d and nonrigid-3d need"
+            raise LegsimError(f"{asked} sensors on femur_{side} and tibia_{side}; add them to imu.sensors")
+        legs.append((side, found[0], found[1]))
+    return tuple(legs)
 
 
 def reconstruct(stage: Stage, body: ScannedLeg, scan: Scan, still: Projections, grid: VolumeGrid) -> tuple[Reconstructed, ...]:
@@ -122,22 +165,15 @@ def setup_of(stage: Stage, body: ScannedLeg, scan: Scan, grid: VolumeGrid) -> Se
 def followed_points(stage: Stage, body: ScannedLeg) -> tuple[tuple[AttachedPoint, ...], ...]:
     """Of each leg hip (by the thigh's sensor), knee and ankle (by the shank's), and the points between them that are asked for.
 
-    The first sensor on each segment is taken; its place on the segment is known. A left leg without both has no points.
-
-    Raises:
-        LegsimError: both legs are asked for and a segment has no sensor.
+    Their places on the sensors are known. No leg has any where no method follows joints.
     """
     wanted = stage.settings.methods
+    if not set(wanted.run) & set(_FOLLOW_JOINTS):
+        return ()
     poses = imu.sensor_poses(body.recovery.leg, body.splines, body.sensors, body.times[:2])
     centers = body.recovery.leg.joint_centers(body.poses)
     legs = []
-    for side in ("l", "r") if wanted.legs == "both" else ("l",):
-        carriers = [next((s.name for s in body.sensors if s.segment == f"{bone}_{side}"), None) for bone in ("femur", "tibia")]
-        if carriers[0] is None or carriers[1] is None:
-            if wanted.legs == "both":
-                raise LegsimError(f'methods.legs = "both" needs sensors on femur_{side} and tibia_{side}; add them to imu.sensors')
-            continue
-        thigh, shank = carriers[0], carriers[1]
+    for side, thigh, shank in carriers(stage.settings):
         hip, knee, ankle = (centers.of(f"{joint}_{side}")[0] for joint in ("hip", "knee", "ankle"))
         shares = np.arange(1, wanted.points_per_segment + 1)[:, None] / (wanted.points_per_segment + 1)
         between = [(thigh, p) for p in hip + shares * (knee - hip)] + [(shank, p) for p in knee + shares * (ankle - knee)]

@@ -154,6 +154,9 @@ class RigidMotion:
         object.__setattr__(self, "times", increasing_times("RigidMotion.times", self.times))
         shape = (len(self.times), 4, 4)
         object.__setattr__(self, "moved_from_reference", frozen("RigidMotion.moved_from_reference", self.moved_from_reference, shape))
+        if not np.isfinite(self.moved_from_reference).all():
+            bad = int(np.argwhere(~np.isfinite(self.moved_from_reference))[0, 0])
+            raise LegsimError(f"RigidMotion.moved_from_reference holds a value that is not a finite number in view {bad}")
 
     @classmethod
     def identity(cls, times: FloatArray) -> "RigidMotion":

@@ -37,6 +37,7 @@ def test_file_beats_preset_and_override_beats_file(tmp_path):
         ("[[imu.sensors]]\nname = 'a'\nsegment = 'b'\ndistance = 3\n", "valid here: name, segment, distance_mm"),
         ("[scan]\nviews = 'many'\n", r"scan\.views\): Input should be a valid integer.*'many'"),
         ("[grid]\nvoxel_mm = -1\n", r"grid\.voxel_mm\): Input should be greater than 0"),
+        ("[imu]\nsensors = []\n", r"imu\.sensors\): Tuple should have at least 1 item"),
         ("[grid\n", "is not TOML.*line 1"),
     ],
 )

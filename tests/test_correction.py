@@ -134,6 +134,53 @@ def test_users_own_methods_fit_the_seam():
     assert method(scan()).method == "mine"
 
 
+def test_a_users_method_that_works_is_left_alone():
+    given = scan()
+    assert correction.guarded("mine", correction.uncorrected)(given).projections is given.projections
+
+
+def _raises(scan: Scan, /) -> Correction:
+    raise ValueError("first line\nsecond line")
+
+
+def _says_nothing(scan: Scan, /) -> None:
+    pass
+
+
+def _crops(scan: Scan, /) -> Correction:
+    whole = scan.projections
+    return Correction("mine", Projections(whole.geometry[:10], whole.line_integrals[:10]), None)
+
+
+def _counts(scan: Scan, /) -> Correction:
+    return Correction("mine", scan.projections, np.zeros((len(scan.times), 4, 4)))  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("method", "message"),
+    [
+        (_raises, r"method mine failed in .*test_correction\.py, line \d+: ValueError: first line second line; mend it"),
+        (_says_nothing, "method mine returned NoneType; return a legsim.correction.Correction"),
+        (_crops, r"method mine returned \(10, 48, 62\) \(views, rows, columns\) for a scan of \(40, 48, 62\)"),
+        (_counts, "method mine failed in .*: LegsimError: a Correction's motion is None, a RigidMotion, .* not ndarray"),
+        (lambda: None, "method mine failed in .*: TypeError: .*takes 0 positional arguments"),
+    ],
+)
+def test_troubles_of_a_users_method_are_told_in_one_line(method: correction.CorrectionMethod, message: str):
+    with pytest.raises(LegsimError, match=message) as caught:
+        correction.guarded("mine", method)(scan())
+    assert "\n" not in str(caught.value)
+
+
+def test_refuses_images_that_are_not_numbers_or_no_images():
+    geometry, images = scan().projections.geometry, scan().projections.line_integrals.copy()
+    images[3, 4, 5] = np.nan
+    with pytest.raises(LegsimError, match="hold values that are not numbers"):
+        Correction("mine", Projections(geometry, images), None)
+    with pytest.raises(LegsimError, match=r"are a legsim\.geometry\.Projections, not ndarray"):
+        Correction("mine", images, None)  # type: ignore[arg-type]
+
+
 def test_refuses_motion_at_other_times():
     late = RigidMotion.identity(VIEWS + 0.01)
     with pytest.raises(LegsimError, match="at the projections' own times"):

@@ -1,3 +1,6 @@
+import importlib.metadata
+import sys
+from pathlib import Path
 from typing import Never
 
 import numpy as np
@@ -34,6 +37,15 @@ nothing = 3
 """
 
 
+def offered(monkeypatch: pytest.MonkeyPatch, folder: Path, value: str, text: str = OWN) -> None:
+    """An installed package whose module ``offered`` has this text offers ``value`` as the method "theirs"."""
+    (folder / "offered.py").write_text(text)
+    monkeypatch.syspath_prepend(str(folder))
+    monkeypatch.delitem(sys.modules, "offered", raising=False)
+    point = importlib.metadata.EntryPoint("theirs", value, methods.ENTRY_POINTS)
+    monkeypatch.setattr(importlib.metadata, "entry_points", lambda *, group: [point] if group == methods.ENTRY_POINTS else [])
+
+
 @pytest.mark.parametrize("name", methods.BUILT_IN)
 def test_every_built_in_method_can_be_built(name):
     assert callable(methods.build(name, SETUP))
@@ -42,7 +54,7 @@ def test_every_built_in_method_can_be_built(name):
 def test_a_method_from_a_users_own_file(tmp_path):
     (tmp_path / "own.py").write_text(OWN)
     name = f"{tmp_path / 'own.py'}:half"
-    assert getattr(methods.build(name, SETUP), "__name__", "") == "half"
+    assert callable(methods.build(name, SETUP))
     assert methods.label(name) == "half"
 
 
@@ -55,6 +67,27 @@ def test_editing_the_file_changes_the_fingerprint(tmp_path):
     assert methods.fingerprint("rigid") == "rigid"
 
 
+def test_editing_an_installed_module_changes_the_fingerprint(tmp_path, monkeypatch):
+    offered(monkeypatch, tmp_path, "offered:half")
+    before = methods.fingerprint("theirs")
+    (tmp_path / "offered.py").write_text(OWN + "\n")
+    assert methods.fingerprint("theirs") != before
+
+
+@pytest.mark.parametrize(
+    ("value", "text", "message"),
+    [
+        ("offered:missing", OWN, "method theirs: offered:missing cannot be loaded"),
+        ("offered:nothing", OWN, "method theirs: offered:nothing is not a function"),
+        ("offered:half", "import nowhere_to_be_found", "cannot be loaded .ModuleNotFoundError"),
+    ],
+)
+def test_an_installed_method_that_cannot_be_loaded_is_named(tmp_path, monkeypatch, value, text, message):
+    offered(monkeypatch, tmp_path, value, text)
+    with pytest.raises(LegsimError, match=message):
+        methods.build("theirs", SETUP)
+
+
 @pytest.mark.parametrize(
     ("name", "message"),
     [
@@ -62,9 +95,11 @@ def test_editing_the_file_changes_the_fingerprint(tmp_path):
         ("nowhere.py:half", r"nowhere\.py: no such file"),
         ("{own}:missing", "has no function 'missing'"),
         ("{own}:nothing", "has no function 'nothing'"),
+        ("{broken}:half", r"broken\.py: cannot be imported .SyntaxError: .*; mend the file"),
     ],
 )
 def test_what_is_no_method_is_refused(tmp_path, name, message):
     (tmp_path / "own.py").write_text(OWN)
+    (tmp_path / "broken.py").write_text("def half(scan:\n")
     with pytest.raises(LegsimError, match=message):
-        methods.build(name.format(own=tmp_path / "own.py"), SETUP)
+        methods.build(name.format(own=tmp_path / "own.py", broken=tmp_path / "broken.py"), SETUP)

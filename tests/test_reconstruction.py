@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from legsim import artifacts, config, methods, pipeline
+from legsim import artifacts, config, methods, pipeline, reconstruction
 from legsim.errors import LegsimError
 from legsim.motions import ControlPointMotion, FieldMotion
 from legsim.signals import RigidMotion
@@ -97,6 +97,43 @@ def test_the_papers_sensors_are_off_its_detector(tiny_run, tiny_settings, tmp_pa
         pipeline.run(changed(tiny_settings, start="fiducials"), branched(tiny_run, tmp_path), on_progress=quiet)
 
 
-def test_both_legs_need_sensors_on_both(tiny_run, tiny_settings, tmp_path):
-    with pytest.raises(LegsimError, match=r'methods\.legs = "both" needs sensors on femur_r and tibia_r'):
-        pipeline.run(changed(tiny_settings, legs="both"), branched(tiny_run, tmp_path), on_progress=quiet)
+SHANK = config.SensorConfig(name="shank_l", segment="tibia_l", distance_mm=140)
+
+
+@pytest.mark.parametrize(
+    ("imu", "chosen", "message"),
+    [
+        ({}, {"run": ("nonrigid-3d",), "legs": "both"}, r'methods\.legs = "both" needs sensors on femur_r and tibia_r; add them'),
+        ({"sensors": (SHANK,)}, {"run": ("rigid", "nonrigid-2d")}, "nonrigid-2d and nonrigid-3d need sensors on femur_l and tibia_l; add"),
+        ({}, {"run": ("rigid",), "sensor": "knee"}, r"methods\.sensor: there is no sensor 'knee'; name one of shank_l, thigh_l, or add it"),
+        ({}, {"run": ("rigid@knee",)}, "methods.run: rigid@knee: there is no sensor 'knee'"),
+        ({}, {"run": ("rigid", "{own}:rigid")}, "rigid would be called 'rigid' like another method; rename its function"),
+        ({}, {"run": ("{own}:static",)}, "would be called 'static' like another method"),
+        ({}, {"run": ("magic",)}, "no correction method named 'magic'"),
+    ],
+)
+def test_what_cannot_be_run_is_told_before_anything_is_computed(tiny_settings, tmp_path, imu, chosen, message):
+    (tmp_path / "own.py").write_text("from legsim.correction import uncorrected as rigid, uncorrected as static\n")
+    chosen["run"] = tuple(name.format(own=tmp_path / "own.py") for name in chosen["run"])
+    wanted = changed(tiny_settings, **chosen)
+    wanted = wanted.model_copy(update={"imu": wanted.imu.model_copy(update=imu)})
+    with pytest.raises(LegsimError, match=message):
+        pipeline.run(wanted, tmp_path / "run", on_progress=quiet)
+    assert not (tmp_path / "run").exists()
+
+
+def test_one_sensor_is_enough_for_a_rigid_correction(tiny_settings):
+    wanted = tiny_settings.model_copy(update={"imu": tiny_settings.imu.model_copy(update={"sensors": (SHANK,)})})
+    reconstruction.check(changed(wanted, run=("rigid", "rigid-printed-order", "rigid@shank_l", "uncorrected", "oracle-nonrigid")))
+
+
+def test_what_was_finished_before_a_method_failed_is_kept(tiny_run, tiny_settings, tmp_path):
+    (tmp_path / "own.py").write_text("def fails(scan):\n    raise ValueError('not today')\n")
+    folder = tmp_path / "run"
+    folder.mkdir()
+    wanted = changed(tiny_settings, run=("uncorrected", f"{tmp_path / 'own.py'}:fails"))
+    with pytest.raises(LegsimError, match=r"method fails failed in .*own\.py, line 2: ValueError: not today"):
+        pipeline.run(wanted, branched(tiny_run, folder), on_progress=quiet)
+    stages = json.loads((folder / "manifest.json").read_text())["stages"]
+    assert "volume-uncorrected" in stages
+    assert "volume-fails" not in stages

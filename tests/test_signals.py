@@ -53,3 +53,10 @@ def test_motion_of_a_body_carries_its_reference_pose_to_each_later_one(rng):
 def test_impossible_values_are_refused(make, message):
     with pytest.raises(LegsimError, match=message):
         make()
+
+
+def test_a_motion_of_no_numbers_is_refused():
+    matrices = np.tile(np.eye(4), (3, 1, 1))
+    matrices[2, 0, 3] = np.nan
+    with pytest.raises(LegsimError, match="not a finite number in view 2"):
+        RigidMotion(np.arange(3.0), matrices)
