@@ -13,10 +13,7 @@ import numpy as np
 
 from legsim.arrays import FloatArray
 from legsim.errors import LegsimError
-from legsim.signals import ImuSignals
-
-STANDARD_GRAVITY = 9.80665
-"""m/s^2 in one g"""
+from legsim.signals import STANDARD_GRAVITY, ImuSignals
 
 BMI160_RMS_MG = 1.8
 """accelerometer of Bosch Sensortec's BMI160, in 100 Hz bandwidth (data sheet: 180 ug/sqrt(Hz))"""

@@ -20,11 +20,8 @@ from legsim import resources
 from legsim.anatomy import JOINT_CENTERS, SEGMENTS, JointCenters, MarkerSites, SegmentScales, segment_index
 from legsim.arrays import FloatArray, frozen
 from legsim.errors import LegsimError
-from legsim.signals import JointTrajectories, SegmentPoses
+from legsim.signals import GRAVITY_WORLD, JointTrajectories, SegmentPoses
 from legsim.simm_spline import SimmSpline
-
-GRAVITY_WORLD = frozen("gravity", (0.0, -9.80665, 0.0), (3,))
-"""m/s^2"""
 
 _SIDE = ("hip_flexion", "hip_adduction", "hip_rotation", "knee_angle", "ankle_angle", "subtalar_angle", "mtp_angle")
 COORDINATES = (
@@ -116,6 +113,7 @@ class Leg:
         model = mujoco.MjModel.from_xml_path(str(resources.model_file("lower_body/lower_body.xml")))
         # a constraint would not change kinematics, only cost time
         model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONSTRAINT
+        model.opt.gravity[:] = GRAVITY_WORLD
         couplings = _load_couplings(model, scales)
         _scale_offsets(model, scales)
         _scale_masses(model, scales)

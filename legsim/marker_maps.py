@@ -95,12 +95,25 @@ def guess(maps: Sequence[MarkerMap], marker_names: Sequence[str], *, required: S
     """
     scores = [(-len(m.missing_in(marker_names, required)), len(m.found_in(marker_names)), -len(m.roles), -k) for k, m in enumerate(maps)]
     best = maps[max(range(len(maps)), key=lambda k: scores[k])]
+    people = _people(maps, marker_names, required)
+    if len(people) > 1:
+        raise LegsimError(
+            f"the labels tell of {len(people)} people ({', '.join(people)}): export one of them, or give a marker map (TOML) "
+            f"with whole labels, as in sacrum = {people[0] + ':SACR'!r}"
+        )
     if not best.found_in(marker_names):
         raise LegsimError(
             f"no marker set knows any of the markers {_listed(marker_names)}; give a marker map (TOML) with {', '.join(required)}"
         )
     check_covered(best, marker_names, required)
     return best
+
+
+def _people(maps: Sequence[MarkerMap], marker_names: Sequence[str], required: Sequence[str]) -> list[str]:
+    """Prefixes of labels (``Name:LABEL``) under each of which some map finds all that is required."""
+    prefixes = list(dict.fromkeys(name.rpartition(":")[0] for name in marker_names if ":" in name))
+    owned = {p: [name for name in marker_names if name.startswith(f"{p}:")] for p in prefixes} if len(prefixes) > 1 else {}
+    return [p for p, names in owned.items() if required and any(not m.missing_in(names, required) for m in maps)]
 
 
 def check_covered(marker_map: MarkerMap, marker_names: Sequence[str], required: Sequence[str] = PAPER_ROLES) -> None:

@@ -10,6 +10,8 @@ from legsim.errors import LegsimError, at
 from legsim.marker_maps import PAPER_ROLES, MarkerMap
 
 _FOLDER = "marker_sets"
+_COMMON = "common_names"
+"""the set that mixes all others; taken only where none of them covers a recording by itself"""
 
 
 def load(name_or_path: str | Path) -> MarkerMap:
@@ -41,12 +43,15 @@ def names() -> tuple[str, ...]:
 
 
 def guess(marker_names: Sequence[str], *, required: Sequence[str] = PAPER_ROLES) -> MarkerMap:
-    """The shipped set that covers a recording's markers best.
+    """The shipped set that covers a recording's markers best, names of several sets mixed only where none is enough.
 
     Raises:
         LegsimError: none covers the required roles; the message names what is missing and the labels there are.
     """
-    return marker_maps.guess([load(name) for name in names()], marker_names, required=required)
+    maps = [load(name) for name in names() if name != _COMMON]
+    if any(not m.missing_in(marker_names, required) for m in maps):
+        return marker_maps.guess(maps, marker_names, required=required)
+    return marker_maps.guess([*maps, load(_COMMON)], marker_names, required=required)
 
 
 def _from_table(path: Path, table: dict[str, object]) -> MarkerMap:

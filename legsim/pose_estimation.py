@@ -15,10 +15,7 @@ from scipy.interpolate import make_interp_spline
 from legsim import transforms
 from legsim.arrays import FloatArray, frozen, increasing_times
 from legsim.errors import LegsimError
-from legsim.signals import SensorStart
-
-GRAVITY_WORLD = np.array([0.0, -9.80665, 0.0])
-"""m/s^2"""
+from legsim.signals import GRAVITY_WORLD, SensorStart
 
 Scheme = Literal["accurate", "printed"]
 

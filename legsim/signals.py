@@ -9,6 +9,10 @@ from legsim import transforms
 from legsim.arrays import FloatArray, frozen, increasing_times
 from legsim.errors import LegsimError
 
+STANDARD_GRAVITY = 9.80665
+"""m/s^2 in one g (3rd General Conference on Weights and Measures, 1901)"""
+GRAVITY_WORLD = frozen("gravity", (0.0, -STANDARD_GRAVITY, 0.0), (3,))
+
 
 def _names(kind: str, names: Sequence[str]) -> tuple[str, ...]:
     names = tuple(names)

@@ -7,8 +7,8 @@ import pytest
 from legsim import resources, transforms
 from legsim.anatomy import SEGMENTS, MarkerSites, SegmentScales, segment_index
 from legsim.errors import LegsimError
-from legsim.leg import COORDINATES, GRAVITY_WORLD, Leg
-from legsim.signals import JointTrajectories
+from legsim.leg import COORDINATES, Leg
+from legsim.signals import GRAVITY_WORLD, JointTrajectories
 
 LEG = Leg.load()
 SITES = MarkerSites(

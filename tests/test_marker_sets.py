@@ -50,6 +50,42 @@ def test_a_walk_without_lateral_markers_is_refused_unless_they_are_not_required(
     assert len(marker_sets.guess(labels, required=()).found_in(labels)) == 27
 
 
+def both(words: str) -> list[str]:
+    """Each word with R and with L for its @."""
+    return [word.replace("@", side) for word in words.split() for side in "RL"]
+
+
+@pytest.mark.parametrize(
+    ("labels", "knee", "ankle"),
+    [
+        ([*both("@ASIS @LEK @MEK @LM @MM"), "SACR"], "RLEK", "RLM"),
+        (both("@ASIS @PSIS @KNE @ANK"), "RKNE", "RANK"),
+        (both("@ASI @PSI @LE @LM"), "RLE", "RLM"),
+        (both("@ASI @PSI @KNEL @KNEM @ANKL @ANKM"), "RKNEL", "RANKL"),
+        (["SACRUM", *both("@ASIS @_Knee_Lateral @_Ankle_Lateral")], "R_Knee_Lateral", "R_Ankle_Lateral"),
+        (["sacrum", *(f"{s}_{w}" for s in ("right", "left") for w in ("asis", "lateral_epicondyle", "lateral_malleolus"))],
+         "right_lateral_epicondyle", "right_lateral_malleolus"),
+        ([f"{s} {w}" for s in ("Right", "Left") for w in ("ASIS", "PSIS", "Knee", "Ankle")], "Right Knee", "Right Ankle"),
+        (["SACR", *(f"{w}_{s}" for w in ("ASIS", "KNEE", "ANKLE") for s in "RL")], "KNEE_R", "ANKLE_R"),
+    ],
+)  # fmt: skip
+def test_names_of_several_sets_are_understood_together(labels, knee, ankle):
+    found = marker_sets.guess(labels).found_in(labels)
+    assert (found["epicondyle_lateral_r"], found["malleolus_lateral_r"]) == ((knee,), (ankle,))
+    assert set(PAPER_ROLES) <= set(found)
+
+
+def test_joint_centers_of_a_pose_estimator_are_no_markers():
+    with pytest.raises(LegsimError, match="finds no marker for sacrum, asis_r, asis_l among RHip"):
+        marker_sets.guess([*both("@Hip @Knee @Ankle"), "Neck"])
+
+
+def test_two_people_are_told():
+    labels = [f"{person}:{label}" for person in ("Ann", "Bob") for label in ("SACR", *both("@ASI @KNE @ANK"))]
+    with pytest.raises(LegsimError, match=r"tell of 2 people \(Ann, Bob\): export one of them, or .* sacrum = 'Ann:SACR'"):
+        marker_sets.guess(labels)
+
+
 def test_an_own_map_is_read(tmp_path):
     path = tmp_path / "mine.toml"
     path.write_text('[roles]\nsacrum = ["A", "B"]\nasis_r = "C"\nasis_l = [["D"], ["E", "F"]]\n')

@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-import scaling_errors
+import recovery_errors
 
 from legsim import recovery, storage, trc
 from legsim.config import MotionConfig
@@ -109,9 +109,26 @@ def test_a_trial_scaled_from_another_does_without_what_only_scaling_needs(tmp_pa
 
 
 def test_scaling_from_active_squats_finds_joint_centers_at_least_as_well():
-    by_squats, by_itself = (scaling_errors.center_errors("subject05/squat_60", file) for file in ("", "subject05/squat_60.trc"))
-    assert by_squats.max() < 8.0
-    assert np.linalg.norm(by_squats) < np.linalg.norm(by_itself)
+    by_squats, by_itself = (errors_of("subject05/squat_60", file) for file in ("", "subject05/squat_60.trc"))
+    assert max(by_squats.centers_mm) < 8.0
+    assert np.linalg.norm(by_squats.centers_mm) < np.linalg.norm(by_itself.centers_mm)
+    assert max(by_squats.knees_deg) < max(by_itself.knees_deg)
+
+
+@pytest.mark.slow
+def test_the_knees_of_the_held_squats_are_found():
+    """As docs/biomechanics.md has it: one knee of 28 beyond 1 degree, which the place of one marker explains."""
+    names = [f"subject{subject:02d}/squat_{bend}" for subject in range(1, 8) for bend in (30, 60)]
+    found = [errors_of(name) for name in names]
+    knees, centers = np.array([f.knees_deg for f in found]), np.array([f.centers_mm for f in found])
+    assert (knees > 1).sum() <= 1
+    assert np.sqrt(np.mean(knees**2)) < 0.55
+    assert (np.sqrt(np.mean(centers**2, 0)) < (3.0, 4.0, 4.0)).all()
+
+
+def errors_of(name: str, scaling_file: str = "") -> recovery_errors.Errors:
+    found, _ = recovery_errors.recovered(name, scaling_file)
+    return recovery_errors.errors(recovery_errors.truth_of(name), found.leg, found.trajectories)
 
 
 def test_only_shipped_held_squats_are_scaled_from_the_squats_beside_them(tmp_path, squat):

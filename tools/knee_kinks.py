@@ -13,7 +13,7 @@ from legsim import imu
 from legsim.arrays import FloatArray
 from legsim.imu import JointSplines
 from legsim.leg import COORDINATES, Leg
-from legsim.signals import JointTrajectories
+from legsim.signals import STANDARD_GRAVITY, JointTrajectories
 
 RATE = 120.0
 FINE = 5000.0
@@ -32,7 +32,7 @@ class Kinks:
     @property
     def sample_mg(self) -> float:
         """What the step adds to the acceleration within one sample."""
-        return 1e3 * self.step / RATE / 9.80665
+        return 1e3 * self.step / RATE / STANDARD_GRAVITY
 
 
 def squats(leg: Leg, depth_deg: float, period_s: float) -> JointTrajectories:

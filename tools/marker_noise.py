@@ -16,7 +16,7 @@ from legsim.arrays import FloatArray
 from legsim.imu import JointSplines
 from legsim.leg import COORDINATES, Leg
 from legsim.marker_maps import PAPER_ROLES
-from legsim.signals import JointTrajectories, Motion
+from legsim.signals import STANDARD_GRAVITY, JointTrajectories, Motion
 
 RATE = 120.0
 TIMES = np.arange(0, 20, 1 / RATE)
@@ -54,7 +54,7 @@ def rigid_body(noise: float, cutoff_hz: float, rng: np.random.Generator) -> tupl
     acceleration = (second(found_shift) - second(shift))[INSIDE]
     # turns are small: the rate is the vector's derivative
     rate = (make_interp_spline(TIMES, found - turn, k=5)(TIMES, 1))[INSIDE]
-    return 1e3 * acceleration.std() / 9.80665, float(np.degrees(rate.std()))
+    return 1e3 * acceleration.std() / STANDARD_GRAVITY, float(np.degrees(rate.std()))
 
 
 def whole_leg(noise: float, settle: bool, rng: np.random.Generator) -> tuple[float, float, float, float]:
@@ -73,7 +73,7 @@ def whole_leg(noise: float, settle: bool, rng: np.random.Generator) -> tuple[flo
     if settle:
         found, _ = marker_noise.settle(leg, found, sites, noise=noise, filter_hz=6.0)
     ours, true = (imu.simulate(leg, JointSplines(t), imu.default_sensors(), TIMES[INSIDE]) for t in (found, truth))
-    force = 1e3 * (ours.specific_force - true.specific_force) / 9.80665
+    force = 1e3 * (ours.specific_force - true.specific_force) / STANDARD_GRAVITY
     rate = np.degrees(ours.angular_velocity - true.angular_velocity)
     # the posture is off by what the priors decide, so only what changes counts
     return force[:, 0].std(0).mean(), rate[:, 0].std(0).mean(), force[:, 1].std(0).mean(), rate[:, 1].std(0).mean()
@@ -82,7 +82,7 @@ def whole_leg(noise: float, settle: bool, rng: np.random.Generator) -> tuple[flo
 def main(noise_mm: Annotated[float, typer.Option(help="RMS of a marker's white noise per axis.")] = 0.2) -> None:
     """Marker noise in accelerometer and gyroscope, with and without the second low-pass."""
     noise = 1e-3 * noise_mm
-    one = 1e3 * marker_noise.left_by_filter(noise, 6.0, RATE)[1] / 9.80665
+    one = 1e3 * marker_noise.left_by_filter(noise, 6.0, RATE)[1] / STANDARD_GRAVITY
     typer.echo(f"one marker behind the 6 Hz filter, by the law: {one:.2f} mg; BMI160 {BMI160[0]} mg, {BMI160[1]} deg/s\n")
     typer.echo("| rigid body, 4 markers | accelerometer (mg) | gyroscope (deg/s) |\n|---|---|---|")
     for cutoff in (0.0, 5.0, 4.0, 3.0):

@@ -18,7 +18,6 @@ import numpy as np
 
 from legsim.arrays import FloatArray
 
-GRAVITY = 9.80665
 _REFERENCE_LOAD = 75.0 * 9.81 * 0.83
 
 

@@ -2,10 +2,11 @@
 
 import numpy as np
 from posture_body import Body
-from posture_controller import GRAVITY, ControllerParams, DelayedFeedback, filtered_noise, rest_stiffness
+from posture_controller import ControllerParams, DelayedFeedback, filtered_noise, rest_stiffness
 from posture_plan import STEP, Plan
 
 from legsim.arrays import FloatArray
+from legsim.signals import STANDARD_GRAVITY
 
 
 class Muscles:
@@ -31,7 +32,7 @@ class Muscles:
         """(2,) N forwards and to the right: the feedback's answer to the sway of the mass center against the plan."""
         body, planned = self._body, self._plan.mass_center[k]
         height = planned[1]
-        load = body.subject.mass * GRAVITY * height
+        load = body.subject.mass * STANDARD_GRAVITY * height
         sway = self._level @ (body.mass_center() - planned) / height + self._felt[k]
         rate = self._level @ body.mass_center_jacobian() @ (v - self._plan.v[k]) / height + self._felt_rate[k]
         answers = [channel(sway[i], rate[i], load, body.subject.gain) for i, channel in enumerate(self._channels)]
@@ -52,7 +53,7 @@ def _motor_noise(plan: Plan, body: Body, params: ControllerParams, rng: np.rando
 def _sensory_noise(plan: Plan, body: Body, params: ControllerParams, rng: np.random.Generator) -> FloatArray:
     """Errors (n, 2) of the felt sway forwards and to the right, rad."""
     knees = np.abs(plan.torques[:, [body.index["knee_angle_r"], body.index["knee_angle_l"]]]).mean(1)
-    effort = knees / (body.subject.mass * GRAVITY * 0.1)
+    effort = knees / (body.subject.mass * STANDARD_GRAVITY * 0.1)
     size = np.radians(params.sensory_deg) * body.subject.noise * (1 + params.sensory_effort * effort)
     return np.stack([size * filtered_noise(rng, len(size), STEP, params.sensory_time) for _ in range(2)], -1)
 
@@ -61,7 +62,7 @@ def _impedance(plan: Plan, body: Body, params: ControllerParams) -> tuple[FloatA
     """Intrinsic stiffness and damping (n, c) of the joints: at rest, and with the torque they carry."""
     stiffness = params.joint_stiffness * np.abs(plan.torques)
     damping = np.zeros_like(stiffness)
-    load = body.subject.mass * GRAVITY * plan.mass_center[:, 1]
+    load = body.subject.mass * STANDARD_GRAVITY * plan.mass_center[:, 1]
     for i in body.muscle_joints:
         stiffness[:, i] += rest_stiffness(body.names[i], body.subject.mass)
         damping[:, i] = params.damping_time * stiffness[:, i]

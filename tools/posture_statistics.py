@@ -8,9 +8,8 @@ from scipy.signal import butter, sosfiltfilt
 from legsim.anatomy import SegmentScales
 from legsim.arrays import FloatArray
 from legsim.leg import Leg
-from legsim.signals import JointTrajectories, Motion
+from legsim.signals import STANDARD_GRAVITY, JointTrajectories, Motion
 
-STANDARD_GRAVITY = 9.80665
 PELVIS = ("SACR", "RASI", "LASI")
 
 
