@@ -14,6 +14,7 @@ import typer
 import typer.exceptions
 from rich import box
 from rich.console import Console
+from rich.markup import escape
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.table import Table
 
@@ -116,7 +117,7 @@ def run(
         result.rows(),
     )
     for line in result.places():
-        _out.print(line)
+        _out.print(line, markup=False)
 
 
 @app.command()
@@ -146,7 +147,7 @@ def replay(
             config.load(overrides=tuple(overrides)), out, filtered=filter_hz is not None, image=image, on_progress=progress
         )
     for line in result.lines():
-        _out.print(line)
+        _out.print(line, markup=False)
 
 
 @app.command()
@@ -180,7 +181,7 @@ def project(
             on_progress=progress,
         )
     for line in lines:
-        _out.print(line)
+        _out.print(line, markup=False)
 
 
 @app.command()
@@ -210,7 +211,7 @@ def reconstruct(
             on_progress=progress,
         )
     for line in lines:
-        _out.print(line)
+        _out.print(line, markup=False)
 
 
 @app.command()
@@ -227,7 +228,7 @@ def evaluate(
     """SSIM and RMSE of a volume against a reference, by region."""
     rows = tasks.evaluate(volume, reference, out, regions=regions, register=register)
     _table(f"{volume} against {reference}", ("region", "SSIM", "RMSE", "voxels"), rows)
-    _out.print(f"numbers: {out}")
+    _out.print(f"numbers: {out}", markup=False)
 
 
 @geometry_app.command("show")
@@ -240,7 +241,7 @@ def geometry_show(
 ) -> None:
     """Field of view, angular range, magnification, and what of a phantom is cut off."""
     for line in tasks.describe_geometry(file, detector=tasks.Detector(columns, rows, pixel_mm), phantom=phantom):
-        _out.print(line)
+        _out.print(line, markup=False)
 
 
 @geometry_app.command("convert")
@@ -253,7 +254,7 @@ def geometry_convert(
 ) -> None:
     """Write the same geometry in another format."""
     for line in tasks.convert_geometry(file, out, detector=tasks.Detector(columns, rows, pixel_mm)):
-        _out.print(line)
+        _out.print(line, markup=False)
 
 
 @app.command()
@@ -268,7 +269,7 @@ def doctor_command(folder: Annotated[Path, typer.Argument(metavar="[DIR]", help=
     findings = doctor.examine(folder)
     for finding in findings:
         mark = "[green]ok[/]  " if finding.good else "[red]bad[/] "
-        _out.print(f"{mark} {finding.topic}: {finding.detail}" + (f"; {finding.cure}" if not finding.good else ""))
+        _out.print(mark + escape(f" {finding.topic}: {finding.detail}" + (f"; {finding.cure}" if not finding.good else "")))
     if not all(finding.good for finding in findings):
         raise typer.Exit(1)
 
@@ -286,7 +287,7 @@ def _options(
 
 
 def _warn(message: Warning | str, *_: object) -> None:
-    _err.print(f"[yellow]warning:[/] {message}", markup=True)
+    _err.print(f"[yellow]warning:[/] {escape(str(message))}")
 
 
 def _explain(error: Exception) -> str | None:
@@ -315,11 +316,11 @@ def main(arguments: list[str] | None = None) -> None:
             _err.print("interrupted; what was finished is kept, the same command goes on from there")
         sys.exit(code)
     except typer.exceptions.TyperException as error:
-        _err.print(f"error: {error.format_message()} (the command's --help says more)".replace("\n", " "), style="red")
+        _err.print(f"error: {error.format_message()} (the command's --help says more)".replace("\n", " "), style="red", markup=False)
         sys.exit(error.exit_code)
     except Exception as error:
         line = _explain(error)
         if line is None or "--debug" in arguments:
             raise
-        _err.print(f"error: {line}".replace("\n", " "), style="red")
+        _err.print(f"error: {line}".replace("\n", " "), style="red", markup=False)
         sys.exit(1)
