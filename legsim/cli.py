@@ -17,6 +17,7 @@ import typer
 import typer.exceptions
 from rich import box
 from rich.console import Console
+from rich.markup import escape
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.table import Table
 
@@ -121,7 +122,7 @@ def run(
         result.rows(),
     )
     for line in result.places():
-        _out.print(line)
+        _out.print(line, markup=False)
 
 
 @app.command()
@@ -153,7 +154,7 @@ def replay(
             config.load(overrides=tuple(overrides)), out, filtered=filter_hz is not None, image=image, on_progress=progress
         )
     for line in result.lines():
-        _out.print(line)
+        _out.print(line, markup=False)
 
 
 @app.command()
@@ -189,7 +190,7 @@ def project(
             on_progress=progress,
         )
     for line in lines:
-        _out.print(line)
+        _out.print(line, markup=False)
 
 
 @app.command()
@@ -221,7 +222,7 @@ def reconstruct(
             on_progress=progress,
         )
     for line in lines:
-        _out.print(line)
+        _out.print(line, markup=False)
 
 
 @app.command()
@@ -240,7 +241,7 @@ def evaluate(
 
     rows = tasks.evaluate(volume, reference, out, regions=regions, register=register)
     _table(f"{volume} against {reference}", ("region", "SSIM", "RMSE", "gradient entropy", "voxels"), rows)
-    _out.print(f"numbers: {out}")
+    _out.print(f"numbers: {out}", markup=False)
 
 
 @geometry_app.command("show")
@@ -255,7 +256,7 @@ def geometry_show(
     from legsim import tasks
 
     for line in tasks.describe_geometry(file, detector=tasks.Detector(columns, rows, pixel_mm), phantom=phantom):
-        _out.print(line)
+        _out.print(line, markup=False)
 
 
 @geometry_app.command("convert")
@@ -270,7 +271,7 @@ def geometry_convert(
     from legsim import tasks
 
     for line in tasks.convert_geometry(file, out, detector=tasks.Detector(columns, rows, pixel_mm)):
-        _out.print(line)
+        _out.print(line, markup=False)
 
 
 @app.command()
@@ -289,7 +290,7 @@ def doctor_command(folder: Annotated[Path, typer.Argument(metavar="[DIR]", help=
     findings = doctor.examine(folder)
     for finding in findings:
         mark = "[green]ok[/]  " if finding.good else "[red]bad[/] "
-        _out.print(f"{mark} {finding.topic}: {finding.detail}" + (f"; {finding.cure}" if not finding.good else ""))
+        _out.print(mark + escape(f" {finding.topic}: {finding.detail}" + (f"; {finding.cure}" if not finding.good else "")))
     if not all(finding.good for finding in findings):
         raise typer.Exit(1)
 
@@ -307,7 +308,7 @@ def _options(
 
 
 def _warn(message: Warning | str, *_: object) -> None:
-    _err.print(f"[yellow]warning:[/] {message}", markup=True)
+    _err.print(f"[yellow]warning:[/] {escape(str(message))}")
 
 
 def _explain(error: Exception) -> str | None:
@@ -336,11 +337,11 @@ def main(arguments: list[str] | None = None) -> None:
             _err.print("interrupted; what was finished is kept, the same command goes on from there")
         sys.exit(code)
     except typer.exceptions.TyperException as error:
-        _err.print(f"error: {error.format_message()} (the command's --help says more)".replace("\n", " "), style="red")
+        _err.print(f"error: {error.format_message()} (the command's --help says more)".replace("\n", " "), style="red", markup=False)
         sys.exit(error.exit_code)
     except Exception as error:
         line = _explain(error)
         if line is None or "--debug" in arguments:
             raise
-        _err.print(f"error: {line}".replace("\n", " "), style="red")
+        _err.print(f"error: {line}".replace("\n", " "), style="red", markup=False)
         sys.exit(1)

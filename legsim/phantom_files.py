@@ -28,7 +28,9 @@ UNITS = {"mm": 1e-3, "m": 1.0}
 SMALLEST, LARGEST = 0.5e-3, 5.0
 """m: largest extents of a part that are taken for a mistaken unit below or above"""
 _KEYS = {"name": str, "file": str, "unit": str, "material": str, "attenuation_per_mm": (int, float), "segment": str}
-_SAMPLES = 12
+_LEAST_VOLUME = 1e-9
+"""of the cube of a part's length: what rounding leaves of a flat one"""
+_SAMPLES, _MORE_SAMPLES = 12, 100
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -136,7 +138,10 @@ def _part(path: Path, number: int, table: dict[str, Any], energy_kev: float, rem
     vertices, triangles = _closed(file, name, *_mesh(file, name))
     vertices = vertices * UNITS[table["unit"]]
     _check_size(file, name, vertices, table["unit"])
-    if _volume(vertices, triangles) < 0:
+    volume = _volume(vertices, triangles)
+    if abs(volume) < _LEAST_VOLUME * np.ptp(vertices, axis=0).max() ** 3:
+        raise at(file, "the surface encloses no volume", "give it a thickness, or orient its pieces alike", place=f"part {name!r}")
+    if volume < 0:
         triangles = triangles[:, ::-1]
         remarks.append(f"{file} (part {name!r}): its triangles faced inward and were turned")
     return Part(name, material, attenuation, vertices, triangles)
@@ -152,15 +157,16 @@ def _mesh(file: Path, name: str) -> tuple[FloatArray, np.ndarray]:
     try:
         mesh = trimesh.load_mesh(file, process=False)
     except Exception as error:  # trimesh's readers raise whatever a malformed file makes them stumble over
+        # a binary STL that was cut short is tried as text, for which a reader is missing
+        known = "" if isinstance(error, ImportError) or not str(error) else f" ({type(error).__name__}: {str(error).splitlines()[0]})"
         raise at(
-            file,
-            f"cannot be read as a mesh ({type(error).__name__}: {str(error).splitlines()[0] if str(error) else 'malformed'})",
-            "export it again",
-            place=place,
+            file, f"cannot be read as a mesh{known}", "it may be cut short or of another kind: export it again", place=place
         ) from error
     if not isinstance(mesh, trimesh.Trimesh) or len(mesh.faces) == 0:
         raise at(file, "holds no triangles", "export a triangle mesh", place=place)
     vertices, triangles = np.asarray(mesh.vertices, float), np.asarray(mesh.faces)
+    if triangles.min() < 0 or triangles.max() >= len(vertices):
+        raise at(file, f"a triangle names a vertex beyond the {len(vertices)} there are", "export it again", place=place)
     if not np.isfinite(vertices[triangles]).all():
         raise at(file, "a vertex is not a finite number", "export it again", place=place)
     return vertices, triangles
@@ -233,7 +239,7 @@ def _nesting(path: Path, parts: list[Part], tables: list[dict[str, Any]]) -> lis
     for k, earlier in enumerate(parts):
         for later, table in zip(parts[k + 1 :], tables[k + 1 :], strict=True):
             within = _fraction_inside(earlier, later)
-            if within == 1.0:
+            if within == 1.0 and _fraction_inside(earlier, later, _MORE_SAMPLES) == 1.0:
                 problem = f"part {earlier.name!r} ({tables[k]['file']}) lies inside the later part {later.name!r} ({table['file']})"
                 raise at(path, f"{problem}, which displaces it whole", f"list {later.name!r} before {earlier.name!r}")
             if within > 0 and 0 < _fraction_inside(later, earlier) < 1:
@@ -241,11 +247,12 @@ def _nesting(path: Path, parts: list[Part], tables: list[dict[str, Any]]) -> lis
     return remarks
 
 
-def _fraction_inside(part: Part, other: Part) -> float:
+def _fraction_inside(part: Part, other: Part, samples: int = _SAMPLES) -> float:
     """Share of some of the part's vertices that lie inside the other."""
     low, high = other.vertices.min(axis=0), other.vertices.max(axis=0)
     used = part.vertices[np.unique(part.triangles)]
-    points = used[np.linspace(0, len(used) - 1, min(_SAMPLES, len(used))).astype(int)]
+    spread = np.linspace(0, len(used) - 1, min(samples, len(used))).astype(int)
+    points = used[np.concatenate([spread, used.argmin(axis=0), used.argmax(axis=0)])]
     boxed = points[((points > low) & (points < high)).all(axis=1)]
     return sum(abs(_winding(other, point)) > 0.5 for point in boxed) / len(points)
 

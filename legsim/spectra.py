@@ -31,7 +31,8 @@ def tube(*, kvp: float, anode_deg: float, aluminum_mm: float, copper_mm: float, 
         ) from None
     try:
         model = spekpy.Spek(kvp=kvp, th=anode_deg, dk=_BIN_KEV)
-        energies, fluence = model.filter("Al", aluminum_mm).filter("Cu", copper_mm).get_spectrum()
+        columns = model.filter("Al", aluminum_mm).filter("Cu", copper_mm).get_spectrum()
+        energies, fluence = (np.asarray(column, float) for column in columns)
     except Exception as error:  # SpekPy raises bare exceptions
         raise LegsimError(
             f"SpekPy has no spectrum for {kvp:g} kV and an anode of {anode_deg:g} degrees ({error}); choose 30 to 300 kV, 6 to 20 degrees"

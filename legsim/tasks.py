@@ -71,10 +71,22 @@ def project(
     values = projections.line_integrals
     return [
         *read.remarks,
+        *_remarks(read, geometry, seen=values.max() > 0),
         f"{len(geometry)} views of {geometry.shape_vu[1]}x{geometry.shape_vu[0]} pixels, {len(phantom.parts)} parts, on {opened.label}",
         f"line integrals from {values.min():.4g} to {values.max():.4g}",
         f"projections: {out}",
     ]
+
+
+def _remarks(read: phantom_files.PhantomFile, geometry: ConeBeamGeometry, seen: bool) -> list[str]:
+    """What a user may not expect of a projected phantom."""
+    carried = [part.name for part, segment in zip(read.phantom.parts, read.segments, strict=True) if segment is not None]
+    lines = [f"parts that move with a segment rest here, where their files have them: {', '.join(carried)}"] if carried else []
+    if not seen:
+        points = np.concatenate([part.vertices for part in read.phantom.parts])
+        middle, center = (np.round(1e3 * p, 1).tolist() for p in ((points.min(0) + points.max(0)) / 2, geometry.rotation_center()))
+        lines.append(f"no ray meets anything: the phantom's middle is at {middle} mm in world, the scan's at {center} mm")
+    return lines
 
 
 def reconstruct(

@@ -43,6 +43,10 @@ def test_version(capsys):
     ("arguments", "expected"),
     [
         (("run", "nowhere.toml"), "nowhere.toml: no such file"),
+        (("run", "scan [2].toml"), "scan [2].toml: no such file"),
+        (("run", "--set", "scan.detector.photons=-1"), "scan.detector.photons): Input should be greater than or equal to 0"),
+        (("run", "--set", "scan.spectrum.kind=file", "--set", "scan.spectrum.file=no.csv", "--out", "{tmp}"), "no.csv: cannot be read"),
+        (("project", "nowhere.toml", "--geometry", "nowhere.json", "--set", "grid.voxels=9"), "heeds scan.spectrum.<key>"),
         (("run", "--set", "scan.speed=3"), "scan.speed): there is no such key"),
         (("run", "--set", "motion.file=nowhere.trc", "--out", "{tmp}"), "nowhere.trc: no such motion file"),
         (("run", "--set", "scan.views=9000", "--out", "{tmp}"), "the recording lasts"),

@@ -166,3 +166,30 @@ def test_other_refusals(tmp_path):
     for suffix in phantom_files.SUFFIXES:
         (tmp_path / f"bad{suffix}").write_bytes(b"\x00not a mesh at all")
         refuse(write(tmp_path, entry("a", f"bad{suffix}")), rf"bad\{suffix} \(part 'a'\): (cannot be read as a mesh|holds no triangles)")
+
+
+def test_meshes_that_no_reader_takes_are_told_in_words_of_the_file(tmp_path):
+    mesh = ball(30)
+    mesh.export(tmp_path / "cut.stl")
+    (tmp_path / "cut.stl").write_bytes((tmp_path / "cut.stl").read_bytes()[:3000])
+    refuse(write(tmp_path, entry("a", "cut.stl")), r"cut\.stl \(part 'a'\): cannot be read as a mesh.*cut short")
+    lines = mesh.export(file_type="ply", encoding="ascii").decode().splitlines()
+    for index in ("99999", "-7"):
+        (tmp_path / "beyond.ply").write_text("\n".join([*lines[:-1], f"3 1 2 {index}"]) + "\n")
+        refuse(write(tmp_path, entry("a", "beyond.ply")), r"a triangle names a vertex beyond the 162 there are")
+
+
+def test_a_flat_part_encloses_nothing_and_a_thin_one_something(tmp_path):
+    flat = trimesh.Trimesh([[0, 0, 0], [50, 0, 0], [0, 50, 1]], [[0, 1, 2], [0, 2, 1]], process=False)
+    refuse(write(tmp_path, entry("leaf", "flat.ply"), flat_ply=flat), r"flat\.ply \(part 'leaf'\): the surface encloses no volume")
+    foil = trimesh.creation.box(extents=(500, 500, 0.01))
+    assert len(phantom_files.load(write(tmp_path, entry("foil", "foil.ply"), foil_ply=foil)).parts) == 1
+
+
+def test_a_part_that_juts_out_somewhere_is_not_hidden(tmp_path):
+    """Nearly all its vertices lie in the later part, as those of a dense lump on a stalk."""
+    inner = trimesh.util.concatenate([trimesh.creation.icosphere(5, radius=10.0), ball(3, (60, 5, 0))])
+    order = np.random.default_rng(2).permutation(len(inner.vertices))
+    mixed = trimesh.Trimesh(inner.vertices[order], np.argsort(order)[inner.faces], process=False)
+    path = write(tmp_path, entry("lump", "lump.ply"), entry("over", "over.ply"), lump_ply=mixed, over_ply=ball(30))
+    assert [part.name for part in phantom_files.load(path).parts] == ["lump", "over"]

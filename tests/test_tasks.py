@@ -41,7 +41,7 @@ def ball_scan(tmp_path_factory):
 
 
 def project(folder, out, *settings):
-    tasks.project(
+    return tasks.project(
         folder / "phantom.toml",
         folder / "geometry.json",
         out,
@@ -51,18 +51,35 @@ def project(folder, out, *settings):
         device=None,
         on_progress=quiet,
     )
-    return sitk.GetArrayFromImage(sitk.ReadImage(out))
+
+
+def images_of(path):
+    return sitk.GetArrayFromImage(sitk.ReadImage(path))
 
 
 def test_projections_take_the_detectors_settings_and_the_seed(ball_scan, tmp_path):
-    photons = "scan.detector.photons=1e4"
-    clean, noisy = sitk.GetArrayFromImage(sitk.ReadImage(ball_scan / "p.mha")), project(ball_scan, tmp_path / "a.mha", photons)
-    air = clean == 0
-    assert noisy[air].std() == pytest.approx(0.01, rel=0.02)
-    np.testing.assert_array_equal(project(ball_scan, tmp_path / "b.mha", photons, "seed=0"), noisy)
-    assert (project(ball_scan, tmp_path / "b.mha", photons, "seed=7") != noisy).any()
+    photons, clean, found = "scan.detector.photons=1e4", images_of(ball_scan / "p.mha"), []
+    for settings in ((photons,), (photons, "seed=0"), (photons, "seed=7")):
+        project(ball_scan, tmp_path / "a.mha", *settings)
+        found.append(images_of(tmp_path / "a.mha"))
+    assert found[0][clean == 0].std() == pytest.approx(0.01, rel=0.02)
+    np.testing.assert_array_equal(found[0], found[1])
+    assert (found[0] != found[2]).any()
     with pytest.raises(LegsimError, match=r"--set scan\.views=7: .* heeds scan\.spectrum\.<key>, scan\.detector\.<key> and seed"):
         project(ball_scan, tmp_path / "b.mha", "scan.views=7")
+
+
+def test_a_phantom_beside_the_scan_and_parts_that_would_move_are_remarked(ball_scan, tmp_path):
+    ball = trimesh.creation.icosphere(subdivisions=2, radius=30.0)
+    ball.apply_translation([0, 3000, 0])
+    ball.export(tmp_path / "ball.ply")
+    toml = '[[part]]\nname = "ball"\nfile = "ball.ply"\nunit = "mm"\nmaterial = "water"\nsegment = "tibia_l"\n'
+    (tmp_path / "phantom.toml").write_text(toml)
+    (tmp_path / "geometry.json").write_bytes((ball_scan / "geometry.json").read_bytes())
+    lines = "\n".join(project(tmp_path, tmp_path / "p.mha"))
+    assert "no ray meets anything: the phantom's middle is at [0.0, 3000.0, 0.0] mm" in lines
+    assert "parts that move with a segment rest here, where their files have them: ball" in lines
+    assert not images_of(tmp_path / "p.mha").any()
 
 
 def reconstruct(folder, out, **changes):
