@@ -43,6 +43,9 @@ PixelOption = Annotated[float | None, typer.Option("--pixel-mm", help="Pixel pit
 _INTERRUPTED = 130
 """exit code of a command that Ctrl-C ended, as shells have it and typer returns it"""
 
+_warned: set[str] = set()
+"""what was already told"""
+
 _out = Console(highlight=False, soft_wrap=True)
 _err = Console(stderr=True, highlight=False, soft_wrap=True)
 
@@ -85,6 +88,33 @@ def _progress() -> Iterator[Callable[[str, int, int], None]]:
             bars.update(known[stage], completed=done, total=total)  # pyright: ignore[reportArgumentType]
 
         yield update
+
+
+@contextmanager
+def _study_progress() -> Iterator[tuple[Callable[[str, int, int], None], Callable[[str, int, int], None]]]:
+    """A bar for the whole study and one for what is being done; where there is no terminal, a line a run.
+
+    Yields what to call when a run begins or ends, and what to call as its stages go on.
+    """
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TimeRemainingColumn())
+    # runs take minutes: the time left is told by all that have ended, not by those of the last seconds
+    with Progress(*columns, console=_err, disable=not _err.is_terminal, speed_estimate_period=1e9) as bars:
+        whole, part = bars.add_task("runs", total=None), bars.add_task("", total=None)
+        doing = ""
+
+        def runs(name: str, done: int, total: int) -> None:
+            if not _err.is_terminal:
+                _err.print(f"{done}/{total} {name}", markup=False)
+            bars.update(whole, completed=done, total=total, description=escape(f"runs {name}"))
+
+        def stages(stage: str, done: int, total: int) -> None:
+            nonlocal doing
+            if stage != doing:
+                bars.reset(part, description=escape(f"  {stage}"), total=total)
+                doing = stage
+            bars.update(part, completed=done, total=total)
+
+        yield runs, stages
 
 
 def _table(title: str, columns: tuple[str, ...], rows: list[tuple[str, ...]]) -> None:
@@ -244,6 +274,44 @@ def evaluate(
     _out.print(f"numbers: {out}", markup=False)
 
 
+@app.command()
+def study(
+    study_file: Annotated[
+        str, typer.Argument(metavar="STUDY", help="A STUDY.toml, or a study that comes with legsim: table1, table2, table3, quick.")
+    ],
+    out: OutFolder = Path("study"),
+    preset: Annotated[Preset | None, typer.Option(help="Size of the scans, instead of the study's own.")] = None,
+    settings: Annotated[
+        list[str] | None, typer.Option("--set", metavar="a.b=c", help="Change one setting of every run, as in `legsim run`.")
+    ] = None,
+    workers: Annotated[int, typer.Option(min=1, help="Processes on this machine, each with a run of its own.")] = 1,
+    scheduler: Annotated[
+        str | None, typer.Option(metavar="tcp://...", help="A Dask scheduler; its workers must see --out. Default: this machine.")
+    ] = None,
+    device: DeviceOption = None,
+) -> None:
+    """Subjects x postures x methods x noise levels, with tables and figures beside the printed ones."""
+    from legsim import study as studies
+    from legsim import study_config
+
+    overrides = tuple(settings or ())
+    asked, base = study_config.load(study_file, preset=None if preset is None else preset.value, overrides=overrides)
+    planned = studies.plan(asked, base, out.resolve(), device=device)
+    _err.print(studies.needs(planned, out.resolve(), workers), markup=False)
+    options = ([] if preset is None else [f"--preset {preset.value}"]) + [f"--set {setting}" for setting in overrides]
+    command = " ".join(["legsim study", study_file, *options, f"--out {out}"])
+    with _study_progress() as (runs, stages):
+        results = studies.run(
+            asked, planned, out.resolve(), command=command, workers=workers, scheduler=scheduler, on_done=runs, on_progress=stages
+        )
+    for line in studies.lines(results, out):
+        _out.print(line, markup=False)
+    if results.failures:
+        for failure in results.failures:
+            _err.print(f"failed: {failure}", style="red", markup=False)
+        raise typer.Exit(1)
+
+
 @geometry_app.command("show")
 def geometry_show(
     file: Annotated[Path, typer.Argument(help="legsim .json, RTK .xml, or matrices.")],
@@ -308,6 +376,10 @@ def _options(
 
 
 def _warn(message: Warning | str, *_: object) -> None:
+    """Once: the same holds for every volume of a run."""
+    if str(message) in _warned:
+        return
+    _warned.add(str(message))
     _err.print(f"[yellow]warning:[/] {escape(str(message))}")
 
 

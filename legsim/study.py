@@ -9,11 +9,22 @@ from pathlib import Path
 import numpy as np
 import tomli_w
 
-from legsim import __version__, artifacts, methods, recovery, study_config, study_engine, study_results, study_tasks, whole_files
+from legsim import (
+    __version__,
+    artifacts,
+    methods,
+    reconstruction,
+    recovery,
+    study_config,
+    study_engine,
+    study_results,
+    study_tasks,
+    whole_files,
+)
 from legsim.config import RunConfig
-from legsim.errors import LegsimError
+from legsim.errors import LegsimError, at
 from legsim.scanned_leg import OnProgress
-from legsim.study_config import StudyConfig
+from legsim.study_config import Ladder, StudyConfig
 from legsim.study_engine import Outcome, Task
 from legsim.study_results import NoiseLevel, StageCost, StudyResults
 from legsim.study_tasks import LadderJob, ScanJob
@@ -81,27 +92,38 @@ def plan(study: StudyConfig, base: Path, out: Path, *, device: str | None = None
     Raises:
         LegsimError: a recording, a method, a sensor or a setting is not there.
     """
-    scans, ladders = [], []
-    asked = study.ladder
-    for subject in study.subjects if study.methods else ():
+    found = Plan(_scans(study, base, out, device), () if study.ladder is None else _ladders(study, study.ladder, base, out))
+    for job in (*found.scans, *found.ladders):
+        recovery.fingerprint(job.settings.motion)
+        reconstruction.check(job.settings)
+    for job in found.ladders:
+        names = [sensor.name for sensor in job.settings.imu.sensors]
+        if job.ladder.sensor not in names:
+            raise LegsimError(f"ladder.sensor: there is no sensor {job.ladder.sensor!r}; name one of {', '.join(names)}")
+    return found
+
+
+def _scans(study: StudyConfig, base: Path, out: Path, device: str | None) -> tuple[ScanJob, ...]:
+    """The clean run of every scan, followed by its noisy ones."""
+    levels: list[tuple[NoiseLevel | None, int]] = [(None, 0)] if study.methods else []
+    levels += [(level, r) for n in study.noise for level in n.noise() for r in range(n.repetitions)]
+    jobs = []
+    for subject in study.subjects:
         for posture in study.postures:
-            levels: list[tuple[NoiseLevel | None, int]] = [(None, 0)]
-            levels += [(NoiseLevel(n.convention, a, g), r) for n in study.noise for a, g in n.levels for r in range(n.repetitions)]
             for noise, repetition in levels:
                 seed = None if noise is None else study_tasks.seed_of(subject, posture, repetition)
                 settings = study_config.run_settings(study, base, subject, posture, noise, seed)
-                scans.append(ScanJob(out, subject, posture, noise, repetition, settings, device))
-    for subject in asked.subjects or study.subjects if asked else ():
-        for posture in (asked.postures or study.postures) if asked else ():
+                jobs.append(ScanJob(out, subject, posture, noise, repetition, settings, device))
+    return tuple(jobs)
+
+
+def _ladders(study: StudyConfig, ladder: Ladder, base: Path, out: Path) -> tuple[LadderJob, ...]:
+    jobs = []
+    for subject in ladder.subjects or study.subjects:
+        for posture in ladder.postures or study.postures:
             settings = study_config.run_settings(study, base, subject, posture, None, None)
-            ladders += [LadderJob(out, subject, posture, c, asked, settings) for c in asked.conventions]
-    for job in (*scans, *ladders):
-        recovery.fingerprint(job.settings.motion)
-    for name in {name for job in scans for name in job.settings.methods.run} - {methods.REFERENCE}:
-        methods.find(name)
-    if asked and ladders and asked.sensor not in [s.name for s in ladders[0].settings.imu.sensors]:
-        raise LegsimError(f"ladder.sensor = {asked.sensor!r}: imu.sensors has {', '.join(s.name for s in ladders[0].settings.imu.sensors)}")
-    return Plan(tuple(scans), tuple(ladders))
+            jobs += [LadderJob(out, subject, posture, convention, ladder, settings) for convention in ladder.conventions]
+    return tuple(jobs)
 
 
 def needs(planned: Plan, out: Path, workers: int) -> str:
@@ -110,6 +132,10 @@ def needs(planned: Plan, out: Path, workers: int) -> str:
     Raises:
         LegsimError: the disk or, for the workers that are asked for, the memory does not suffice.
     """
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise at(out, f"cannot be made ({error.strerror})", "choose another folder with --out") from error
     if not planned.scans:
         return f"{len(planned.ladders)} noise ladders; no reconstruction"
     taken = sum(p.stat().st_size for p in out.glob("runs/*/*.mha"))
@@ -160,6 +186,14 @@ def gathered(study: StudyConfig, planned: Plan, outcome: Outcome, out: Path, com
     provenance = (("command", command), ("legsim", __version__), *_about(planned, out))
     costs = stage_costs([job.folder for job in planned.scans])
     return StudyResults(study.name, study.title, tuple(scores), tuple(cells), provenance, failures, costs)
+
+
+def lines(results: StudyResults, out: Path) -> list[str]:
+    """What to print at the end."""
+    return [
+        f"{len(results.scores)} scores, {len(results.ladder)} cells of the noise ladder",
+        f"numbers: {out / study_results.RESULTS_FILE}",
+    ]
 
 
 def _about(planned: Plan, out: Path) -> tuple[tuple[str, str], ...]:

@@ -1,9 +1,9 @@
 """What a study is told: which recordings, which methods, which noise; read strictly from STUDY.toml."""
 
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Any, Literal
 
-from pydantic import BeforeValidator, Field
+from pydantic import Field
 
 from legsim import config, resources
 from legsim.config import RunConfig, Section
@@ -11,7 +11,7 @@ from legsim.errors import LegsimError, at
 from legsim.imu_noise import Convention
 from legsim.study_results import NoiseLevel
 
-Exponent = Annotated[float | None, BeforeValidator(lambda value: None if value == "none" else value)]
+Exponent = float | Literal["none"]
 """of a factor of noise; "none" for no noise"""
 
 
@@ -24,6 +24,10 @@ class NoiseRuns(Section):
     methods: tuple[str, ...] = ("rigid",)
     repetitions: int = Field(default=1, ge=1)
 
+    def noise(self) -> tuple[NoiseLevel, ...]:
+        """The levels as values."""
+        return tuple(NoiseLevel(self.convention, exponent(f_a), exponent(f_g)) for f_a, f_g in self.levels)
+
 
 class Ladder(Section):
     """Estimates of motion from noisy signals against the noise-free estimate; nothing is reconstructed."""
@@ -33,10 +37,15 @@ class Ladder(Section):
     postures: tuple[str, ...] = ()
     """empty: the study's"""
     sensor: str = "shank_l"
-    f_a: tuple[Exponent, ...] = (0.0, 1.0, 2.0, 3.0, 4.0, 5.0, None)
-    f_g: tuple[Exponent, ...] = (0.0, 1.0, 2.0, 3.0, 4.0, 5.0, None)
+    f_a: tuple[Exponent, ...] = (0.0, 1.0, 2.0, 3.0, 4.0, 5.0, "none")
+    f_g: tuple[Exponent, ...] = (0.0, 1.0, 2.0, 3.0, 4.0, 5.0, "none")
     conventions: tuple[Convention, ...] = ("SI", "per-sample")
     repetitions: int = Field(default=5, ge=1)
+
+
+def exponent(written: Exponent) -> float | None:
+    """None for no noise."""
+    return None if written == "none" else written
 
 
 class StudyConfig(Section):
@@ -107,7 +116,7 @@ def run_settings(study: StudyConfig, base: Path, subject: str, posture: str, noi
     trees: list[dict[str, Any]] = [study.settings, {"motion": {"file": str(named) if named.is_file() else file}}]
     methods = study.methods
     if noise is not None:
-        methods = next(n.methods for n in study.noise if n.convention == noise.convention and (noise.f_a, noise.f_g) in n.levels)
+        methods = next(n.methods for n in study.noise if noise in n.noise())
         trees.append({"imu": {"noise": _noise_tree(noise)}})
     if seed is not None:
         trees.append({"seed": seed})

@@ -19,7 +19,7 @@ from legsim.imu import JointSplines
 from legsim.imu_noise import Convention, ImuNoise
 from legsim.scanned_leg import OnProgress
 from legsim.stage_store import StageStore
-from legsim.study_config import Ladder
+from legsim.study_config import Ladder, exponent
 from legsim.study_results import LadderScore, NoiseLevel, ScanScore
 
 
@@ -111,9 +111,9 @@ def _ladder(job: LadderJob, on_progress: OnProgress) -> list[LadderScore]:
     start = imu.true_start(recovered.leg, splines, placed[0], float(views[0]))
     seeds = [(seed_of(job.subject, job.posture, r), 1) for r in range(asked.repetitions)]
     scores = []
-    for row, f_a in enumerate(asked.f_a):
+    for row, f_a in enumerate(map(exponent, asked.f_a)):
         on_progress("noise ladder", row, len(asked.f_a))
-        for f_g in asked.f_g:
+        for f_g in map(exponent, asked.f_g):
             noise = ImuNoise.paper(
                 acceleration_exponent=f_a,
                 angular_velocity_exponent=f_g,
