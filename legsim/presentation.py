@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from legsim import figures, imu, report, whole_files
+from legsim import figures, imu, side_by_side, whole_files
 from legsim.anatomy import JOINT_CENTERS
 from legsim.arrays import FloatArray
 from legsim.evaluation import Metrics
@@ -17,10 +17,11 @@ from legsim.geometry import Projections
 from legsim.imu import JointSplines, Sensor
 from legsim.leg_phantom import LegPhantom
 from legsim.recovery import Recovery
-from legsim.report import FileNote, MethodScore, Picture, ReportContent, Section, Table
+from legsim.report import FileNote, Picture, ReportContent, Section, Table
 from legsim.residuals import Residual
 from legsim.scene import MovingSurface, NamedVolume, ReplayScene, ScanScene, SegmentMesh, SlicePlanes
 from legsim.signals import ImuSignals, RigidMotion, SegmentPoses
+from legsim.spread import spread
 
 if TYPE_CHECKING:
     from legsim.figures import Figure
@@ -167,9 +168,19 @@ def replay_figures(scene: ReplayScene) -> tuple[tuple[str, str, Figure], ...]:
     return tuple(pictures)
 
 
-def scores(results: Sequence[MethodResult]) -> list[MethodScore]:
-    """Every method in every region, for the report's tables."""
-    return [MethodScore(r.method, m.region, m.ssim, m.rmse, m.gradient_entropy) for r in results for m in r.metrics.regions]
+def quality(results: Sequence[MethodResult], condition: str) -> tuple[Table, Table, Table]:
+    """SSIM and RMSE by method and region, beside the printed values of that block ("30", "60" or "all"); gradient entropy."""
+    ssim, rmse = [], []
+    for result in results:
+        for m in result.metrics.regions:
+            ssim.append(side_by_side.quality_entry("SSIM", condition, result.method, m.region, spread([m.ssim])))
+            rmse.append(side_by_side.quality_entry("RMSE", condition, result.method, m.region, spread([m.rmse])))
+    regions = [m.region for m in results[0].metrics.regions]
+    entropy = tuple((r.method, *(f"{r.metrics.of(region).gradient_entropy:.3f}" for region in regions)) for r in results)
+    return (
+        *side_by_side.quality_tables(ssim, rmse, f"Table 1, {side_by_side.heading(condition)}"),
+        Table("Sharpness by gradient entropy", ("method", *regions), entropy, side_by_side.ENTROPY),
+    )
 
 
 def scan_report(
@@ -183,13 +194,11 @@ def scan_report(
     """The page of a run."""
     condition = _condition(recovered)
     further = _residual_table(results)
-    quality = Section(
-        "Image quality", tables=(*report.quality_tables(scores(results), condition=condition), further), figures=tuple(pictures[:3])
-    )
+    images = Section("Image quality", tables=(*quality(results, condition), further), figures=tuple(pictures[:3]))
     return ReportContent(
         title=f"Scan of {recovered.name}",
         summary=tuple(summary),
-        sections=(quality, Section("Motion", lines=tuple(recovered.lines()), figures=tuple(pictures[3:]))),
+        sections=(images, Section("Motion", lines=tuple(recovered.lines()), figures=tuple(pictures[3:]))),
         provenance=tuple(provenance),
         files=(
             *REPLAY_FILES,
@@ -244,5 +253,5 @@ def write_pictures(folder: Path, drawn: Sequence[tuple[str, str, Figure]]) -> li
     for stem, caption, figure in drawn:
         content = figures.png(figure)
         whole_files.write_bytes(folder / f"{stem}.png", content)
-        pictures.append(Picture(caption, content, caption))
+        pictures.append(Picture(caption, content, caption, f"{folder.name}/{stem}.png"))
     return pictures

@@ -2,13 +2,16 @@
 
 import os
 import warnings
+from dataclasses import dataclass
 from pathlib import Path
 
+import example_study
 import numpy as np
 import pytest
 
-from legsim import config, opencl, pipeline
+from legsim import config, opencl, pipeline, study_report
 from legsim.redundancy import ShortScanWarning
+from legsim.report import Picture, ReportContent
 
 SHARED = Path(os.environ.get("LEGSIM_SHARED", Path(__file__).parents[2] / "shared"))
 
@@ -61,3 +64,19 @@ def tiny_run(tmp_path_factory: pytest.TempPathFactory, tiny_settings: config.Run
         # the paper's scan is a little short, and says so; whichever test asks for it first must not fail by that
         warnings.simplefilter("ignore", ShortScanWarning)
         return pipeline.run(tiny_settings, tmp_path_factory.mktemp("run"), on_progress=lambda *_: None)
+
+
+@dataclass(frozen=True)
+class WrittenStudy:
+    """A study's report as it was written, and what it says."""
+
+    folder: Path
+    content: ReportContent
+
+
+@pytest.fixture(scope="session")
+def written_study(tmp_path_factory: pytest.TempPathFactory) -> WrittenStudy:
+    """The report of the example study, made once for all tests that look at it."""
+    folder = tmp_path_factory.mktemp("study")
+    picture = Picture("Slices of every method.", example_study.picture(), "slices", "pictures/slices.png")
+    return WrittenStudy(folder, study_report.write(folder, example_study.results(), (picture,)))

@@ -13,7 +13,7 @@ from PIL import Image
 
 from legsim import figures, scene, transforms
 from legsim.errors import LegsimError
-from legsim.figures import BoxGroup, HeatMap
+from legsim.figures import BoxGroup, ErrorLine, ErrorPanel, HeatMap
 from legsim.geometry import Volume, VolumeGrid
 from legsim.scene import NamedVolume, SlicePlanes
 from legsim.signals import RigidMotion, SegmentPoses
@@ -59,6 +59,7 @@ def one_of_each(scan):
         "residuals": figures.marker_residuals(replay),
         "errors": figures.motion_errors(truth, estimates, replay.joint_centers.of("knee_r")[0]),
         "boxes": figures.box_plots(groups, axis_label="SSIM"),
+        "noise": figures.error_lines([ErrorPanel("both sensors", "rotation (deg)", 1.0, (ErrorLine("SI", np.arange(3.0), np.ones(3)),))]),
         "maps": figures.heat_maps([table], row_axis="f_a", column_axis="f_g", unit="RMSE (mm)"),
         "still": figures.still(replay, 0.5),
     }
@@ -78,6 +79,7 @@ def one_of_each(scan):
         ("errors", "deg"),
         ("boxes", "SSIM"),
         ("maps", "RMSE (mm)"),
+        ("noise", "rotation (deg)"),
     ],
 )
 def test_axes_carry_units(made, kind, unit):
@@ -230,6 +232,38 @@ def test_heat_maps_write_their_numbers_in_one_scale():
     assert figure.axes[0].images[0].get_clim() == figure.axes[1].images[0].get_clim() == (1.0, 25000.0)
     with pytest.raises(LegsimError, match="labels for"):
         figures.heat_maps([replace(tables[0], row_labels=("a",))], row_axis="", column_axis="", unit="")
+
+
+def test_small_numbers_of_heat_maps_fit_their_cells():
+    table = HeatMap("SI", np.array([[0.0123, 0.00123, 1.5e-5]]), ("a",), ("0", "1", "2"))
+    figure = figures.heat_maps([table], row_axis="", column_axis="", unit="mm")
+    assert [t.get_text() for t in figure.axes[0].texts] == ["0.012", "1.2e-3", "1.5e-5"]
+
+
+def test_boxes_carry_the_printed_mean():
+    groups = [BoxGroup("rigid", "30", np.array([0.9, 1.0]), 0.993), BoxGroup("rigid", "60", np.array([0.8, 0.9]))]
+    figure = figures.box_plots(groups, axis_label="SSIM")
+    diamonds = [line.get_ydata() for line in figure.axes[0].lines if line.get_marker() == "D" and len(line.get_ydata())]
+    assert [d[0] for d in diamonds] == [0.993]
+    legend = figure.axes[0].get_legend()
+    assert [t.get_text() for t in legend.get_texts()] == ["30", "60", "printed mean"]
+
+
+def test_errors_fall_with_the_factor_and_cross_the_limit():
+    exponents = np.arange(4.0)
+    lines = (ErrorLine("SI", exponents, 10.0**-exponents), ErrorLine("printed", exponents, np.array([5.0, 1.0, 0.1, 0.0]), printed=True))
+    panels = [ErrorPanel(title, axis, 1.0, lines) for title, axis in (("both", "translation (mm)"), ("one", "translation (mm)"))]
+    figure = figures.error_lines(panels)
+    left, right = figure.axes[:2]
+    assert left.get_yscale() == "log"
+    assert left.get_ylim() == right.get_ylim()
+    curve, printed, limit = left.lines
+    np.testing.assert_allclose(curve.get_ydata(), 10.0**-exponents)
+    assert np.isnan(printed.get_ydata()[3])  # zero has no place
+    assert printed.get_linestyle() == "None"
+    assert set(limit.get_ydata()) == {1.0}
+    assert [t.get_text() for t in figure.legends[0].get_texts()] == ["SI", "printed"]
+    assert "1 mm" in [t.get_text() for t in left.texts]
 
 
 def test_no_global_state_of_pyplot():

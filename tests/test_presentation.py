@@ -10,9 +10,12 @@ def result(method: str, ssim: float) -> presentation.MethodResult:
     return presentation.MethodResult(method, Metrics((RegionMetrics("leg", ssim, 0.1, 9.5, 10),), None), 0.5, 1.0)
 
 
-def test_scores_hold_every_region_of_every_method():
-    scores = presentation.scores([result("rigid", 0.9), result("oracle", 0.95)])
-    assert [(s.method, s.region, s.ssim, s.entropy) for s in scores] == [("rigid", "leg", 0.9, 9.5), ("oracle", "leg", 0.95, 9.5)]
+def test_quality_has_every_method_beside_the_printed_value_of_its_condition():
+    ssim, rmse, entropy = presentation.quality([result("rigid", 0.9), result("oracle", 0.95)], "30")
+    assert ssim.rows == (("rigid", "0.900", "0.993 ± 0.003", "−0.093"), ("oracle", "0.950", "–", "–"))
+    assert rmse.rows[0] == ("rigid", "0.100", "0.015 ± 0.005", "+0.085")
+    assert "Table 1, 30 degree squats" in ssim.note
+    assert entropy.rows == (("rigid", "9.500"), ("oracle", "9.500"))
 
 
 @pytest.mark.parametrize(

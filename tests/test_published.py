@@ -3,7 +3,7 @@
 import pytest
 
 from legsim import published
-from legsim.published import Score
+from legsim.published import Deviation, Score
 
 
 def test_cells_of_the_printed_table():
@@ -25,3 +25,43 @@ def test_every_correction_beats_no_correction(condition, region):
     for method in published.METHODS[1:]:
         assert published.ssim(method, region, condition).mean > before.mean
         assert published.rmse(method, region, condition).mean < error.mean
+
+
+def test_cells_of_the_printed_ladder():
+    assert published.deviation(0, 0) == Deviation(9461, 1.453)
+    assert published.deviation(2, 3) == Deviation(73, 1e-3)
+    assert published.deviation(4, 5) == Deviation(0.985, 2e-5)
+    assert published.deviation(3, None) == Deviation(9, 1e-5)
+    assert published.deviation(None, 1) == Deviation(80, 0.129)
+    assert published.deviation(None, None) == Deviation(0, 0)
+    assert published.deviation(0.5, 1) is None
+    assert published.deviation(0, 6) is None
+
+
+def test_the_cells_below_1_mm_and_1_degree_are_the_bold_ones():
+    """The text: with both sensors noisy, only where the noise is divided by 10^4 or 10^5."""
+    noisy = published.EXPONENTS[:-1]
+    low = {(a, g) for a in noisy for g in noisy if max(vars_of(published.deviation(a, g))) < 1}
+    assert low == {(4, 4), (4, 5), (5, 4), (5, 5)}
+
+
+def vars_of(cell: Deviation) -> tuple[float, float]:
+    return cell.translation_mm, cell.rotation_deg
+
+
+@pytest.mark.parametrize("f_g", [3, 4, 5, None])
+def test_a_quiet_gyroscope_turns_the_same_whatever_the_accelerometer(f_g):
+    assert len({published.deviation(f_a, f_g).rotation_deg for f_a in published.EXPONENTS[:-1]}) == 1
+
+
+@pytest.mark.parametrize("region", published.REGIONS)
+def test_no_noise_is_rigid_over_all_scans(region):
+    assert published.noisy_ssim(None, None, region) == published.ssim("rigid", region, "all")
+    assert published.noisy_rmse(None, None, region) == published.rmse("rigid", region, "all")
+
+
+def test_cells_of_quality_under_noise():
+    assert published.noisy_ssim(4, 5, "thigh") == Score(0.919, 0.054)
+    assert published.noisy_rmse(5, 4, "thigh") == Score(0.021, 0.007)
+    assert published.noisy_ssim(3, 3, "leg") is None
+    assert published.noisy_rmse(4, 4, "foot") is None

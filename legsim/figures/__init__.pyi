@@ -5,6 +5,9 @@ from .curves import joint_angles as joint_angles
 from .curves import marker_residuals as marker_residuals
 from .curves import motion_errors as motion_errors
 from .curves import sway as sway
+from .noise import ErrorLine as ErrorLine
+from .noise import ErrorPanel as ErrorPanel
+from .noise import error_lines as error_lines
 from .pictures import overlay as overlay
 from .pictures import projection_montage as projection_montage
 from .pictures import slices as slices

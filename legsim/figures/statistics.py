@@ -22,6 +22,8 @@ class BoxGroup:
     """the condition: its color"""
     values: FloatArray
     """(n,)"""
+    printed: float | None = None
+    """the mean that the study printed, a diamond beside the dots"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -54,8 +56,12 @@ def box_plots(groups: Sequence[BoxGroup], *, axis_label: str) -> Figure:
             line.set(color=color)
         # spread evenly, so that equal values can be counted and the picture never changes
         ax.plot(place + width * 0.25 * np.linspace(-1, 1, len(group.values)), group.values, ".", color=color, markersize=4)
+        if group.printed is not None:
+            ax.plot(place, group.printed, "D", markerfacecolor="none", color="black", markersize=5)
     for k, name in enumerate(series):
         ax.plot([], [], "s", color=COLORS[k % len(COLORS)], label=name)
+    if any(group.printed is not None for group in groups):
+        ax.plot([], [], "D", markerfacecolor="none", color="black", label="printed mean")
     ax.set_xticks(range(len(labels)), labels, rotation=20, ha="right", fontsize=8)
     ax.set_ylabel(axis_label, fontsize=9)
     ax.legend(fontsize=8, frameon=False)
@@ -73,7 +79,7 @@ def heat_maps(maps: Sequence[HeatMap], *, row_axis: str, column_axis: str, unit:
             labels = (len(table.row_labels), len(table.column_labels))
             raise LegsimError(f"heat map {table.title!r} has values {table.values.shape} but labels for {labels} rows and columns")
     columns = max(len(table.column_labels) for table in maps)
-    figure = new_figure(1.6 + len(maps) * (0.8 + 0.62 * columns), 1.6 + 0.42 * max(len(table.row_labels) for table in maps))
+    figure = new_figure(1.6 + len(maps) * (0.6 + 0.5 * columns), 1.4 + 0.38 * max(len(table.row_labels) for table in maps))
     axes = figure.subplots(1, len(maps), squeeze=False)[0]
     scale = _scale(np.concatenate([table.values.ravel() for table in maps]), log)
     image = None
@@ -103,4 +109,7 @@ def _scale(values: FloatArray, log: bool) -> Normalize:
 def _short(value: float) -> str:
     if not np.isfinite(value):
         return "–"
-    return f"{value:.0f}" if abs(value) >= 100 else f"{value:.2g}"
+    if value == 0 or abs(value) >= 0.01:
+        return f"{value:.0f}" if abs(value) >= 100 else f"{value:.2g}"
+    mantissa, _, power = f"{value:.1e}".partition("e")
+    return f"{mantissa}e{int(power)}"

@@ -1,0 +1,90 @@
+"""Tables of our values with the printed ones and the difference beside them."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from legsim import published
+from legsim.published import Score
+from legsim.report import Table
+from legsim.spread import Spread
+
+NONE = "–"
+CAVEAT = "another phantom, other recordings, and a third digit that means little"
+ENTROPY = "Entropy (nats) of the normalized gradient magnitude, without any reference: blur and streaks raise it. Only differences count."
+_HEADINGS = {"30": "30 degree squats", "60": "60 degree squats", "all": "all scans"}
+
+
+@dataclass(frozen=True, slots=True)
+class Entry:
+    """What one row has in one column: ours, and what the study printed there."""
+
+    group: str
+    """heads the rows that follow; nothing where empty"""
+    row: str
+    column: str
+    ours: Spread | None
+    printed: Score | None
+
+
+def heading(condition: str) -> str:
+    """A block's name in words."""
+    return _HEADINGS.get(condition, condition)
+
+
+def text(ours: Spread | Score | None, digits: int = 3) -> str:
+    """A mean, and its deviation where it is one of several."""
+    if ours is None:
+        return NONE
+    alone = isinstance(ours, Spread) and ours.count < 2
+    return f"{ours.mean:.{digits}f}" if alone else f"{ours.mean:.{digits}f} ± {ours.deviation:.{digits}f}"
+
+
+def difference(ours: Spread | None, printed: Score | None, digits: int = 3) -> str:
+    """Ours minus the printed mean, signed."""
+    if ours is None or printed is None:
+        return NONE
+    away = round(ours.mean - printed.mean, digits)
+    return f"{away:+.{digits}f}".replace("-", "−") if away else f"{0:.{digits}f}"
+
+
+def table(caption: str, head: str, entries: Sequence[Entry], *, note: str, name: str = "") -> Table:
+    """Three columns for each column of the entries; ``head`` is that of the row names."""
+    columns = tuple(dict.fromkeys(e.column for e in entries))
+    found = {(e.group, e.row, e.column): e for e in entries}
+    rows: list[tuple[str, ...]] = []
+    group = ""
+    for place in dict.fromkeys((e.group, e.row) for e in entries):
+        if place[0] != group:
+            group = place[0]
+            rows.append((group,))
+        cells = [found.get((*place, column)) for column in columns]
+        rows.append((place[1], *(cell for entry in cells for cell in _cells(entry))))
+    heads = (h for column in columns for h in (column, f"printed {column}", f"difference {column}"))
+    return Table(caption, (head, *heads), tuple(rows), note, name)
+
+
+def _cells(entry: Entry | None) -> tuple[str, str, str]:
+    if entry is None:
+        return NONE, NONE, NONE
+    return text(entry.ours), text(entry.printed), difference(entry.ours, entry.printed)
+
+
+def quality_entry(measure: str, condition: str, method: str, region: str, ours: Spread | None, *, group: str = "") -> Entry:
+    """An entry of Table 1; ``measure`` is SSIM or RMSE."""
+    printed = (published.ssim if measure == "SSIM" else published.rmse)(method, region, condition)
+    return Entry(group, method, region, ours, printed)
+
+
+def quality_tables(ssim: Sequence[Entry], rmse: Sequence[Entry], source: str) -> tuple[Table, Table]:
+    """Both measures of image quality; ``source`` says where the printed values stand."""
+    note = f"Printed: Maier et al. 2021, {source}; {CAVEAT}."
+    return (
+        table("Structural similarity (SSIM) to the motion-free reconstruction", "method", ssim, note=f"1 is equal. {note}", name="ssim"),
+        table(
+            "RMSE against the motion-free reconstruction",
+            "method",
+            rmse,
+            note=f"Of volumes scaled from 0 to 1; 0 is equal. {note}",
+            name="rmse",
+        ),
+    )

@@ -1,0 +1,343 @@
+"""A study's report from its results: the page, and the same as Markdown, CSV, LaTeX and pictures."""
+
+from collections.abc import Sequence
+from dataclasses import asdict, fields
+from pathlib import Path
+
+import numpy as np
+
+from legsim import (
+    figures,
+    methods,
+    published,
+    report,
+    report_formats,
+    side_by_side,
+    study_results,
+    study_statistics,
+    study_tables,
+    whole_files,
+)
+from legsim.evaluation import RegionMetrics
+from legsim.figures import BoxGroup, ErrorLine, ErrorPanel, Figure, HeatMap
+from legsim.imu_noise import Convention
+from legsim.report import FileNote, Picture, ReportContent, Section
+from legsim.study_results import LadderScore, NoiseLevel, ScanScore, StudyResults
+from legsim.study_statistics import LIMIT_DEG, LIMIT_MM, LadderCell, PairedTest
+
+CONVENTIONS = (
+    "Every noise number is made in one of two conventions, which is written beside it. SI: the data sheet's RMS in 100 Hz bandwidth as it "
+    "is. Per-sample: the same numbers put into the paper's equations without their time steps (degrees a sample, and m a squared "
+    "projection interval), which is what reproduces its printed ladder."
+)
+_TRANSLATION, _ROTATION = "translation (mm)", "rotation (deg)"
+
+
+def write(folder: Path, results: StudyResults, pictures: Sequence[Picture] = (), noisy_pictures: Sequence[Picture] = ()) -> ReportContent:
+    """Writes report.html, report.md, tables.tex, tables/, scores.csv, ladder.csv and the pictures drawn here; gives back what it says."""
+    made = content(results, pictures, noisy_pictures)
+    (folder / "pictures").mkdir(parents=True, exist_ok=True)
+    (folder / "tables").mkdir(exist_ok=True)
+    given = {picture.file for picture in (*pictures, *noisy_pictures)}
+    for picture in (figure for section in made.sections for figure in section.figures):
+        if picture.file not in given:
+            whole_files.write_bytes(folder / picture.file, picture.png)
+    tables = [table for section in made.sections for table in section.tables]
+    for table in tables:
+        whole_files.write_text(folder / "tables" / f"{table.name}.csv", report_formats.csv_table(table))
+    whole_files.write_text(folder / "tables.tex", report_formats.latex(tables))
+    if results.scores:
+        whole_files.write_text(folder / "scores.csv", scores_csv(results.scores))
+    if results.ladder:
+        whole_files.write_text(folder / "ladder.csv", ladder_csv(results.ladder))
+    whole_files.write_text(folder / "report.md", report_formats.markdown(made))
+    whole_files.write_text(folder / "report.html", report.render(made))
+    return made
+
+
+def content(results: StudyResults, pictures: Sequence[Picture] = (), noisy_pictures: Sequence[Picture] = ()) -> ReportContent:
+    """The page.
+
+    Args:
+        results: of the study; what it does not hold is left out.
+        pictures: slices and overlays of one scan.
+        noisy_pictures: slices of one scan from noisy sensors.
+    """
+    scores = tuple(s for s in results.scores if s.method != methods.REFERENCE)
+    clean = tuple(s for s in scores if s.noise is None)
+    noisy = tuple(s for s in scores if s.noise is not None)
+    cells = study_statistics.ladder_cells(results.ladder)
+    sections = [
+        *((_quality(clean), _residuals(clean, results.scores), _tests(clean)) if clean else ()),
+        *((Section("Pictures of one scan", figures=tuple(pictures)),) if pictures else ()),
+        *(_ladder(results.ladder, cells) if cells else ()),
+        *((_noisy(scores, noisy_pictures),) if noisy or noisy_pictures else ()),
+        *((_scans(clean, noisy),) if scores else ()),
+        *((Section("What it took", tables=(study_tables.costs(results.costs),)),) if results.costs else ()),
+    ]
+    return ReportContent(
+        title=results.title,
+        summary=(*_sizes(clean, noisy, results.ladder), *_headlines(clean), *_needed(cells)),
+        sections=tuple(section for section in sections if section.tables or section.figures or section.lines),
+        provenance=results.provenance,
+        files=_files(results),
+        warnings=results.failures,
+    )
+
+
+def _sizes(clean: Sequence[ScanScore], noisy: Sequence[ScanScore], ladder: Sequence[LadderScore]) -> list[str]:
+    lines = []
+    if clean:
+        subjects, scans = {s.subject for s in clean}, {(s.subject, s.posture) for s in clean}
+        lines.append(
+            f"{_many(len(scans), 'scan')} of {_many(len(subjects), 'subject')}, {_many(len(study_results.methods_of(clean)), 'method')}."
+        )
+    if noisy:
+        lines.append(f"{_many(len(noisy), 'reconstruction')} from noisy sensors.")
+    if ladder:
+        lines.append(
+            f"{_many(len({s.noise for s in ladder}), 'noise level')} without images, {_many(len(ladder), 'draw')} of noise in all."
+        )
+    return lines
+
+
+def _many(count: int, what: str) -> str:
+    return f"{count} {what}" if count == 1 else f"{count} {what}s"
+
+
+def _pool(scores: Sequence[ScanScore]) -> tuple[str, tuple[ScanScore, ...]]:
+    """The block with most to say: all squats, else the first."""
+    blocks = study_statistics.blocks(scores)
+    return ("all", blocks["all"]) if "all" in blocks else next(iter(blocks.items()))
+
+
+def _headlines(clean: Sequence[ScanScore]) -> list[str]:
+    """The whole leg's means, a line a measure."""
+    if not clean:
+        return []
+    condition, pool = _pool(clean)
+    whole = study_tables.regions(clean)[0]
+    lines = []
+    for measure, printed_of in (("SSIM", published.ssim), ("RMSE", published.rmse)):
+        parts = []
+        for method in study_results.methods_of(pool):
+            ours = study_statistics.over_scans(study_statistics.of_method(pool, method), study_statistics.of_region(measure.lower(), whole))
+            printed = printed_of(method, whole, condition)
+            parts.append(f"{method} {'–' if ours is None else f'{ours.mean:.3f}'}" + (f" (printed {printed.mean:.3f})" if printed else ""))
+        lines.append(f"Mean {measure}, whole leg, {side_by_side.heading(condition)}: {', '.join(parts)}.")
+    return lines
+
+
+def _needed(cells: dict[NoiseLevel, LadderCell]) -> list[str]:
+    """By what factor sensors must improve, a line a convention."""
+    lines = []
+    for convention in _conventions(cells):
+        factor = study_statistics.needed_factor(cells, convention)
+        wanted = f"errors within {LIMIT_MM:g} mm and {LIMIT_DEG:g}°"
+        if factor is None:
+            found = f"no level of the ladder keeps {wanted}"
+        else:
+            found = f"{wanted} need the noise of both sensors divided by about {float(f'{factor:.2g}'):g}"
+        lines.append(f"White noise alone, {convention} convention: {found}; printed: by 10⁴ to 10⁵.")
+    return lines
+
+
+def _conventions(cells: dict[NoiseLevel, LadderCell]) -> tuple[Convention, ...]:
+    return tuple(dict.fromkeys(level.convention for level in cells))
+
+
+def _quality(clean: tuple[ScanScore, ...]) -> Section:
+    blocks = {name: block for name, block in study_statistics.blocks(clean).items() if name != "all"}
+    whole = study_tables.regions(clean)[0]
+    drawn = []
+    for measure, printed_of in (("SSIM", published.ssim), ("RMSE", published.rmse)):
+        groups = []
+        for condition, block in blocks.items():
+            for method in study_results.methods_of(block):
+                values = study_statistics.per_scan(
+                    study_statistics.of_method(block, method), study_statistics.of_region(measure.lower(), whole)
+                )
+                printed = printed_of(method, whole, condition)
+                series = side_by_side.heading(condition)
+                groups.append(BoxGroup(method, series, np.array(list(values.values())), None if printed is None else printed.mean))
+        caption = (
+            f"{measure} of the whole leg over scans: median, quartiles, whiskers from the 5th to the 95th percentile, a dot a scan; "
+            "diamonds are the printed means."
+        )
+        drawn.append(_picture(f"box-{measure.lower()}", caption, figures.box_plots(groups, axis_label=f"{measure}, whole leg")))
+    lines = (
+        "Beside each of our values stand the printed one and the difference, ours minus printed. The printed values are of another, closed "
+        "phantom that followed other people's movements: an equal order of methods means more than an equal digit, and the third digit "
+        "means little even within the printed table, where means over all scans are not always between the means of their parts.",
+        study_tables.SPREAD_NOTE,
+    )
+    return Section("Image quality", lines, study_tables.quality(clean), tuple(drawn))
+
+
+def _residuals(clean: tuple[ScanScore, ...], all_scores: tuple[ScanScore, ...]) -> Section:
+    # how sharp the motion-free volume is says what sharpness can be reached
+    with_reference = tuple(s for s in all_scores if s.noise is None)
+    tables = (*study_tables.residuals(clean), study_tables.sharpness(with_reference), study_tables.registration(clean))
+    return Section("What was left of the motion", (), tuple(t for t in tables if t is not None))
+
+
+def _tests(clean: tuple[ScanScore, ...]) -> Section:
+    condition, pool = _pool(clean)
+    whole = study_tables.regions(clean)[0]
+    tables, count = [], 0
+    for measure in ("SSIM", "RMSE"):
+        found = study_statistics.paired_tests(pool, study_statistics.of_region(measure.lower(), whole))
+        count = max((test.scans for test in found), default=0)
+        if any(test.p is not None for test in found):
+            caption = f"Paired test between methods, {measure} of the whole leg, n = {_counts(found)}"
+            tables.append(study_tables.tests(caption, found, f"test_{measure.lower()}"))
+    if len(study_results.methods_of(pool)) < 2:
+        return Section("Are the differences more than chance?")
+    if not tables:
+        few = f"Too few scans for a paired test: {count}, where {study_statistics.FEWEST_SCANS} are the fewest that can tell."
+        return Section("Are the differences more than chance?", (few,))
+    line = (
+        f"Methods are compared scan by scan over {side_by_side.heading(condition)}. Two postures of one subject count as two scans. A "
+        "small p says that the sign of a difference is no chance, not that the difference matters: see the median difference."
+    )
+    return Section("Are the differences more than chance?", (line,), tuple(tables))
+
+
+def _counts(found: Sequence[PairedTest]) -> str:
+    counts = sorted({test.scans for test in found})
+    return f"{counts[0]} scans" if len(counts) == 1 else f"{counts[0]} to {counts[-1]} scans"
+
+
+def _ladder(ladder: Sequence[LadderScore], cells: dict[NoiseLevel, LadderCell]) -> tuple[Section, Section]:
+    scans = ", ".join(dict.fromkeys(f"{s.subject} {s.posture}" for s in ladder))
+    lines = (
+        "The BMI160's noise (1.8 mg and 0.07 deg/s RMS) is divided by 10^f_a in the accelerometer and by 10^f_g in the gyroscope; the "
+        f"rigid motion that is then estimated is compared with that of clean sensors. Scans: {scans}. Every draw is a row of ladder.csv.",
+        CONVENTIONS,
+    )
+    drawn = []
+    for axis, field in ((_TRANSLATION, "translation_mm"), (_ROTATION, "rotation_deg")):
+        maps = [_heat_map(cells, convention, field) for convention in _conventions(cells)]
+        caption = f"Mean {axis.partition(' ')[0]} error by noise level, a map a convention, in one color scale."
+        figure = figures.heat_maps(maps, row_axis="f_a, accelerometer", column_axis="f_g, gyroscope", unit=axis)
+        drawn.append(_picture(f"ladder-{axis.partition(' ')[0]}", caption, figure))
+    caption = (
+        f"Errors against the factor by which noise is divided, with the lines of {LIMIT_MM:g} mm and {LIMIT_DEG:g}°; diamonds are printed. "
+        "Zeros cannot be drawn."
+    )
+    panels = _panels(cells)
+    if panels:
+        drawn.append(_picture("ladder-errors", caption, figures.error_lines(panels)))
+    tables = tuple(study_tables.ladder(cells, convention) for convention in _conventions(cells))
+    return Section("Sensor noise without images", lines, figures=tuple(drawn)), Section("The noise ladder in numbers", tables=tables)
+
+
+def _heat_map(cells: dict[NoiseLevel, LadderCell], convention: Convention, field: str) -> HeatMap:
+    of_convention = {(level.f_a, level.f_g): cell for level, cell in cells.items() if level.convention == convention}
+    rows, columns = (_sorted({key[k] for key in of_convention}) for k in (0, 1))
+    values = np.full((len(rows), len(columns)), np.nan)
+    for (f_a, f_g), cell in of_convention.items():
+        values[rows.index(f_a), columns.index(f_g)] = getattr(cell, field).mean
+    return HeatMap(f"noise read as {convention}", values, *(tuple(map(study_tables.exponent, axis)) for axis in (rows, columns)))
+
+
+def _sorted(exponents: set[float | None]) -> list[float | None]:
+    return sorted(exponents, key=lambda x: np.inf if x is None else x)
+
+
+def _panels(cells: dict[NoiseLevel, LadderCell]) -> list[ErrorPanel]:
+    """A row for both sensors, the accelerometer alone and the gyroscope alone, as far as the ladder has them; translation and rotation."""
+    panels = []
+    for title, pair in (
+        ("both sensors", lambda f: (f, f)),
+        ("accelerometer alone", lambda f: (f, None)),
+        ("gyroscope alone", lambda f: (None, f)),
+    ):
+        for axis, field, limit in ((_TRANSLATION, "translation_mm", LIMIT_MM), (_ROTATION, "rotation_deg", LIMIT_DEG)):
+            lines = []
+            for convention in _conventions(cells):
+                found = {f: cells.get(NoiseLevel(convention, *pair(f))) for f in _exponents(cells)}
+                points = {f: getattr(cell, field).mean for f, cell in found.items() if cell is not None}
+                if points:
+                    lines.append(ErrorLine(convention, np.array(list(points)), np.array(list(points.values()))))
+            if not lines:
+                continue
+            printed = {f: published.deviation(*pair(f)) for f in published.EXPONENTS if f is not None}
+            values = np.array([getattr(cell, field) for cell in printed.values()])
+            panels.append(ErrorPanel(title, axis, limit, (*lines, ErrorLine("printed", np.array(list(printed)), values, printed=True))))
+    return panels
+
+
+def _exponents(cells: dict[NoiseLevel, LadderCell]) -> list[float]:
+    return sorted({f for level in cells for f in (level.f_a, level.f_g) if f is not None})
+
+
+def _noisy(scores: tuple[ScanScore, ...], pictures: Sequence[Picture]) -> Section:
+    tables = study_tables.noisy_quality(scores) if any(s.noise is not None for s in scores) else ()
+    return Section("Images from noisy sensors", (CONVENTIONS,), tables, tuple(pictures))
+
+
+def _scans(clean: tuple[ScanScore, ...], noisy: tuple[ScanScore, ...]) -> Section:
+    lines = (
+        "The tables above are made of these numbers. Each scan is linked to its run folder, which holds its settings and what they "
+        "made; made again by: legsim run FOLDER/config.toml --out OTHER. All regions, residuals and registrations are in scores.csv, a "
+        "row a score and region.",
+    )
+    tables = (
+        *(study_tables.every_scan(clean, "scans") if clean else ()),
+        *(study_tables.every_scan(noisy, "noisy_scans") if noisy else ()),
+    )
+    return Section("Every scan and its folder", lines, tables)
+
+
+def _files(results: StudyResults) -> tuple[FileNote, ...]:
+    notes = [
+        FileNote(study_results.RESULTS_FILE, "all results, as the report was made from them"),
+        FileNote("report.md", "this report as Markdown"),
+        FileNote("tables", "its tables as CSV"),
+        FileNote("tables.tex", "its tables as LaTeX"),
+    ]
+    if results.scores:
+        notes.append(FileNote("scores.csv", "a row a score and region, in full precision, with run folder and command"))
+    if results.ladder:
+        notes.append(FileNote("ladder.csv", "a row a draw of noise"))
+    return tuple(notes)
+
+
+def _picture(stem: str, caption: str, figure: Figure) -> Picture:
+    return Picture(caption, figures.png(figure), caption, f"pictures/{stem}.png")
+
+
+_NOISE_COLUMNS = ("convention", "f_a", "f_g")
+
+
+def _noise_cells(noise: NoiseLevel | None) -> tuple[object, ...]:
+    return (None, None, None) if noise is None else (noise.convention, noise.f_a, noise.f_g)
+
+
+def scores_csv(scores: Sequence[ScanScore]) -> str:
+    """A row a score and region: who, what, the region's metrics, the registration, every residual, seconds, folder and command.
+
+    Clean sensors have no convention; an exponent of a noisy one that is empty means that this sensor was clean.
+    """
+    metrics = [f.name for f in fields(RegionMetrics)]
+    structures = tuple(dict.fromkeys(r.structure for score in scores for r in score.residuals))
+    found = ("translation_mm", "rotation_deg", "applied", "correlation_before", "correlation_after")
+    header = ["subject", "posture", "method", *_NOISE_COLUMNS, "repetition", *metrics, *(f"registration_{name}" for name in found)]
+    header += [f"{structure}_{unit}" for structure in structures for unit in ("mm", "degrees", "pixels")]
+    rows = []
+    for score in scores:
+        registration, left = score.metrics.registration, {r.structure: r for r in score.residuals}
+        rest = [None if registration is None else getattr(registration, name) for name in found]
+        rest += [getattr(left.get(structure), unit, None) for structure in structures for unit in ("mm", "degrees", "pixels")]
+        rest += [score.seconds, score.folder, f"legsim run {score.folder}/config.toml --out OTHER"]
+        who = (score.subject, score.posture, score.method, *_noise_cells(score.noise), score.repetition)
+        rows += [(*who, *asdict(region).values(), *rest) for region in score.metrics.regions]
+    return report_formats.csv_text([*header, "seconds", "folder", "command"], rows)
+
+
+def ladder_csv(ladder: Sequence[LadderScore]) -> str:
+    """A row a draw of noise; an empty exponent means that this sensor was clean."""
+    header = ("subject", "posture", *_NOISE_COLUMNS, "repetition", "translation_mm", "rotation_deg")
+    rows = [(s.subject, s.posture, *_noise_cells(s.noise), s.repetition, s.translation_mm, s.rotation_deg) for s in ladder]
+    return report_formats.csv_text(header, rows)

@@ -1,0 +1,262 @@
+"""The tables of a study's report: ours beside the printed values, what was left of the motion, tests, and every scan with its folder."""
+
+from collections.abc import Callable, Iterable, Sequence
+
+from legsim import published, side_by_side, study_results, study_statistics
+from legsim.imu_noise import Convention
+from legsim.published import Score
+from legsim.report import Table
+from legsim.side_by_side import NONE, Entry, quality_entry
+from legsim.spread import Spread
+from legsim.study_results import NoiseLevel, ScanScore, StageCost
+from legsim.study_statistics import LadderCell, Measure, PairedTest
+
+SPREAD_NOTE = "Mean ± standard deviation (of a sample, n − 1) over scans."
+
+
+def regions(scores: Iterable[ScanScore]) -> tuple[str, ...]:
+    """Names of all regions; the first is the whole leg."""
+    return tuple(dict.fromkeys(m.region for score in scores for m in score.metrics.regions))
+
+
+def quality(scores: Sequence[ScanScore]) -> tuple[Table, Table]:
+    """SSIM and RMSE by condition, method and region."""
+    kinds = []
+    for measure in ("SSIM", "RMSE"):
+        entries = []
+        for condition, method, group, label, of_method in _rows(scores):
+            for region in regions(scores):
+                ours = study_statistics.over_scans(of_method, study_statistics.of_region(measure.lower(), region))
+                printed = quality_entry(measure, condition, method, region, ours).printed
+                entries.append(Entry(group, label, region, ours, printed))
+        kinds.append(entries)
+    return side_by_side.quality_tables(kinds[0], kinds[1], "Table 1, seven scans a condition")
+
+
+def _rows(scores: Sequence[ScanScore]) -> list[tuple[str, str, str, str, tuple[ScanScore, ...]]]:
+    """(condition, method, heading, label, scores) of each row of a table by condition and method."""
+    rows = []
+    for condition, block in study_statistics.blocks(scores).items():
+        counts = {m: len({(s.subject, s.posture) for s in study_statistics.of_method(block, m)}) for m in study_results.methods_of(block)}
+        most = max(counts.values())
+        group = f"{side_by_side.heading(condition)} ({_scans(most)})"
+        for method, count in counts.items():
+            label = method if count == most else f"{method} ({_scans(count)})"
+            rows.append((condition, method, group, label, study_statistics.of_method(block, method)))
+    return rows
+
+
+def _scans(count: int) -> str:
+    return f"{count} scan" if count == 1 else f"{count} scans"
+
+
+def _by_method(
+    caption: str, scores: Sequence[ScanScore], columns: Sequence[tuple[str, Callable[[Sequence[ScanScore]], str]]], note: str, name: str
+) -> Table | None:
+    """A row a condition and method; columns that have nothing anywhere are left out, and the table where no column is left."""
+    rows = _rows(scores)
+    filled = [(head, [take(of_method) for *_, of_method in rows]) for head, take in columns]
+    filled = [(head, cells) for head, cells in filled if set(cells) != {NONE}]
+    if not filled:
+        return None
+    lines: list[tuple[str, ...]] = []
+    for k, (_, _, group, label, _) in enumerate(rows):
+        if k == 0 or rows[k - 1][2] != group:
+            lines.append((group,))
+        lines.append((label, *(cells[k] for _, cells in filled)))
+    return Table(caption, ("method", *(head for head, _ in filled)), tuple(lines), note, name)
+
+
+def _mean_of(measure: Measure, digits: int) -> Callable[[Sequence[ScanScore]], str]:
+    return lambda scores: side_by_side.text(study_statistics.over_scans(scores, measure), digits)
+
+
+def residuals(scores: Sequence[ScanScore]) -> tuple[Table, ...]:
+    """A table a unit: what was left of the motion, by structure."""
+    structures = tuple(dict.fromkeys(r.structure for score in scores for r in score.residuals))
+    notes = {
+        "mm": "How far the method has the points of each structure from where they were. Deformed images know no depth: pixels alone.",
+        "degrees": "By how much a bone is turned in excess.",
+        "pixels": "How far apart the images see where the method has the points and where they were.",
+    }
+    tables = []
+    for unit, note in notes.items():
+        columns = [(s, _mean_of(study_statistics.of_structure(unit, s), 2)) for s in structures]
+        tables.append(
+            _by_method(
+                f"Motion that was not undone ({unit})",
+                scores,
+                columns,
+                f"RMS over views and points within a scan, before any registration. {note} {SPREAD_NOTE}",
+                f"residuals_{unit}",
+            )
+        )
+    return tuple(t for t in tables if t is not None)
+
+
+def sharpness(scores: Sequence[ScanScore]) -> Table | None:
+    """Gradient entropy by region, and seconds."""
+    columns = [(f"gradient entropy {r}", _mean_of(study_statistics.of_region("gradient_entropy", r), 3)) for r in regions(scores)]
+    note = f"{side_by_side.ENTROPY} Seconds: estimation and reconstruction. {SPREAD_NOTE}"
+    return _by_method("Sharpness and time", scores, [*columns, ("seconds", _mean_of(lambda s: s.seconds, 1))], note, "sharpness")
+
+
+def registration(scores: Sequence[ScanScore]) -> Table | None:
+    """What the registration to the motion-free volume found: part of a method's error that SSIM and RMSE do not see."""
+
+    def largest(field: str) -> Callable[[Sequence[ScanScore]], str]:
+        def take(chosen: Sequence[ScanScore]) -> str:
+            found = study_statistics.over_scans(chosen, study_statistics.of_registration(field))
+            return NONE if found is None else f"{found.largest:.2f}"
+
+        return take
+
+    def applied(chosen: Sequence[ScanScore]) -> str:
+        found = [s.metrics.registration.applied for s in chosen if s.metrics.registration is not None]
+        return f"{sum(found)} of {len(found)}" if found else NONE
+
+    columns = []
+    for field, what in (("translation_mm", "shift (mm)"), ("rotation_deg", "rotation (deg)")):
+        columns += [(what, _mean_of(study_statistics.of_registration(field), 2)), (f"largest {what}", largest(field))]
+    note = (
+        "The rigid transform found between each volume and the motion-free one before they were compared, and in how many scans it was "
+        f"applied because it raised the correlation. {SPREAD_NOTE}"
+    )
+    return _by_method("Registration to the motion-free volume", scores, [*columns, ("applied", applied)], note, "registration")
+
+
+def tests(caption: str, found: Sequence[PairedTest], name: str) -> Table:
+    """A matrix: the median difference above the diagonal, Holm's p below it."""
+    methods = tuple(dict.fromkeys(m for test in found for m in (test.first, test.second)))
+    pairs = {(test.first, test.second): test for test in found}
+
+    def cell(row: int, column: int) -> str:
+        if row == column:
+            return ""
+        test = pairs[methods[min(row, column)], methods[max(row, column)]]
+        if test.p_holm is None:
+            return "too few scans"
+        return f"{test.median_difference:+.4f}".replace("-", "−") if row < column else p_text(test.p_holm)
+
+    rows = tuple((method, *(cell(i, j) for j in range(len(methods)))) for i, method in enumerate(methods))
+    note = (
+        "Below the diagonal: p of Wilcoxon's signed-rank test (two-sided, exact), adjusted by Holm for all pairs of this table. "
+        "Above it: the median difference, row minus column."
+    )
+    return Table(caption, ("method", *methods), rows, note, name)
+
+
+def p_text(p: float) -> str:
+    """Three digits after the point, or less than the last of them."""
+    return "<0.001" if p < 0.001 else f"{p:.3f}"
+
+
+def ladder(cells: dict[NoiseLevel, LadderCell], convention: Convention) -> Table:
+    """A row a pair of exponents, headed by the accelerometer's, ours beside the printed mean and their ratio."""
+    rows: list[tuple[str, ...]] = []
+    levels = [level for level in cells if level.convention == convention]
+    for f_a in sorted({level.f_a for level in levels}, key=_last):
+        rows.append((f"f_a = {exponent(f_a)}",))
+        for level in sorted((level for level in levels if level.f_a == f_a), key=lambda level: _last(level.f_g)):
+            cell, printed = cells[level], published.deviation(level.f_a, level.f_g)
+            shift = _beside(cell.translation_mm, printed and printed.translation_mm)
+            rows.append((exponent(level.f_g), *shift, *_beside(cell.rotation_deg, printed and printed.rotation_deg)))
+    count = max((cells[level].translation_mm.count for level in levels), default=0)
+    note = (
+        f"RMSE over the views of noisy against noise-free motion, mean of three axes, mean ± standard deviation of {count} draws of noise. "
+        f"Convention of the noise: {convention}. Printed: Maier et al. 2021, Table 2. The numbers span nine powers of ten, so their ratio "
+        "stands where a difference would say nothing."
+    )
+    columns = ("f_g", "translation (mm)", "printed translation", "ours / printed translation")
+    columns = (*columns, "rotation (deg)", "printed rotation", "ours / printed rotation")
+    return Table(f"Noise ladder, {convention} convention", columns, tuple(rows), note, f"ladder_{convention}")
+
+
+def exponent(value: float | None) -> str:
+    """As it is written in tables and pictures."""
+    return "no noise" if value is None else f"{value:g}"
+
+
+def _last(value: float | None) -> float:
+    """Sorts "no noise" behind all exponents."""
+    return float("inf") if value is None else value
+
+
+def _beside(ours: Spread, printed: float | None) -> tuple[str, str, str]:
+    alone = ours.count < 2
+    text = size(ours.mean) if alone else f"{size(ours.mean)} ± {size(ours.deviation)}"
+    ratio = NONE if not printed or not ours.mean else size(ours.mean / printed)
+    return text, NONE if printed is None else size(printed), ratio
+
+
+def size(value: float) -> str:
+    """Two or three digits of a number of any size: 8470, 0.943, 2.0e-5."""
+    if value == 0 or abs(value) >= 100:
+        return f"{value:.0f}"
+    if abs(value) >= 0.01:
+        return f"{value:.3g}"
+    mantissa, _, power = f"{value:.1e}".partition("e")
+    return f"{mantissa}e{int(power)}"
+
+
+def noisy_quality(scores: Sequence[ScanScore]) -> tuple[Table, Table]:
+    """SSIM and RMSE of reconstructions from noisy sensors, with the clean ones of the same scans, by convention and method."""
+    noisy = [s for s in scores if s.noise is not None]
+    scans = {(s.subject, s.posture) for s in noisy}
+    clean = [s for s in scores if s.noise is None and (s.subject, s.posture) in scans]
+    kinds = []
+    for measure, printed_of in (("ssim", published.noisy_ssim), ("rmse", published.noisy_rmse)):
+        entries = []
+        for convention in dict.fromkeys(s.noise.convention for s in noisy if s.noise is not None):
+            of_convention = [s for s in noisy if s.noise is not None and s.noise.convention == convention]
+            for method in study_results.methods_of(of_convention):
+                group = f"{method}, noise read as {convention}"
+                of_method = study_statistics.of_method(of_convention, method)
+                levels = tuple(dict.fromkeys(s.noise for s in of_method if s.noise is not None))
+                for f_a, f_g in ((None, None), *((level.f_a, level.f_g) for level in levels)):
+                    if f_a is None and f_g is None:
+                        label, chosen = "no noise", study_statistics.of_method(clean, method)
+                    else:
+                        label = f"f_a = {exponent(f_a)}, f_g = {exponent(f_g)}"
+                        chosen = tuple(s for s in of_method if s.noise and (s.noise.f_a, s.noise.f_g) == (f_a, f_g))
+                    for region in regions(noisy):
+                        ours = study_statistics.over_scans(chosen, study_statistics.of_region(measure, region))
+                        printed: Score | None = printed_of(f_a, f_g, region) if method == "rigid" else None
+                        entries.append(Entry(group, label, region, ours, printed))
+        kinds.append(entries)
+    note = (
+        f"Over {_scans(len(scans))}; repetitions of a scan are averaged first. {SPREAD_NOTE} The noise of the sensors is divided by 10^f_a "
+        f"(accelerometer) and 10^f_g (gyroscope). Printed: Maier et al. 2021, Table 3; {side_by_side.CAVEAT}."
+    )
+    return (
+        side_by_side.table("SSIM from noisy sensors", "noise", kinds[0], note=note, name="noisy_ssim"),
+        side_by_side.table("RMSE from noisy sensors", "noise", kinds[1], note=note, name="noisy_rmse"),
+    )
+
+
+def costs(stages: Sequence[StageCost]) -> Table:
+    """Seconds and memory of every stage that the runs went through."""
+    rows = [(c.stage, str(c.runs), f"{c.seconds:.1f}", NONE if c.peak_mib is None else f"{c.peak_mib:.0f}") for c in stages]
+    note = "Mean over the runs that computed the stage; what runs share is counted once. The most memory that a process held during it."
+    return Table("Cost by stage", ("stage", "runs", "seconds", "peak memory (MiB)"), tuple(rows), note, "costs")
+
+
+def every_scan(scores: Sequence[ScanScore], name: str) -> tuple[Table, ...]:
+    """A row a run, linked to its folder: SSIM, then RMSE, of the whole leg by method."""
+    whole = regions(scores)[0]
+    methods = study_results.methods_of(scores)
+    runs: dict[tuple[str, str, str], dict[str, ScanScore]] = {}
+    for score in scores:
+        noise = "" if score.noise is None else f", {score.noise.label}, draw {score.repetition + 1}"
+        runs.setdefault((f"{score.subject}, {score.posture}{noise}", score.folder, noise), {})[score.method] = score
+    tables = []
+    for measure in ("ssim", "rmse"):
+        take = study_statistics.of_region(measure, whole)
+        rows = []
+        for (label, folder, _), found in runs.items():
+            values = [take(found[m]) if m in found else None for m in methods]
+            rows.append((label, *(NONE if v is None else f"{v:.4f}" for v in values), folder))
+        caption = f"{measure.upper()} of the {'whole leg' if whole == 'leg' else whole}, scan by scan"
+        links = tuple(folder for _, folder, _ in runs)
+        tables.append(Table(caption, ("scan", *methods, "run folder"), tuple(rows), "", f"{name}_{measure}", links))
+    return tuple(tables)

@@ -1,0 +1,48 @@
+"""Ours, the printed value and the difference, where it should stand."""
+
+import pytest
+
+from legsim import side_by_side
+from legsim.published import Score
+from legsim.side_by_side import Entry
+from legsim.spread import Spread, spread
+
+
+def test_ours_the_printed_value_and_the_difference_stand_together():
+    entries = [
+        Entry("30", "rigid", "leg", Spread(0.9876, 0.004, 7, 0.99), Score(0.993, 0.003)),
+        Entry("30", "rigid", "shank", spread([0.9]), Score(0.993, 0.004)),
+        Entry("60", "mine", "leg", spread([0.5]), None),
+    ]
+    table = side_by_side.table("SSIM", "method", entries, note="n", name="ssim")
+    assert table.columns == ("method", "leg", "printed leg", "difference leg", "shank", "printed shank", "difference shank")
+    assert table.rows == (
+        ("30",),
+        ("rigid", "0.988 ± 0.004", "0.993 ± 0.003", "−0.005", "0.900", "0.993 ± 0.004", "−0.093"),
+        ("60",),
+        ("mine", "0.500", "–", "–", "–", "–", "–"),
+    )
+
+
+def test_without_groups_no_row_heads_others():
+    table = side_by_side.table("t", "method", [Entry("", "a", "leg", spread([1.0]), None)], note="")
+    assert table.rows == (("a", "1.000", "–", "–"),)
+
+
+@pytest.mark.parametrize(
+    ("ours", "printed", "text"), [(0.5, 0.4, "+0.100"), (0.4, 0.5, "−0.100"), (0.5004, 0.5, "0.000"), (0.4996, 0.5, "0.000")]
+)
+def test_differences_are_signed_unless_they_round_to_nothing(ours, printed, text):
+    assert side_by_side.difference(spread([ours]), Score(printed, 0.1)) == text
+
+
+def test_entries_of_quality_know_what_is_printed():
+    ours = spread([0.9])
+    assert side_by_side.quality_entry("SSIM", "60", "rigid", "thigh", ours).printed == Score(0.987, 0.006)
+    assert side_by_side.quality_entry("RMSE", "60", "rigid", "thigh", ours).printed == Score(0.019, 0.006)
+    assert side_by_side.quality_entry("SSIM", "standing", "rigid", "thigh", ours).printed is None
+
+
+def test_the_note_names_the_source():
+    tables = side_by_side.quality_tables([], [], "Table 1")
+    assert all("Maier et al. 2021, Table 1; another phantom" in table.note for table in tables)
