@@ -187,6 +187,40 @@ def replay(
         _out.print(line, markup=False)
 
 
+class Unit(StrEnum):
+    """Of length in a marker file."""
+
+    m = "m"
+    cm = "cm"
+    mm = "mm"
+
+
+class Axis(StrEnum):
+    """Of the laboratory, upwards."""
+
+    x = "x"
+    y = "y"
+    z = "z"
+
+
+@app.command()
+def convert(
+    motion: Annotated[Path, typer.Argument(metavar="MOTION", help="Markers (.trc, .c3d, .csv) or coordinates (.mot, .sto, .csv).")],
+    out: Annotated[
+        Path, typer.Option("--out", help="The ending says the format: .trc or .csv of markers, .mot, .sto or .csv of coordinates.")
+    ],
+    unit: Annotated[Unit | None, typer.Option(help="Of the markers' lengths, where the file is wrong or silent.")] = None,
+    up: Annotated[Axis | None, typer.Option(help="Axis of the markers that points up, where it is not seen rightly.")] = None,
+    degrees: Annotated[bool, typer.Option("--degrees", help="Write coordinates in degrees.")] = False,
+) -> None:
+    """Write the same recording in another format: markers in m with y up, coordinates in radians and m."""
+    from legsim import tasks
+
+    lines = tasks.convert_motion(motion, out, unit=unit and unit.value, up=up and up.value, in_degrees=degrees)
+    for line in lines:
+        _out.print(line)
+
+
 @app.command()
 def project(
     phantom: Annotated[Path, typer.Argument(metavar="PHANTOM.toml", help="Closed meshes with a material each, outermost first.")],

@@ -134,7 +134,7 @@ def _even(motion: Motion, names: Sequence[str]) -> tuple[FloatArray, dict[str, F
     """(even times (n,), positions (n, 3) by name at them); NaN where the recording leaves out samples."""
     times = motion.times
     if len(times) < 4:
-        raise LegsimError(f"the recording holds {len(times)} samples; at least 4 are needed")
+        raise LegsimError(f"the recording holds {len(times)} sample{'s'[: len(times) - 1]}, but at least 4 are needed; record for longer")
     steps = np.diff(times)
     dt = float(np.median(steps))
     positions = {name: np.array(motion.marker(name)) for name in names}

@@ -39,8 +39,8 @@ def load_markers(path: Path | str, *, unit: str | None = None, up: str | None = 
     return found
 
 
-def save(path: Path | str, recording: Motion | JointTrajectories) -> None:
-    """Writes markers (.trc, .csv) or joint coordinates (.mot, .sto, .csv), by the ending of the name.
+def save(path: Path | str, recording: Motion | JointTrajectories, *, in_degrees: bool = False) -> None:
+    """Writes markers (.trc, .csv) or joint coordinates (.mot, .sto, .csv), by the ending of the name; .mot and .sto also ``in_degrees``.
 
     Raises:
         LegsimError: the ending does not fit what is to be written.
@@ -48,10 +48,13 @@ def save(path: Path | str, recording: Motion | JointTrajectories) -> None:
     ending = Path(path).suffix.lower()
     if isinstance(recording, Motion) and ending in (".trc", ".csv"):
         (trc.save if ending == ".trc" else csv_tables.save_markers)(path, recording)
-    elif isinstance(recording, JointTrajectories) and ending in (".mot", ".sto", ".csv"):
-        (csv_tables.save_coordinates if ending == ".csv" else storage.save)(path, recording)
+    elif isinstance(recording, JointTrajectories) and ending in (".mot", ".sto"):
+        storage.save(path, recording, in_degrees=in_degrees)
+    elif isinstance(recording, JointTrajectories) and ending == ".csv" and not in_degrees:
+        csv_tables.save_coordinates(path, recording)
     else:
         what, endings = ("markers", ".trc or .csv") if isinstance(recording, Motion) else ("joint coordinates", ".mot, .sto or .csv")
+        what, endings = ("degrees", ".mot or .sto") if in_degrees else (what, endings)
         raise at(path, f"{what} cannot be written as {ending or 'a file without ending'}", f"end the name in {endings}")
 
 

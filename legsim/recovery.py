@@ -246,10 +246,44 @@ def _from_coordinates(config: MotionConfig, path: Path, filtered: bool) -> Recov
     if config.scaling_file:
         reference, _, _ = _cleaned(config, source(config.scaling_file))
         leg = Leg.load(scaling.fit(leg, reference, marker_sites.load()).scales)
-    values, notes = _with_our_knee_sign(_named(path, lambda: leg.values_of(loaded)), loaded.coordinate_names)
+    completed, filled = _with_feet(loaded)
+    values, turned = _with_our_knee_sign(_named(path, lambda: leg.values_of(completed)), loaded.coordinate_names)
+    _check_angles(path, values, loaded.times)
     if filtered and config.filter_hz > 0:
         values = _named(path, lambda: marker_noise.low_pass(values, loaded.times, config.filter_hz))
-    return Recovery(path.name, leg, JointTrajectories(loaded.times, leg.coordinate_names, values), None, notes)
+    return Recovery(
+        path.name, leg, JointTrajectories(loaded.times, leg.coordinate_names, values), None, (*filled, *turned, *_gap_note(loaded.times))
+    )
+
+
+def _with_feet(loaded: JointTrajectories) -> tuple[JointTrajectories, tuple[str, ...]]:
+    """Subtalar and toe joints at zero where a model had none, and a note; whatever else is missing stays so."""
+    lacking = [name for name in COORDINATES if name.startswith(("subtalar", "mtp")) and name not in loaded.coordinate_names]
+    if not lacking:
+        return loaded, ()
+    values = np.hstack([loaded.values, np.zeros((len(loaded.times), len(lacking)))])
+    completed = JointTrajectories(loaded.times, (*loaded.coordinate_names, *lacking), values)
+    return completed, (f"the file has no {', '.join(lacking)}: taken as 0",)
+
+
+def _check_angles(path: Path, values: FloatArray, times: FloatArray) -> None:
+    """Refuses joints turned by more than half a turn: degrees that the header calls radians."""
+    joints = [k for k, name in enumerate(COORDINATES) if not name.startswith("pelvis")]
+    beyond = np.argwhere(np.abs(values[:, joints]) > np.pi)
+    if len(beyond):
+        row, column = beyond[0]
+        name, angle = COORDINATES[joints[column]], np.degrees(values[row, joints[column]])
+        problem = f"{name} is {angle:.0f} degrees at {times[row]:g} s, which no joint can be"
+        raise at(path, problem, "if its angles are in degrees, write inDegrees=yes into the header", place="coordinates")
+
+
+def _gap_note(times: FloatArray) -> tuple[str, ...]:
+    """A word on samples left out, across which the curves are only guessed."""
+    steps = np.diff(times)
+    if len(steps) == 0 or steps.max() <= 2.5 * np.median(steps):
+        return ()
+    k = int(steps.argmax())
+    return (f"{steps[k]:.3g} s are missing after {times[k]:g} s (elsewhere a sample every {np.median(steps):.3g} s): bridged by splines",)
 
 
 def _with_our_knee_sign(values: FloatArray, file_names: tuple[str, ...]) -> tuple[FloatArray, tuple[str, ...]]:

@@ -108,6 +108,9 @@ def _header(path: Path, lines: list[str]) -> _Header:
         match = re.fullmatch(r"\s*(\w+)\s*(?:=|\s)\s*(\S+)\s*", line)
         if match:
             said[match[1].lower()] = match[2]
+    if said.get("datatype", "double").lower() != "double":
+        problem = f"holds DataType={said['datatype']} (orientations, vectors), not joint coordinates"
+        raise at(path, problem, "give the .mot that inverse kinematics made of it", place="header")
     degrees = said.get("indegrees", "yes" if "datacolumns" in said else "")
     if degrees.lower() not in ("", "yes", "no", "y", "n", "true", "false"):
         raise at(path, f"inDegrees={degrees} is neither yes nor no", "write inDegrees=yes or inDegrees=no", place="header")
@@ -123,7 +126,7 @@ def _column_names(path: Path, lines: list[str], header: _Header) -> tuple[list[s
         raise at(path, "no column names follow endheader", _EXPORT_AGAIN, place=f"line {header.end + 1}")
     names = lines[start].split()
     if names[0].lower() != "time":
-        raise at(path, f"the first column is {names[0]!r}, not time", _EXPORT_AGAIN, place=f"line {start + 1}")
+        raise at(path, f"the first column is {names[0][:40]!r}, not time", _EXPORT_AGAIN, place=f"line {start + 1}")
     if len(names) < 2:
         raise at(path, "there is no column beside time", _EXPORT_AGAIN, place=f"line {start + 1}")
     return names, start + 1

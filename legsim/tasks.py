@@ -1,6 +1,8 @@
-"""One stage at a time, from files to files: what `legsim project`, `reconstruct`, `evaluate`, `geometry` and `view` do."""
+"""One stage at a time, from files to files: what `legsim convert`, `project`, `reconstruct`, `evaluate`, `geometry` and `view` do."""
 
 import json
+import os
+import tempfile
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from functools import partial
@@ -17,6 +19,7 @@ from legsim import (
     geometry_files,
     geometry_summary,
     images,
+    motion_files,
     opencl,
     phantom_files,
     view,
@@ -24,6 +27,7 @@ from legsim import (
 )
 from legsim.errors import LegsimError, at
 from legsim.geometry import ConeBeamGeometry, Volume, VolumeGrid
+from legsim.signals import JointTrajectories, Motion
 
 OnProgress = Callable[[str, int, int], None]
 _OF_THE_BEAM = ("scan.spectrum.", "scan.detector.", "seed=")
@@ -184,6 +188,27 @@ def convert_geometry(path: Path, out: Path, *, detector: Detector) -> list[str]:
     geometry = detector.geometry(path)
     geometry_files.save(out, geometry)
     return [f"{len(geometry)} views: {out}"]
+
+
+def convert_motion(path: Path, out: Path, *, unit: str | None, up: str | None, in_degrees: bool) -> list[str]:
+    """Writes markers or joint coordinates in the format that the ending of ``out`` names; returns lines to print."""
+    if motion_files.kind(path) in ("trc", "c3d"):
+        raw = motion_files.read_markers(path)
+        recording: Motion | JointTrajectories = raw.to_motion(unit=unit, up=up)
+        notes = [f"lengths in {raw.resolved_unit(unit)}, {raw.resolved_up(up, unit=unit)} up", *raw.notes]
+    else:
+        recording, notes = motion_files.load(path), []
+    columns = recording.marker_names if isinstance(recording, Motion) else recording.coordinate_names
+    out.parent.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(dir=out.parent, prefix=".partial-") as folder:
+        partial = Path(folder) / out.name  # under its own name, which a TRC file holds
+        try:
+            motion_files.save(partial, recording, in_degrees=in_degrees)
+        except LegsimError as error:
+            raise LegsimError(str(error).replace(str(partial), str(out))) from error
+        os.replace(partial, out)
+    what = "markers (m, y up)" if isinstance(recording, Motion) else "joint coordinates"
+    return [*notes, f"{len(recording.times)} samples of {len(columns)} {what}: {out}"]
 
 
 def open_recording(folder: Path) -> None:

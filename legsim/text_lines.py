@@ -1,5 +1,6 @@
-"""Lines of a text file from any system: UTF-8 or Latin-1, ended by LF, CRLF or CR."""
+"""Lines of a text file from any system: UTF-8, UTF-16 with its mark, or Latin-1, ended by LF, CRLF or CR."""
 
+import codecs
 import re
 from pathlib import Path
 
@@ -22,10 +23,17 @@ def read(path: Path, kind: str) -> list[str]:
         raise at(path, f"cannot be read ({error.strerror})", "check the path") from error
     if not data.strip():
         raise at(path, "the file is empty", "export it again")
+    if data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+        # "Unicode text" of spreadsheets; half a character at the end is the last line's, which its reader will miss
+        return _split(data.decode("utf-16", errors="ignore"))
     if b"\0" in data:
         raise at(path, f"holds binary data, not the text of a {kind} file", "check the file's type, or export it again")
     try:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError:
         text = data.decode("latin-1")
+    return _split(text)
+
+
+def _split(text: str) -> list[str]:
     return re.split(r"\r\n|\n|\r", text)

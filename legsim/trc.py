@@ -18,6 +18,8 @@ from legsim.signals import Motion
 
 _EXPORT_AGAIN = "export the trial again as TRC"
 _WINDOWS_NAN = re.compile(r"[+-]?1\.#(qnan|snan|ind)\d*", re.I)
+_MARKS = ("\t", ";", ",")
+"""between cells, in this order: semicolons where the comma is decimal"""
 _HEADER_KEYS = ("DataRate", "CameraRate", "NumFrames", "NumMarkers", "Units", "OrigDataRate", "OrigDataStartFrame", "OrigNumFrames")
 
 
@@ -108,12 +110,12 @@ def _text(name: str, motion: Motion) -> str:
 
 
 def _header(path: Path, lines: list[str]) -> _Header:
-    filled = [k for k, line in enumerate(lines) if line.strip(" \t,")]
+    filled = [k for k, line in enumerate(lines) if line.strip(" \t,;")]
     starts = ("pathfiletype", "datarate", "", "frame#")
     for order, (start, what) in enumerate(zip(starts, ("PathFileType", "DataRate", "the numbers", "Frame#"), strict=True)):
         if order >= len(filled):
             raise at(path, f"the file ends before the header line with {what}", _EXPORT_AGAIN, place=f"line {len(lines)}")
-        if not lines[filled[order]].strip(" \t,\"'").lower().startswith(start):
+        if not lines[filled[order]].strip(" \t,;\"'").lower().startswith(start):
             raise at(path, f"the header line should start with {what}", _EXPORT_AGAIN, place=f"line {filled[order] + 1}")
     keys, numbers, names = (lines[k] for k in filled[1:4])
     place = f"line {filled[2] + 1}"
@@ -122,14 +124,14 @@ def _header(path: Path, lines: list[str]) -> _Header:
     frames = cells.get("numframes", "")
     labels = _names(path, names, f"line {filled[3] + 1}")
     first = filled[3] + 1
-    if len(filled) > 4 and re.match(r"[xyz]\d*\b", lines[filled[4]].strip(" \t,").lower()):
+    if len(filled) > 4 and re.match(r"[xyz]\d*\b", lines[filled[4]].strip(" \t,;").lower()):
         first = filled[4] + 1
     return _Header(rate, int(frames) if frames.isdecimal() else None, cells.get("units", ""), labels, first)
 
 
 def _header_numbers(keys: str, numbers: str) -> dict[str, str]:
     """Header key (lower case) to text; by tabs or commas where both lines have them alike, by white space otherwise."""
-    for mark in ("\t", ","):
+    for mark in _MARKS:
         key_cells, cells = keys.split(mark), numbers.split(mark)
         if len(key_cells) >= 5 and len(cells) >= 5:
             return {k.strip().lower(): v.strip() for k, v in zip(key_cells, cells, strict=False) if k.strip()}
@@ -148,7 +150,7 @@ def _positive(path: Path, place: str, key: str, text: str) -> float:
 
 def _names(path: Path, line: str, place: str) -> tuple[str, ...]:
     """Marker names in column order, blank where three columns have none."""
-    mark = next((m for m in ("\t", ",") if len(c := line.split(m)) > 1 and c[1].strip().lower() == "time"), None)
+    mark = next((m for m in _MARKS if len(c := line.split(m)) > 1 and c[1].strip().lower() == "time"), None)
     cells = [cell.strip() for cell in line.split(mark)][2:]
     filled = [k for k, cell in enumerate(cells) if cell]
     if not filled:
@@ -181,7 +183,7 @@ def _rows(path: Path, lines: list[str], header: _Header) -> _Rows:
 
 def _cells(path: Path, place: str, line: str, width: int) -> tuple[int, str, list[str]]:
     """(frame, text of the time, cells of the coordinates without trailing blanks) of one row."""
-    mark = "\t" if "\t" in line else "," if "," in line else None
+    mark = next((m for m in _MARKS if m in line), None)
     cells = [cell.strip() for cell in line.split(mark)]
     if cells[0] == "":
         cells = cells[1:]
@@ -236,10 +238,10 @@ def _number(path: Path, place: str, text: str, name: str) -> float:
 
 def _check_end(path: Path, lines: list[str], header: _Header, rows: _Rows) -> None:
     """Refuses a file cut off inside its last row, whose last number may have lost its last digits."""
-    if not lines[-1].strip(" \t,"):
+    if not lines[-1].strip(" \t,;"):
         return
     few = header.frames is not None and len(rows.lines) < header.frames
-    marks = [len(re.findall(r"[\t,]", lines[k - 1].rstrip(" \t,"))) for k in rows.lines[-2:]]
+    marks = [len(re.findall(r"[\t,;]", lines[k - 1].rstrip(" \t,;"))) for k in rows.lines[-2:]]
     if few or marks[-1] < marks[0]:
         of = f" of {header.frames}" if header.frames is not None else ""
         problem = f"the file breaks off in this row, number {len(rows.lines)}{of}"
@@ -252,12 +254,13 @@ def _times(path: Path, header: _Header, rows: _Rows) -> tuple[FloatArray, tuple[
         [_number(path, f"line {k}", text, "Time") if text else math.nan for k, text in zip(rows.lines, rows.time_texts, strict=True)]
     )
     frames = np.array(rows.frames, float)
+    printed, unit_note = _seconds(printed, frames, header.rate)
     if np.isnan(printed).all():
         return (frames - frames[0]) / header.rate, ("no row has a time: times are from the frame numbers and DataRate",)
     known = ~np.isnan(printed)
-    step = 10.0 ** -max(_decimals(text) for text in rows.time_texts)
+    step = 10.0 ** -max(_decimals(text) for text in rows.time_texts) / (1000 if unit_note else 1)
     even = _even_times(printed, frames, known, header.rate, step)
-    notes = () if known.all() else (f"{int((~known).sum())} rows have no time: filled from their frame numbers",)
+    notes = unit_note if known.all() else (*unit_note, f"{int((~known).sum())} rows have no time: filled from their frame numbers")
     if even is not None:
         return even, notes
     printed[~known] = np.interp(frames[~known], frames[known], printed[known])
@@ -266,7 +269,23 @@ def _times(path: Path, header: _Header, rows: _Rows) -> tuple[FloatArray, tuple[
         k = int(late[0]) + 1
         problem = f"time {rows.time_texts[k]} does not come after {rows.time_texts[k - 1]}"
         raise at(path, problem, "delete the repeated row or repair the time column", place=f"line {rows.lines[k]}")
-    return printed, notes
+    return printed, (*notes, *_rate_note(printed, frames, header.rate))
+
+
+def _seconds(printed: FloatArray, frames: FloatArray, rate: float) -> tuple[FloatArray, tuple[str, ...]]:
+    """The time column in seconds, and a note where it was in milliseconds: from frame to frame a thousand times what the rate says."""
+    steps = np.diff(printed) / np.where(np.diff(frames) > 0, np.diff(frames), np.nan)
+    if not np.isfinite(steps).any() or abs(np.nanmedian(steps) * rate / 1000 - 1) > 0.02:
+        return printed, ()
+    return printed / 1000, ("the time column is in milliseconds",)
+
+
+def _rate_note(times: FloatArray, frames: FloatArray, rate: float) -> tuple[str, ...]:
+    """A word where the time column tells of another rate than the header."""
+    if len(times) < 2 or (np.diff(frames) != 1).any():
+        return ()
+    found = (len(times) - 1) / (times[-1] - times[0])
+    return () if abs(found / rate - 1) < 0.02 else (f"the header says {rate:g} Hz, the time column {found:.4g} Hz, which is taken",)
 
 
 def _even_times(printed: FloatArray, frames: FloatArray, known: np.ndarray, rate: float, step: float) -> FloatArray | None:

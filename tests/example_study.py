@@ -28,7 +28,8 @@ def score(rng: np.random.Generator, subject: str, posture: str, method: str, los
     """Of a method that loses about so much similarity."""
     lost = loss * rng.uniform(0.7, 1.4)
     regions = tuple(
-        RegionMetrics(name, 1 - lost * k, 0.5 * lost * k, 12 + lost * k, 100_000) for name, k in (("leg", 1.0), ("shank", 0.95), ("thigh", 1.1))
+        RegionMetrics(name, 1 - lost * k, 0.5 * lost * k, 12 + lost * k, 100_000)
+        for name, k in (("leg", 1.0), ("shank", 0.95), ("thigh", 1.1))
     )
     found = None if method == "static" else Registration(4 * lost, lost, bool(rng.integers(2)), 0.9, 0.95, "converged")
     flat = method == "nonrigid-2d"

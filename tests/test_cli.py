@@ -24,7 +24,7 @@ def failure(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
     return lines[0]
 
 
-@pytest.mark.parametrize("command", ["run", "replay", "project", "reconstruct", "evaluate", "geometry", "view", "doctor"])
+@pytest.mark.parametrize("command", ["run", "replay", "convert", "project", "reconstruct", "evaluate", "geometry", "view", "doctor"])
 def test_every_command_explains_itself(command, capsys):
     with pytest.raises(SystemExit) as caught:
         cli.main([command, "--help"])
@@ -54,6 +54,7 @@ def test_version(capsys):
         (("run", "--device", "abacus", "--out", "{tmp}"), "no working OpenCL device matches 'abacus'"),
         (("run", "--out", "/proc/nothing"), "/proc/nothing: cannot be written to"),
         (("replay", "nowhere.c3d", "--out", "{tmp}"), "nowhere.c3d: no such motion file"),
+        (("convert", "nowhere.c3d", "--out", "{tmp}/a.trc"), "nowhere.c3d: cannot be read"),
         (("project", "nowhere.toml", "--geometry", "nowhere.json"), "nowhere.json"),
         (("reconstruct", "nowhere.mha", "--geometry", "nowhere.xml"), "nowhere.mha: no such file"),
         (("evaluate", "nowhere.mha", "nowhere.mha"), "nowhere.mha: no such file"),

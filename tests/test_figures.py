@@ -216,6 +216,13 @@ def test_the_stills_views_turn_with_the_body(replay):
     np.testing.assert_allclose(drawn[0], drawn[1], atol=1e-12)
 
 
+def test_all_pictures_of_a_still_have_one_scale(replay):
+    figure = figures.still(replay, 0.25)
+    figures.png(figure)  # lays it out
+    scales = [np.hypot(*(ax.transData.transform((0, 1)) - ax.transData.transform((0, 0)))) for ax in figure.axes]
+    np.testing.assert_allclose(scales, scales[0], rtol=1e-3)
+
+
 def test_a_still_needs_only_joint_centers(replay):
     bare = replace(replay, measured=None, modelled=None, sensor_poses=None, segment_meshes=())
     assert decoded(figures.still(bare, 0.0)).std() > 2

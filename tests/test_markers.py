@@ -193,7 +193,7 @@ def test_a_filter_that_does_not_fit_the_rate_is_refused(filter_hz):
 
 def test_hardly_any_samples_are_refused():
     motion = recording()
-    with pytest.raises(LegsimError, match="holds 3 samples; at least 4"):
+    with pytest.raises(LegsimError, match="holds 3 samples, but at least 4"):
         markers.prepare(Motion(motion.times[:3], LABELS, motion.positions_world[:3]), SEVEN)
 
 

@@ -15,6 +15,12 @@ def squat() -> Motion:
     return trc.load(recovery.source(SQUAT))
 
 
+@pytest.fixture(scope="module")
+def solved() -> JointTrajectories:
+    """Coordinates of a held squat."""
+    return recovery.recover(MotionConfig(file=SQUAT)).trajectories
+
+
 def saved(folder, motion: Motion, name="moved.trc") -> MotionConfig:
     trc.save(folder / name, motion)
     return MotionConfig(file=str(folder / name))
@@ -145,6 +151,32 @@ def test_a_marker_that_is_never_seen_is_named(tmp_path, squat):
     config = saved(tmp_path, Motion(short(squat).times, squat.marker_names, positions))
     with pytest.raises(LegsimError, match=r"moved\.trc.*LKNE|moved\.trc.*epicondyle_lateral_l"):
         recovery.recover(config)
+
+
+def test_degrees_that_the_header_calls_radians_are_refused(tmp_path, solved):
+    values = np.degrees(solved.values)
+    storage.save(tmp_path / "c.mot", JointTrajectories(solved.times, solved.coordinate_names, values))
+    with pytest.raises(LegsimError, match=r"c\.mot \(coordinates\): hip_flexion_r is \d+ degrees at 0 s, .* write inDegrees=yes"):
+        recovery.recover(MotionConfig(file=str(tmp_path / "c.mot")))
+
+
+def test_a_model_without_subtalar_and_toe_joints_is_read_with_them_at_zero(tmp_path, solved):
+    kept = [k for k, name in enumerate(solved.coordinate_names) if not name.startswith(("subtalar", "mtp"))]
+    storage.save(
+        tmp_path / "c.mot", JointTrajectories(solved.times, tuple(solved.coordinate_names[k] for k in kept), solved.values[:, kept])
+    )
+    recovered = recovery.recover(MotionConfig(file=str(tmp_path / "c.mot")))
+    assert recovered.trajectories.coordinate_names == solved.coordinate_names
+    np.testing.assert_array_equal(recovered.trajectories.values[:, kept], solved.values[:, kept])
+    assert not np.delete(recovered.trajectories.values, kept, 1).any()
+    assert any("no subtalar_angle_r, mtp_angle_r, subtalar_angle_l, mtp_angle_l: taken as 0" in line for line in recovered.lines())
+
+
+def test_samples_left_out_of_coordinates_are_told(tmp_path, solved):
+    kept = np.delete(np.arange(len(solved.times)), np.arange(100, 130))
+    storage.save(tmp_path / "c.mot", JointTrajectories(solved.times[kept], solved.coordinate_names, solved.values[kept]))
+    recovered = recovery.recover(MotionConfig(file=str(tmp_path / "c.mot")))
+    assert recovered.notes == ("0.258 s are missing after 0.825 s (elsewhere a sample every 0.00833 s): bridged by splines",)
 
 
 def test_coordinates_that_are_not_a_legs_are_refused(tmp_path):

@@ -5,9 +5,10 @@ import pytest
 import SimpleITK as sitk
 import trimesh
 
-from legsim import geometry_files, images, tasks
+from legsim import geometry_files, images, motion_files, recovery, storage, tasks
 from legsim.errors import LegsimError
 from legsim.geometry import ConeBeamGeometry, Volume, VolumeGrid
+from legsim.signals import JointTrajectories, Motion
 
 
 def quiet(*_: object) -> None:
@@ -163,3 +164,54 @@ def test_bare_matrices_take_their_detector_from_the_projections(ball_scan, tmp_p
 def test_a_folder_without_a_recording_is_named(tmp_path):
     with pytest.raises(LegsimError, match=r"recording\.rrd: no such recording"):
         tasks.open_recording(tmp_path)
+
+
+def converted(source, out, **changes):
+    return tasks.convert_motion(source, out, **({"unit": None, "up": None, "in_degrees": False} | changes))
+
+
+def test_markers_go_through_every_format_to_the_last_bit(tmp_path):
+    source = recovery.source("subject01/squat_30.trc")
+    lines = converted(source, tmp_path / "a.csv")
+    assert lines[0] == "lengths in mm, y up"
+    assert lines[-1] == f"2400 samples of 7 markers (m, y up): {tmp_path / 'a.csv'}"
+    converted(tmp_path / "a.csv", tmp_path / "new" / "b.trc")
+    first, last = motion_files.load(source), motion_files.load(tmp_path / "new" / "b.trc")
+    assert isinstance(first, Motion)
+    assert isinstance(last, Motion)
+    np.testing.assert_array_equal(first.positions_world, last.positions_world)
+    np.testing.assert_array_equal(first.times, last.times)
+    assert (tmp_path / "new" / "b.trc").read_text().startswith("PathFileType\t4\t(X/Y/Z)\tb.trc\n")
+    assert [p.name for p in (tmp_path / "new").iterdir()] == ["b.trc"]
+
+
+def test_coordinates_go_through_every_format_to_the_last_bit(tmp_path):
+    values = np.random.default_rng(1).standard_normal((5, 2))
+    first = JointTrajectories(np.arange(5) / 7, ("knee_angle_r", "pelvis_tx"), values)
+    storage.save(tmp_path / "a.mot", first)
+    for source, out in (("a.mot", "b.csv"), ("b.csv", "c.sto"), ("c.sto", "d.mot")):
+        converted(tmp_path / source, tmp_path / out)
+    assert (tmp_path / "d.mot").read_bytes() == (tmp_path / "a.mot").read_bytes()
+    converted(tmp_path / "a.mot", tmp_path / "degrees.mot", in_degrees=True)
+    assert "inDegrees=yes" in (tmp_path / "degrees.mot").read_text()
+    np.testing.assert_allclose(storage.load(tmp_path / "degrees.mot").values, values, rtol=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("out", "changes", "message"),
+    [
+        ("c.mot", {}, r"/c\.mot: markers cannot be written as \.mot; end the name in \.trc or \.csv"),
+        ("c", {}, r"/c: markers cannot be written as a file without ending"),
+        ("c.trc", {"up": "w"}, r"up = 'w' is no axis"),
+    ],
+)
+def test_a_conversion_that_cannot_be_is_refused_and_leaves_nothing(tmp_path, out, changes, message):
+    with pytest.raises(LegsimError, match=message):
+        converted(recovery.source("subject01/squat_30.trc"), tmp_path / out, **changes)
+    assert not list(tmp_path.iterdir())
+
+
+def test_degrees_are_not_written_into_tables(tmp_path):
+    storage.save(tmp_path / "a.mot", JointTrajectories(np.arange(3.0), ("knee_angle_r",), np.zeros((3, 1))))
+    with pytest.raises(LegsimError, match=r"/b\.csv: degrees cannot be written as \.csv; end the name in \.mot or \.sto"):
+        converted(tmp_path / "a.mot", tmp_path / "b.csv", in_degrees=True)

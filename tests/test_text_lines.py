@@ -13,7 +13,7 @@ def test_every_line_end_gives_the_same_lines(tmp_path, end):
     assert text_lines.read(path, "TRC") == ["a\tb", "c", ""]
 
 
-@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "latin-1"])
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "latin-1", "utf-16"])
 def test_umlauts_survive_in_every_encoding(tmp_path, encoding):
     path = tmp_path / "file.trc"
     path.write_bytes("Hüfte\n".encode(encoding))

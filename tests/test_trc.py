@@ -112,6 +112,9 @@ def test_any_bytes_give_an_error_in_one_line(tmp_path, data):
     lambda s: s.replace("\n", "\r\n"),
     lambda s: s.replace("\n", "\r"),
     lambda s: s.replace("\t", ","),
+    lambda s: s.replace("\t", ";"),
+    lambda s: s.encode("utf-16"),
+    lambda s: s.replace("0.01", "10").replace("0.02", "20"),
     lambda s: re.sub(r"\n(?=[123]\t)", "\n\t", s),
     lambda s: s.replace("\t6\n", "\t6\t\t\t\n"),
     lambda s: s.replace("\t1\t2\t3", "\t1.0E+00\t2e0\t3.000"),
@@ -196,7 +199,17 @@ def test_times_that_start_elsewhere_than_frame_one_are_kept(write):
 
 def test_a_time_column_of_another_rate_is_kept(write):
     rows = [f"{k}\t{(k - 1) / 100:.2f}\t1\t2\t3\t4\t5\t6" for k in range(1, 21)]
-    np.testing.assert_allclose(trc.load(write(text(rows, rate="200", frames=20)), up="y").times, np.arange(20) / 100)
+    found = trc.read(write(text(rows, rate="200", frames=20)))
+    np.testing.assert_allclose(found.times, np.arange(20) / 100)
+    assert found.notes == ("the header says 200 Hz, the time column 100 Hz, which is taken",)
+
+
+@pytest.mark.parametrize("rate", [100.0, 119.88])
+def test_a_time_column_in_milliseconds_becomes_seconds(write, rate):
+    rows = [f"{k}\t{1000 * k / rate:.1f}\t1\t2\t3\t4\t5\t6" for k in range(20)]
+    found = trc.read(write(text(rows, rate=f"{rate:g}", frames=20)))
+    np.testing.assert_allclose(found.times, np.arange(20) / rate, atol=1e-9)
+    assert found.notes == ("the time column is in milliseconds",)
 
 
 def test_rows_that_were_left_out_keep_their_times(write):

@@ -1,5 +1,6 @@
 """A still picture of a replay, drawn without a viewer, a screen or a graphics driver."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -21,7 +22,8 @@ GRID = 0.1  # m
 def still(scene: ReplayScene, time_s: float) -> Figure:
     """The body at the frame nearest to ``time_s`` from three sides: bones, joint centers, markers with residuals, sensors, floor."""
     figure = new_figure(10.0, 5.0)
-    axes = figure.subplots(1, len(VIEWS), width_ratios=[1.6, 1, 1])
+    grid = figure.add_gridspec(1, len(VIEWS))
+    axes = [figure.add_subplot(place) for place in grid]
     frame = int(np.argmin(np.abs(scene.joint_centers.times - time_s)))
     for ax, (title, towards_eye) in zip(axes, VIEWS, strict=True):
         camera = _camera(_facing(scene, frame) @ np.array(towards_eye))
@@ -30,14 +32,24 @@ def still(scene: ReplayScene, time_s: float) -> Figure:
         _draw_skeleton(ax, scene, frame, camera)
         _draw_markers(ax, scene, frame, camera)
         _draw_sensors(ax, scene, frame, camera)
-        ax.set_aspect("equal")
         ax.set_axis_off()
         ax.set_title(title, fontsize=9, color=TEXT)
-        ax.autoscale_view()
+    grid.set_width_ratios(_to_one_scale(axes))
     handles, labels = axes[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=5, fontsize=8, frameon=False)
     figure.suptitle(f"{scene.name}, {scene.joint_centers.times[frame]:.3f} s (floor lines every 10 cm)", fontsize=10, color=TEXT)
     return figure
+
+
+def _to_one_scale(axes: Sequence[Axes]) -> list[float]:
+    """Gives all pictures the same height in metres; returns their widths, by which the paper must be shared for one scale in all."""
+    for ax in axes:
+        ax.autoscale_view()
+        ax.set_aspect("equal", anchor="S")
+    low, high = (pick(ax.get_ylim()[k] for ax in axes) for k, pick in ((0, min), (1, max)))
+    for ax in axes:
+        ax.set_ylim(low, high)
+    return [float(np.ptp(ax.get_xlim())) for ax in axes]
 
 
 def _facing(scene: ReplayScene, frame: int) -> FloatArray:
