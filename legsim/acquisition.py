@@ -7,7 +7,7 @@ import numpy as np
 
 from legsim import detector, projector, spectra
 from legsim.arrays import FloatArray
-from legsim.config import GridConfig, ScanConfig, SpectrumConfig
+from legsim.config import GridConfig, PhantomConfig, ScanConfig, SpectrumConfig
 from legsim.detector import Detector
 from legsim.errors import LegsimError
 from legsim.geometry import ConeBeamGeometry, Projections, VolumeGrid
@@ -99,6 +99,25 @@ def imaging(scan: ScanConfig) -> Imaging:
     if beam.water_precorrection and beam.kind == "none":
         raise LegsimError("scan.spectrum.water_precorrection has nothing to correct at one energy; set scan.spectrum.kind or leave it out")
     return Imaging(_spectrum(beam), beam.water_precorrection, made)
+
+
+def sentence(scan: ScanConfig, phantom: PhantomConfig) -> str:
+    """What the projections are of, for a report."""
+    beam, read = scan.spectrum, scan.detector
+    energies = {
+        "none": f"one energy, {phantom.energy_kev:g} keV",
+        "tube": f"a tube of {beam.kvp:g} kV behind {beam.aluminum_mm:g} mm Al and {beam.copper_mm:g} mm Cu",
+        "file": f"the spectrum of {beam.file}",
+    }[beam.kind] + (", water-precorrected" if beam.water_precorrection else "")
+    effects = (
+        (read.scatter_to_primary, f"scatter of {read.scatter_to_primary:g} of the primary"),
+        (read.photons, f"{read.photons:g} photons a pixel of the open beam, with {read.electronic_noise_photons:g} of readout noise"),
+        (read.blur_fwhm_mm, f"a blur of {read.blur_fwhm_mm:g} mm"),
+        (sum(read.lag_fractions), f"lag of {100 * sum(read.lag_fractions):.3g} %"),
+    )
+    present = ", ".join(text for value, text in effects if value > 0)
+    swings = f" Soft tissue swings at {phantom.wobble.frequency_hz:g} Hz on the bones." if phantom.wobble.amplitude > 0 else ""
+    return f"Projections are of {energies}; the detector {f'has {present}' if present else 'is perfect'}.{swings}"
 
 
 def _spectrum(beam: SpectrumConfig) -> Spectrum | None:

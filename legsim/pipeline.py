@@ -340,7 +340,7 @@ def _summary(settings: RunConfig, results: tuple[MethodResult, ...], notes: Sequ
             f"Motion lowers SSIM to {before.ssim:.3f} and raises RMSE to {before.rmse:.3f}; following the {settings.methods.sensor} sensor "
             f"rigidly brings {after.ssim:.3f} and {after.rmse:.3f}."
         )
-    lines += [sensing.noise_sentence(settings.imu, view_rate_hz=scan.rate_hz), *notes]
+    lines += [acquisition.sentence(scan, settings.phantom), sensing.noise_sentence(settings.imu, view_rate_hz=scan.rate_hz), *notes]
     if settings.imu.noise.kind == "none" and settings.methods.start == "truth":
         lines.append("With clean signals and a true start these are ceilings, not what a real sensor would reach.")
     if "oracle-nonrigid" in shown:

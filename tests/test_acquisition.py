@@ -120,6 +120,15 @@ def test_the_seed_matters_to_noisy_images_alone_and_a_spectrums_numbers_to_its(t
     assert before != acquisition.fingerprint(with_spectrum(tmp_path, "40,1\n80,2\n"), 1)
 
 
+def test_the_report_says_what_the_projections_are_of():
+    plain = acquisition.sentence(scan(), config.PhantomConfig())
+    assert plain == "Projections are of one energy, 60 keV; the detector is perfect."
+    read = with_detector(photons=2e4, lag_fractions=(0.01, 0.005), lag_times_s=(1.0, 2.0))
+    said = acquisition.sentence(read, config.PhantomConfig(wobble=config.WobbleConfig(amplitude=1)))
+    assert "has 20000 photons a pixel of the open beam, with 0 of readout noise, lag of 1.5 %." in said
+    assert "swings at 10 Hz" in said
+
+
 def test_detectors_and_beams_that_cannot_be_are_refused(tmp_path):
     with pytest.raises(LegsimError, match=r"scan\.detector: 2 lag_fractions and 1 lag_times_s; give one time"):
         acquisition.imaging(with_detector(lag_fractions=(0.1, 0.1), lag_times_s=(1.0,)))

@@ -5,6 +5,7 @@ from legsim.anatomy import SEGMENTS
 from legsim.config import BeadsConfig
 from legsim.geometry import ConeBeamGeometry, Projections
 from legsim.signals import SegmentPoses
+from legsim.swing_share import swing_of
 
 TIMES = np.arange(6) / 31
 PHANTOM = leg_phantom.load()
@@ -48,3 +49,22 @@ def test_beads_that_move_with_the_leg_are_found_where_they_are(rng: np.random.Ge
     has = np.isfinite(found).all(-1)
     assert has.sum() >= 24
     assert np.linalg.norm(found - truth, axis=-1)[has].max() < 0.1
+
+
+def test_beads_swing_with_the_skin(rng: np.random.Generator):
+    """Of a leg that rests, upwards at the last view: their shadows are where spheres are that are parts of the phantom."""
+    swinging = leg_phantom.load(swinging=True)
+    names = (*SEGMENTS, *(swing_of(f"{bone}_{side}") for bone in ("femur", "tibia") for side in "lr"))
+    shifts = [transforms.translation([0, 0.004 if k == 5 else 0.0, 0]) for k in range(6)]
+    still = PHANTOM.reference_world_from_segment
+    poses = SegmentPoses(TIMES, names, np.stack([np.concatenate([still, [shift] * 4]) for shift in shifts]))
+    plain = Projections(c_arm(), np.zeros((6, 240, 310), np.float32))
+    settings = BeadsConfig(count=4, diameter_mm=3.0, guess_error_mm=0.0)
+    scan = bead_scan.expose(plain, swinging, poses, settings, opencl.open_device(), energy_kev=60.0, rng=rng)
+    beaded = swinging.with_spheres("bead", bead_scan.places(swinging, settings), segment="soft_l", radius=1.5e-3)
+    centers = np.stack([[part.mean(0) for part in beaded.posed(pose, names)[-4:]] for pose in poses.world_from_segment])
+    assert (centers[5] - centers[4])[:, 1].min() > 0.0005
+    found = bead_tracking.track(scan.projections, scan.guesses, radius=scan.radius)
+    has = np.isfinite(found).all(-1)
+    assert has[4:].sum() >= 6
+    assert np.linalg.norm(found - c_arm().project(centers)[0], axis=-1)[has].max() < 0.1

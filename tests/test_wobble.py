@@ -96,6 +96,12 @@ def test_bones_stay_skin_swings_and_surfaces_stay_closed_and_nested(leg, legs):
             np.testing.assert_array_equal(a, b)
         if part.name.startswith("skin"):
             assert np.linalg.norm(b - a, axis=-1).max() == pytest.approx(FARTHEST_SWING, rel=1e-3)
+            above = part.vertices[:, 1] - legs.reference_world_from_segment[SEGMENTS.index("tibia_l"), 1, 3]
+            for chosen, swing in ((above > 0.25, LARGEST[0]), (above < -0.25, LARGEST[1])):
+                share = (b - a)[chosen] @ swing / (swing @ swing)
+                np.testing.assert_allclose((b - a)[chosen], share[:, None] * swing, atol=1e-9)
+                assert share.max() == pytest.approx(1)
+                assert share.min() > -1e-9
     for side in "lr":
         surfaces = {}
         for name in ("skin", "fat", "muscle_quadriceps", "muscle_soleus"):
