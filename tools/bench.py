@@ -65,5 +65,14 @@ def fdk(
     typer.echo(bench_fdk.run(views, count, binning, device, rtk_python))
 
 
+@app.command()
+def fdk_motion() -> None:
+    """Filtered back-projection along known motion: slow errors by whose path the weights belong to."""
+    import bench_fdk_motion
+
+    for line in bench_fdk_motion.table():
+        typer.echo(line)
+
+
 if __name__ == "__main__":
     app()
