@@ -111,8 +111,14 @@ def scan_scene(
         projections=projections,
         surfaces=tuple(surfaces),
         volumes=tuple(volumes),
-        planes=SlicePlanes(float(center[1]) - _AXIAL_OFFSET, float(center[1]) + _AXIAL_OFFSET, float(center[2])),
+        planes=slice_planes(center),
     )
+
+
+def slice_planes(center: Sequence[float] | FloatArray) -> SlicePlanes:
+    """Below and above ``center`` (3,), which is the knee's, and sagittal through it."""
+    _, y, z = (float(c) for c in center)
+    return SlicePlanes(y - _AXIAL_OFFSET, y + _AXIAL_OFFSET, z)
 
 
 def scan_figures(

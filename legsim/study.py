@@ -2,7 +2,7 @@
 
 import json
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -23,7 +23,9 @@ from legsim import (
 )
 from legsim.config import RunConfig
 from legsim.errors import LegsimError, at
+from legsim.report import Picture
 from legsim.scanned_leg import OnProgress
+from legsim.scene import NamedVolume
 from legsim.study_config import Ladder, StudyConfig
 from legsim.study_engine import Outcome, Task
 from legsim.study_results import NoiseLevel, StageCost, StudyResults
@@ -175,7 +177,54 @@ def run(
         outcome = study_engine.run_on_cluster(tasks, on_done, scheduler=scheduler, workers=workers, shared_folder=out)
     results = gathered(study, planned, outcome, out, command)
     study_results.save(out / study_results.RESULTS_FILE, results)
+    ended = [job for job in planned.scans if job.name in outcome.results]
+    study_report.write(out, results, _one_scan(ended, out), _one_scan_under_noise(ended, out))
     return results
+
+
+def _one_scan(ended: Sequence[ScanJob], out: Path) -> tuple[Picture, ...]:
+    """Slices and overlays of every method, of the first subject's last posture."""
+    shown = _shown(ended)
+    if shown is None:
+        return ()
+    scan = f"{shown.subject}, {shown.posture}"
+    captions = {
+        "slices": f"{scan}: axial slices 5 cm below and above the knee center, and the sagittal slice through it, one column a method.",
+        "overlay": f"{scan}: the motion-free volume in red and each method in green; where they agree it is yellow.",
+    }
+    files = {stem: shown.folder / "pictures" / f"{stem}.png" for stem in captions}
+    return tuple(
+        Picture(caption, files[stem].read_bytes(), caption, files[stem].relative_to(out).as_posix())
+        for stem, caption in captions.items()
+        if files[stem].is_file()
+    )
+
+
+def _one_scan_under_noise(ended: Sequence[ScanJob], out: Path) -> tuple[Picture, ...]:
+    """Slices of the first method that noise was tried on, by level, of the same scan."""
+    shown = _shown(ended)
+    levels = (
+        [] if shown is None else [j for j in ended if j.noise and (j.subject, j.posture, j.repetition) == (shown.subject, shown.posture, 0)]
+    )
+    if shown is None or not levels:
+        return ()
+    method = next(methods.label(name) for name in levels[0].settings.methods.run if name != methods.REFERENCE)
+    columns = [("motion-free", shown.folder / f"volume-{methods.REFERENCE}.mha")]
+    columns += [("no noise", shown.folder / f"volume-{method}.mha")]
+    columns += [(job.noise.label.replace(" (", "\n("), job.folder / f"volume-{method}.mha") for job in levels if job.noise]
+    volumes = [NamedVolume(name, images.load_volume(path)) for name, path in columns if path.is_file()]
+    figure = figures.slices(volumes, presentation.slice_planes(volumes[0].volume.grid.center))
+    caption = f"{shown.subject}, {shown.posture}: {method} from clean and from noisy sensors, by level of noise and reading of its size."
+    file = "pictures/noise-slices.png"
+    (out / "pictures").mkdir(exist_ok=True)
+    whole_files.write_bytes(out / file, figures.png(figure))
+    return (Picture(caption, (out / file).read_bytes(), caption, file),)
+
+
+def _shown(ended: Sequence[ScanJob]) -> ScanJob | None:
+    """The scan whose pictures the report shows: the first subject's last posture."""
+    clean = [job for job in ended if job.noise is None]
+    return next((job for job in reversed(clean) if job.subject == clean[0].subject), None)
 
 
 def gathered(study: StudyConfig, planned: Plan, outcome: Outcome, out: Path, command: str) -> StudyResults:
