@@ -1,13 +1,19 @@
 """How much of the soft tissue's swing a point takes: none at the bones, all far from them, so that no surface opens or crosses a bone."""
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
+import lazy_loader
 import numpy as np
-import trimesh
 from scipy.spatial import KDTree
 
 from legsim.arrays import FloatArray
 from legsim.skinning import smooth_step
+
+if TYPE_CHECKING:
+    import trimesh
+else:
+    trimesh = lazy_loader.load("trimesh")
 
 NEAR, FAR = 0.004, 0.024
 """m from the nearest bone up to which tissue keeps to it, and from which on it swings freely"""

@@ -1,8 +1,6 @@
 """One stage at a time, from files to files: what `legsim convert`, `project`, `reconstruct`, `evaluate`, `geometry` and `view` do."""
 
 import json
-import os
-import tempfile
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from functools import partial
@@ -200,13 +198,7 @@ def convert_motion(path: Path, out: Path, *, unit: str | None, up: str | None, i
         recording, notes = motion_files.load(path), []
     columns = recording.marker_names if isinstance(recording, Motion) else recording.coordinate_names
     out.parent.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(dir=out.parent, prefix=".partial-") as folder:
-        partial = Path(folder) / out.name  # under its own name, which a TRC file holds
-        try:
-            motion_files.save(partial, recording, in_degrees=in_degrees)
-        except LegsimError as error:
-            raise LegsimError(str(error).replace(str(partial), str(out))) from error
-        os.replace(partial, out)
+    motion_files.save(out, recording, in_degrees=in_degrees)
     what = "markers (m, y up)" if isinstance(recording, Motion) else "joint coordinates"
     return [*notes, f"{len(recording.times)} samples of {len(columns)} {what}: {out}"]
 
