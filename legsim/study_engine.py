@@ -77,15 +77,25 @@ def run_on_cluster(tasks: Sequence[Task], on_done: OnDone, *, scheduler: str | N
     with _client(distributed, scheduler, workers) as client:
         if scheduler is not None:
             _check_workers(client, shared_folder)
-        futures: dict[str, Any] = {}
-        for task in tasks:
-            futures[task.name] = client.submit(_attempt, task, [futures[name] for name in task.needs], pure=False, key=_key(task))
-        names = {future.key: name for name, future in futures.items()}
         ended: dict[str, Any] = {}
-        for future in distributed.as_completed(futures.values()):
-            name = names[future.key]
+        waiting = {task.name: task for task in tasks}
+        running: dict[str, str] = {}
+        # a task is only sent when what it needs has come back: a result that a worker alone holds would be lost with it
+        pending = distributed.as_completed(with_results=False)
+
+        def send() -> None:
+            for task in [t for t in waiting.values() if all(name in ended for name in t.needs)]:
+                del waiting[task.name]
+                future = client.submit(_attempt, task, [ended[name] for name in task.needs], pure=False, key=_key(task))
+                running[future.key] = task.name
+                pending.add(future)
+
+        send()
+        for future in pending if running else ():
+            name = running[future.key]
             ended[name] = future.result() if future.status == "finished" else _Failure(_lost(future))
             on_done(name, len(ended), len(tasks))
+            send()
     return _outcome({task.name: ended[task.name] for task in tasks})
 
 

@@ -1,0 +1,105 @@
+"""STUDY.toml: strict about its keys, recordings relative to the file, every shipped study plans."""
+
+import pytest
+
+from legsim import study, study_config
+from legsim.errors import LegsimError
+
+PLAIN = """
+name = "mine"
+title = "Mine"
+preset = "demo"
+subjects = ["subject01"]
+postures = ["squat_30"]
+methods = ["uncorrected", "rigid"]
+"""
+
+
+def load(tmp_path, text, **options):
+    path = tmp_path / "STUDY.toml"
+    path.write_text(text)
+    return study_config.load(str(path), **options)
+
+
+@pytest.mark.parametrize("name", study_config.shipped())
+def test_every_shipped_study_plans(tmp_path, name):
+    asked, base = study_config.load(name)
+    planned = study.plan(asked, base, tmp_path)
+    assert planned.scans or planned.ladders
+    assert asked.name == name
+
+
+def test_the_papers_study_is_shipped_whole():
+    asked, _ = study_config.load("table1")
+    assert len(asked.subjects) == 7
+    assert set(asked.postures) == {"squat_30", "squat_60"}
+
+
+def test_preset_and_settings_can_be_laid_over(tmp_path):
+    asked, base = load(tmp_path, PLAIN, preset="half", overrides=("scan.views=62", "imu.rate_hz=200"))
+    settings = study_config.run_settings(asked, base, "subject01", "squat_30", None, None)
+    assert (settings.grid.voxels, settings.scan.views, settings.imu.rate_hz) == (256, 62, 200)
+    assert settings.methods.run == ("static", "uncorrected", "rigid")
+
+
+def test_own_recordings_and_methods_are_found_beside_the_file(tmp_path):
+    (tmp_path / "anna_stand.trc").touch()
+    (tmp_path / "mine.py").touch()
+    text = PLAIN.replace('"subject01"', '"anna"').replace('"squat_30"', '"stand"').replace('"rigid"', '"mine.py:method"')
+    asked, base = load(tmp_path, text + 'recording = "{subject}_{posture}.trc"\n')
+    settings = study_config.run_settings(asked, base, "anna", "stand", None, None)
+    assert settings.motion.file == str(tmp_path / "anna_stand.trc")
+    assert settings.methods.run[-1] == f"{tmp_path / 'mine.py'}:method"
+
+
+def test_noise_goes_into_the_runs(tmp_path):
+    asked, base = load(tmp_path, PLAIN + '[[noise]]\nconvention = "per-sample"\nlevels = [[5, "none"]]\n')
+    (level,) = asked.noise[0].noise()
+    settings = study_config.run_settings(asked, base, "subject01", "squat_30", level, 7)
+    assert (settings.imu.noise.kind, settings.imu.noise.convention, settings.imu.noise.f_a, settings.imu.noise.f_g) == (
+        "paper",
+        "per-sample",
+        5,
+        "none",
+    )
+    assert settings.methods.run == ("static", "rigid")
+    assert settings.seed == 7
+
+
+@pytest.mark.parametrize(
+    ("added", "told"),
+    [
+        ("subject = 3", "there is no such key; valid here: name, title"),
+        ('[[noise]]\nconvention = "mks"\nlevels = [[1, 1]]', "noise.0.convention"),
+        ('[[noise]]\nconvention = "SI"\nlevel = [[1, 1]]', "valid here: levels, convention"),
+        ("[ladder]\nrepeats = 3", "valid here: subjects, postures"),
+        ("[settings.scan]\nview = 3", "there is no such key"),
+    ],
+)
+def test_mistakes_are_named_with_their_place(tmp_path, added, told):
+    with pytest.raises(LegsimError, match=told):
+        asked, base = load(tmp_path, f"{PLAIN}\n{added}\n")
+        study.plan(asked, base, tmp_path)
+
+
+def test_a_study_that_asks_for_nothing_is_refused(tmp_path):
+    with pytest.raises(LegsimError, match="asks for nothing"):
+        load(tmp_path, PLAIN.replace('methods = ["uncorrected", "rigid"]', ""))
+
+
+def test_noise_without_clean_methods_is_refused(tmp_path):
+    text = PLAIN.replace('methods = ["uncorrected", "rigid"]', "") + '[[noise]]\nconvention = "SI"\nlevels = [[1, 1]]\n[ladder]\n'
+    with pytest.raises(LegsimError, match="no clean ones"):
+        load(tmp_path, text)
+
+
+@pytest.mark.parametrize("name", ["table9", "no/such.toml"])
+def test_a_study_that_is_not_there_lists_those_that_are(name):
+    with pytest.raises(LegsimError, match="table1"):
+        study_config.load(name)
+
+
+def test_a_recording_that_is_not_there_is_told_before_anything_runs(tmp_path):
+    asked, base = load(tmp_path, PLAIN.replace("squat_30", "squat_45"))
+    with pytest.raises(LegsimError, match="squat_45"):
+        study.plan(asked, base, tmp_path)

@@ -1,0 +1,105 @@
+"""Tasks run in the order of their needs, a failure takes only what needs it, and a lost worker costs its own task."""
+
+import os
+import signal
+import time
+from pathlib import Path
+
+import pytest
+
+from legsim import study_engine
+from legsim.errors import LegsimError
+from legsim.study_engine import Task
+
+pytestmark = [
+    # of Dask and tornado themselves, while a cluster is taken down
+    pytest.mark.filterwarnings("ignore::ResourceWarning"),
+    pytest.mark.filterwarnings("ignore::DeprecationWarning"),
+    pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning"),
+]
+
+
+def note(folder: Path, name: str, **_: object) -> str:
+    """Leaves a line a call, as tasks leave their files."""
+    with (folder / "calls.txt").open("a") as stream:
+        stream.write(f"{name}\n")
+    return name.upper()
+
+
+def refuse(*_: object, **__: object) -> str:
+    raise LegsimError("no such recording")
+
+
+def die_once(folder: Path, name: str, **_: object) -> str:
+    """Kills the process it runs in, the first time."""
+    mark = folder / "died"
+    if not mark.exists():
+        mark.touch()
+        os.kill(os.getpid(), signal.SIGKILL)
+        time.sleep(60)
+    return note(folder, name)
+
+
+def graph(folder: Path) -> list[Task]:
+    return [
+        Task("a", note, (folder, "a")),
+        Task("bad", refuse, ()),
+        Task("b", note, (folder, "b"), ("a",)),
+        Task("after", note, (folder, "after"), ("bad",)),
+        Task("last", note, (folder, "last"), ("after",)),
+    ]
+
+
+def calls(folder: Path) -> list[str]:
+    return (folder / "calls.txt").read_text().split()
+
+
+def check(outcome: study_engine.Outcome, folder: Path) -> None:
+    assert outcome.results == {"a": "A", "b": "B"}
+    assert outcome.failures["bad"] == "no such recording"
+    assert "not tried" in outcome.failures["after"]
+    assert "no such recording" in outcome.failures["last"]
+    assert calls(folder) == ["a", "b"]
+
+
+def test_here_a_failure_takes_what_needs_it_and_nothing_else(tmp_path):
+    seen: list[tuple[str, int, int]] = []
+    check(study_engine.run_here(graph(tmp_path), lambda *now: seen.append(now), extra=1), tmp_path)
+    assert [name for name, _, _ in seen] == ["a", "bad", "b", "after", "last", ""]
+    assert seen[-1] == ("", 5, 5)
+
+
+def test_on_a_cluster_it_is_the_same_and_a_killed_worker_costs_its_task(tmp_path):
+    pytest.importorskip("distributed")
+    tasks = [*graph(tmp_path), Task("killed", die_once, (tmp_path, "killed"), ("b",))]
+    ended: list[str] = []
+    outcome = study_engine.run_on_cluster(tasks, lambda name, *_: ended.append(name), scheduler=None, workers=2, shared_folder=tmp_path)
+    assert outcome.results.pop("killed") == "KILLED"
+    assert (tmp_path / "died").exists()
+    assert sorted(calls(tmp_path)) == ["a", "b", "killed"]
+    (tmp_path / "calls.txt").write_text("a\nb\n")
+    check(outcome, tmp_path)
+    assert sorted(ended) == sorted(task.name for task in tasks)
+
+
+def test_a_scheduler_that_is_not_there_is_told():
+    pytest.importorskip("distributed")
+    with pytest.raises(LegsimError, match="no Dask scheduler answers"):
+        study_engine.run_on_cluster([], lambda *_: None, scheduler="tcp://127.0.0.1:9", workers=1, shared_folder=Path())
+
+
+def test_workers_that_do_not_see_the_folder_are_told(tmp_path):
+    distributed = pytest.importorskip("distributed")
+    with distributed.LocalCluster(n_workers=1, threads_per_worker=1, processes=False, dashboard_address=None) as cluster:
+        address = cluster.scheduler_address
+        outcome = study_engine.run_on_cluster(
+            [Task("a", note, (tmp_path, "a"))], lambda *_: None, scheduler=address, workers=1, shared_folder=tmp_path
+        )
+        assert outcome.results == {"a": "A"}
+        original = study_engine._look
+        study_engine._look = lambda _: (False, "0")
+        try:
+            with pytest.raises(LegsimError, match="does not see"):
+                study_engine.run_on_cluster([], lambda *_: None, scheduler=address, workers=1, shared_folder=tmp_path)
+        finally:
+            study_engine._look = original
