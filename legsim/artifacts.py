@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from legsim import peak_memory
+from legsim import memory
 from legsim.arrays import FloatArray
 from legsim.errors import LegsimError, at
 from legsim.geometry import VolumeGrid
@@ -96,9 +96,9 @@ class RunFolder:
     def stage(self, stage: str, key: str, files: Sequence[str]) -> Iterator[None]:
         """Runs a stage that writes ``files`` and then enters them in the manifest with their time, memory and hash."""
         start = time.perf_counter()
-        peak_memory.begin()
+        memory.begin_peak()
         yield
-        seconds, peak = round(time.perf_counter() - start, 3), peak_memory.mebibytes()
+        seconds, peak = round(time.perf_counter() - start, 3), memory.peak_mebibytes()
         entries = {name: {"sha256": sha256(self.path / name), "bytes": (self.path / name).stat().st_size} for name in files}
         self._stages[stage] = {"key": key, "seconds": seconds, "peak_mib": peak and round(peak), "files": entries}
         self.write_manifest()

@@ -331,7 +331,7 @@ def study(
     overrides = tuple(settings or ())
     asked, base = study_config.load(study_file, preset=None if preset is None else preset.value, overrides=overrides)
     planned = studies.plan(asked, base, out.resolve(), device=device)
-    _err.print(studies.needs(planned, out.resolve(), workers), markup=False)
+    _err.print(studies.needs(planned, out.resolve(), 0 if scheduler else workers), markup=False)
     options = ([] if preset is None else [f"--preset {preset.value}"]) + [f"--set {setting}" for setting in overrides]
     command = " ".join(["legsim study", study_file, *options, f"--out {out}"])
     with _study_progress() as (runs, stages):

@@ -14,6 +14,7 @@ from legsim import (
     artifacts,
     figures,
     images,
+    memory,
     methods,
     presentation,
     reconstruction,
@@ -132,11 +133,14 @@ def _ladders(study: StudyConfig, ladder: Ladder, base: Path, out: Path) -> tuple
     return tuple(jobs)
 
 
-def needs(planned: Plan, out: Path, workers: int) -> str:
+def needs(planned: Plan, out: Path, workers: int = 0) -> str:
     """What the study will take, for a person to read before it begins.
 
+    Args:
+        workers: on this machine; 0 where others do the work.
+
     Raises:
-        LegsimError: the disk or, for the workers that are asked for, the memory does not suffice.
+        LegsimError: the disk or the memory does not suffice.
     """
     try:
         out.mkdir(parents=True, exist_ok=True)
@@ -146,15 +150,20 @@ def needs(planned: Plan, out: Path, workers: int) -> str:
         return f"{len(planned.ladders)} noise ladders; no reconstruction"
     taken = sum(p.stat().st_size for p in out.glob("runs/*/*.mha"))
     free = shutil.disk_usage(out).free
-    disk, memory = planned.disk(), planned.memory()
+    disk, held, there = planned.disk(), planned.memory(), memory.available()
     if disk > taken + free:
         raise LegsimError(
             f"{out}: the study's volumes take {disk / _GIB:.1f} GiB, {free / _GIB:.1f} GiB are free there; "
             "choose another folder with --out, fewer scans, or a smaller --preset"
         )
+    if there is not None and workers * held > there:
+        raise LegsimError(
+            f"{workers} runs at once hold {workers * held / _GIB:.1f} GiB of memory, {there / _GIB:.1f} GiB are free; "
+            f"use --workers {max(1, there // held)}" + ("" if there >= held else " and a smaller --preset")
+        )
     return (
         f"{len(planned.scans)} runs, {len(planned.ladders)} noise ladders; {disk / _GIB:.1f} GiB of disk, "
-        f"{memory / _GIB:.1f} GiB of memory a worker"
+        f"{held / _GIB:.1f} GiB of memory a worker"
     )
 
 
