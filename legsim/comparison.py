@@ -3,6 +3,7 @@
 import json
 from collections.abc import Callable
 from dataclasses import asdict, fields
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,6 +19,7 @@ from legsim.scanned_leg import ScannedLeg, Stage
 
 _SURFACES = (("femur", "femur_cortex_l"), ("tibia", "tibia_cortex_l"), ("patella", "patella_cortex_l"), ("skin", "skin_l"))
 _POINTS = 60
+_REGISTRATION_ERROR = "registration-error.json"
 
 
 def compare(
@@ -49,13 +51,19 @@ def _registration_error(stage: Stage, reference: Reconstructed, regions: Callabl
     """Of the registration that all methods go through; None where there is none."""
     if not stage.settings.evaluation.register_volumes:
         return None
-    path = stage.folder.path / "registration-error.json"
+    path = stage.folder.path / _REGISTRATION_ERROR
     key = key_of(stage.scan_key, stage.settings.evaluation.model_dump(), stage.folder.hash_of(f"volume-{reference.volume.name}.mha"))
     if not stage.folder.done(path.stem, key):
         with stage.folder.stage(path.stem, key, [path.name]):
             found = evaluation.registration_error(reference.volume.volume, regions())
             whole_files.write_text(path, json.dumps(asdict(found), indent=1) + "\n")
-    return RegistrationError(**json.loads(path.read_text("utf-8")))
+    return registration_error(stage.folder.path)
+
+
+def registration_error(folder: Path) -> RegistrationError | None:
+    """What a run has measured of its registration's own error; None where it has not."""
+    path = folder / _REGISTRATION_ERROR
+    return RegistrationError(**json.loads(path.read_text("utf-8"))) if path.is_file() else None
 
 
 def _write_all(stage: Stage, results: list[MethodResult], missed: RegistrationError | None) -> None:

@@ -12,6 +12,7 @@ import tomli_w
 from legsim import (
     __version__,
     artifacts,
+    comparison,
     figures,
     images,
     memory,
@@ -247,7 +248,9 @@ def gathered(study: StudyConfig, planned: Plan, outcome: Outcome, out: Path, com
     failures = tuple(f"{name}: {why}" for name, why in outcome.failures.items())
     provenance = (("command", command), ("legsim", __version__), *_about(planned, out))
     costs = stage_costs([job.folder for job in planned.scans])
-    return StudyResults(study.name, study.title, tuple(scores), tuple(cells), provenance, failures, costs)
+    missed = [comparison.registration_error(job.folder) for job in planned.scans if job.noise is None]
+    errors = tuple(error for error in missed if error is not None)
+    return StudyResults(study.name, study.title, tuple(scores), tuple(cells), provenance, failures, costs, errors)
 
 
 def lines(results: StudyResults, out: Path) -> list[str]:

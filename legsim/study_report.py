@@ -68,7 +68,7 @@ def content(results: StudyResults, pictures: Sequence[Picture] = (), noisy_pictu
     noisy = tuple(s for s in scores if s.noise is not None)
     cells = study_statistics.ladder_cells(results.ladder)
     sections = [
-        *((_quality(clean), _residuals(clean, results.scores), _tests(clean)) if clean else ()),
+        *((_quality(clean), _residuals(clean, results), _tests(clean)) if clean else ()),
         *((Section("Pictures of one scan", figures=tuple(pictures)),) if pictures else ()),
         *(_ladder(results.ladder, cells) if cells else ()),
         *((_noisy(scores, noisy_pictures),) if noisy or noisy_pictures else ()),
@@ -174,10 +174,14 @@ def _quality(clean: tuple[ScanScore, ...]) -> Section:
     return Section("Image quality", lines, study_tables.quality(clean), tuple(drawn))
 
 
-def _residuals(clean: tuple[ScanScore, ...], all_scores: tuple[ScanScore, ...]) -> Section:
+def _residuals(clean: tuple[ScanScore, ...], results: StudyResults) -> Section:
     # how sharp the motion-free volume is says what sharpness can be reached
-    with_reference = tuple(s for s in all_scores if s.noise is None)
-    tables = (*study_tables.residuals(clean), study_tables.sharpness(with_reference), study_tables.registration(clean))
+    with_reference = tuple(s for s in results.scores if s.noise is None)
+    tables = (
+        *study_tables.residuals(clean),
+        study_tables.sharpness(with_reference),
+        study_tables.registration(clean, results.registration_errors),
+    )
     return Section("What was left of the motion", (), tuple(t for t in tables if t is not None))
 
 

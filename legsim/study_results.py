@@ -8,7 +8,7 @@ from typing import Any
 
 from legsim import comparison, whole_files
 from legsim.errors import at
-from legsim.evaluation import Metrics
+from legsim.evaluation import Metrics, RegistrationError
 from legsim.imu_noise import Convention
 from legsim.residuals import Residual
 
@@ -99,6 +99,8 @@ class StudyResults:
     failures: tuple[str, ...] = ()
     """a line a run that did not come to its end"""
     costs: tuple[StageCost, ...] = ()
+    registration_errors: tuple[RegistrationError, ...] = ()
+    """by how much the registration misses a known motion of the motion-free volume, a scan"""
 
 
 def condition(posture: str) -> str:
@@ -128,6 +130,7 @@ def load(path: Path) -> StudyResults:
             tuple((what, value) for what, value in content["provenance"]),
             tuple(content["failures"]),
             tuple(StageCost(**entry) for entry in content["costs"]),
+            tuple(RegistrationError(**entry) for entry in content["registration_errors"]),
         )
     except FileNotFoundError:
         raise at(path, "no such file", "give the folder of a study") from None

@@ -3,11 +3,12 @@
 from collections.abc import Callable, Iterable, Sequence
 
 from legsim import published, side_by_side, study_results, study_statistics
+from legsim.evaluation import RegistrationError
 from legsim.imu_noise import Convention
 from legsim.published import Score
 from legsim.report import Table
 from legsim.side_by_side import NONE, Entry, quality_entry
-from legsim.spread import Spread
+from legsim.spread import Spread, spread
 from legsim.study_results import NoiseLevel, ScanScore, StageCost
 from legsim.study_statistics import LadderCell, Measure, PairedTest
 
@@ -101,8 +102,11 @@ def sharpness(scores: Sequence[ScanScore]) -> Table | None:
     return _by_method("Sharpness and time", scores, [*columns, ("seconds", _mean_of(lambda s: s.seconds, 1))], note, "sharpness")
 
 
-def registration(scores: Sequence[ScanScore]) -> Table | None:
-    """What the registration to the motion-free volume found: part of a method's error that SSIM and RMSE do not see."""
+def registration(scores: Sequence[ScanScore], errors: Sequence[RegistrationError] = ()) -> Table | None:
+    """What the registration to the motion-free volume found: part of a method's error that SSIM and RMSE do not see.
+
+    ``errors`` are the registration's own, a scan, and stand in the note.
+    """
 
     def largest(field: str) -> Callable[[Sequence[ScanScore]], str]:
         def take(chosen: Sequence[ScanScore]) -> str:
@@ -120,9 +124,20 @@ def registration(scores: Sequence[ScanScore]) -> Table | None:
         columns += [(what, _mean_of(study_statistics.of_registration(field), 2)), (f"largest {what}", largest(field))]
     note = (
         "The rigid transform found between each volume and the motion-free one before they were compared, and in how many scans it was "
-        f"applied because it raised the correlation. {SPREAD_NOTE}"
+        f"applied because it raised the correlation. {_own_error(errors)}{SPREAD_NOTE}"
     )
     return _by_method("Registration to the motion-free volume", scores, [*columns, ("applied", applied)], note, "registration")
+
+
+def _own_error(errors: Sequence[RegistrationError]) -> str:
+    shift, turn = spread(e.translation_mm for e in errors), spread(e.rotation_deg for e in errors)
+    if shift is None or turn is None:
+        return ""
+    mean, largest = (f"{size(mm)} mm and {size(deg)}°" for mm, deg in ((shift.mean, turn.mean), (shift.largest, turn.largest)))
+    return (
+        "The registration's own error, by which it misses a known motion of about a millimeter and a degree of the motion-free volume: "
+        f"mean {mean}, at most {largest}, in {_scans(shift.count)}. "
+    )
 
 
 def tests(caption: str, found: Sequence[PairedTest], name: str) -> Table:

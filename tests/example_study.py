@@ -6,7 +6,7 @@ from functools import cache
 import numpy as np
 from PIL import Image
 
-from legsim.evaluation import Metrics, RegionMetrics, Registration
+from legsim.evaluation import Metrics, RegionMetrics, Registration, RegistrationError
 from legsim.residuals import Residual
 from legsim.study_results import LadderScore, NoiseLevel, ScanScore, StageCost, StudyResults
 
@@ -61,7 +61,8 @@ def results() -> StudyResults:
     provenance = (("command", "legsim study paper.toml --out study"), ("version", "0.1.0"), ("device", "cpu"))
     costs = (StageCost("replay", 14, 2.5, 400.0), StageCost("volume-rigid", 126, 8.0, None))
     failures = ("subject09 squat_30: no file",)
-    return StudyResults("paper", "Seven subjects & eight methods", tuple(scores), tuple(ladder), provenance, failures, costs)
+    errors = tuple(RegistrationError(0.002 * k, 0.001 * k) for k in range(1, 15))
+    return StudyResults("paper", "Seven subjects & eight methods", tuple(scores), tuple(ladder), provenance, failures, costs, errors)
 
 
 def deviation(rng: np.random.Generator, size: float, f_a: float | None, f_g: float | None) -> tuple[float, float]:

@@ -3,6 +3,9 @@ import json
 import numpy as np
 import pytest
 
+from legsim import comparison
+from legsim.evaluation import RegistrationError
+
 pytestmark = pytest.mark.filterwarnings("ignore::legsim.redundancy.ShortScanWarning")
 
 
@@ -34,3 +37,14 @@ def test_the_overall_residual_is_of_femur_and_tibia(tiny_run):
         femur, tibia = (r.mm for r in result.residuals[:2])
         assert result.residual_mm == pytest.approx(np.sqrt((femur**2 + tibia**2) / 2))
     assert tiny_run.methods[0].residual_mm is None
+
+
+def test_a_run_tells_its_registrations_own_error(tiny_run):
+    content = json.loads((tiny_run.folder / "metrics.json").read_text())
+    found = comparison.registration_error(tiny_run.folder)
+    assert found == RegistrationError(**content["registration_error"])
+    assert 0 <= found.translation_mm < 1
+
+
+def test_a_folder_without_registration_has_no_error_of_it(tmp_path):
+    assert comparison.registration_error(tmp_path) is None

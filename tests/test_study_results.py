@@ -4,7 +4,7 @@ import pytest
 
 from legsim import study_results
 from legsim.errors import LegsimError
-from legsim.evaluation import Metrics, RegionMetrics, Registration
+from legsim.evaluation import Metrics, RegionMetrics, Registration, RegistrationError
 from legsim.residuals import Residual
 from legsim.study_results import LadderScore, NoiseLevel, ScanScore, StudyResults
 
@@ -15,9 +15,9 @@ def results() -> StudyResults:
     metrics = Metrics((RegionMetrics("leg", 0.9, 0.02, 9.5, 1000),), REGISTRATION)
     noise = NoiseLevel("per-sample", 5.0, None)
     score = ScanScore("subject01", "squat_30", "rigid", noise, 2, metrics, (Residual("skin", None, None, 0.1),), 1.5, "runs/x")
-    return StudyResults(
-        "s", "A study", (score,), (LadderScore("subject01", "squat_30", noise, 0, 1.0, 0.1),), (("device", "cpu"),), ("lost",)
-    )
+    ladder = (LadderScore("subject01", "squat_30", noise, 0, 1.0, 0.1),)
+    errors = (RegistrationError(0.02, 0.01),)
+    return StudyResults("s", "A study", (score,), ladder, (("device", "cpu"),), ("lost",), registration_errors=errors)
 
 
 def test_saved_results_load_equal(tmp_path):

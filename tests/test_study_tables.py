@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from legsim import study_statistics, study_tables
+from legsim.evaluation import RegistrationError
 from legsim.study_results import LadderScore, NoiseLevel, StageCost
 
 CLEAN = tuple(s for s in example_study.results().scores if s.noise is None and s.method != "static")
@@ -68,6 +69,15 @@ def test_registration_tells_mean_largest_and_how_often():
     assert row["largest shift (mm)"] == f"{max(r.translation_mm for r in found):.2f}"
     assert row["largest rotation (deg)"] == f"{max(r.rotation_deg for r in found):.2f}"
     assert row["applied"] == f"{sum(r.applied for r in found)} of 14"
+
+
+def test_the_registrations_own_error_is_told():
+    table = study_tables.registration(CLEAN, [RegistrationError(0.02, 0.01), RegistrationError(0.04, 0.03)])
+    assert table is not None
+    assert "mean 0.03 mm and 0.02°, at most 0.04 mm and 0.03°, in 2 scans" in table.note
+    silent = study_tables.registration(CLEAN)
+    assert silent is not None
+    assert "own error" not in silent.note
 
 
 def test_without_registration_there_is_no_table():
