@@ -27,6 +27,8 @@ SUFFIXES = (".ply", ".stl", ".obj", ".glb")
 UNITS = {"mm": 1e-3, "m": 1.0}
 SMALLEST, LARGEST = 0.5e-3, 5.0
 """m: largest extents of a part that are taken for a mistaken unit below or above"""
+_SMALL_WHOLE = 10e-3
+"""m: a person's part in meters, taken for mm, is below"""
 _KEYS = {"name": str, "file": str, "unit": str, "material": str, "attenuation_per_mm": (int, float), "segment": str}
 _LEAST_VOLUME = 1e-9
 """of the cube of a part's length: what rounding leaves of a flat one"""
@@ -82,6 +84,10 @@ def read(path: Path | str, *, energy_kev: float = materials.DEFAULT_ENERGY_KEV) 
     if doubled:
         raise at(path, f"two parts are named {doubled[0]!r}", "give every part a name of its own")
     remarks += _nesting(path, parts, tables)
+    corners = np.concatenate([[part.vertices.min(axis=0), part.vertices.max(axis=0)] for part in parts])
+    length = np.ptp(corners, axis=0).max()
+    if length < _SMALL_WHOLE:
+        remarks.append(f"{path}: the whole phantom is {1e3 * length:.3g} mm long; if that is too small, its files are in m, not mm")
     return PhantomFile(Phantom(tuple(parts)), tuple(table.get("segment") for table in tables), tuple(remarks))
 
 

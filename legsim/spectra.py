@@ -24,7 +24,7 @@ def tube(*, kvp: float, anode_deg: float, aluminum_mm: float, copper_mm: float, 
         LegsimError: SpekPy is not installed, or has no spectrum for these values.
     """
     try:
-        import spekpy  # an extra of the package: heavy, and only this needs it
+        import spekpy  # pyright: ignore[reportMissingImports]  # an extra: heavy, and only this needs it
     except ImportError:
         raise LegsimError(
             "a tube's spectrum needs SpekPy, which is not installed: pip install 'legsim[spectra]', or give a table of your own"

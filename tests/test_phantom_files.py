@@ -129,6 +129,15 @@ def test_mistaken_units_are_suspected(tmp_path):
     refuse(write(tmp_path, entry("x", "x.ply"), x_ply=ball(0.03)), r"is its unit 'm'\?")
 
 
+def test_a_whole_phantom_of_a_few_mm_is_remarked_and_a_bead_in_a_larger_one_is_not(tmp_path):
+    """A meter taken for a millimeter passes as a small bead would."""
+    meters = trimesh.creation.box(extents=(0.3, 1.0, 0.2))
+    (remark,) = phantom_files.read(write(tmp_path, entry("leg", "leg.ply"), leg_ply=meters)).remarks
+    assert "the whole phantom is 1 mm long; if that is too small, its files are in m" in remark
+    path = write(tmp_path, entry("ball", "ball.ply"), entry("bead", "bead.ply"), ball_ply=ball(30), bead_ply=ball(0.5))
+    assert phantom_files.read(path).remarks == ()
+
+
 def test_a_hidden_part_is_told(tmp_path):
     path = write(tmp_path, entry("bone", "b.ply"), entry("skin", "s.ply"), b_ply=ball(20), s_ply=ball(50))
     refuse(

@@ -94,6 +94,16 @@ def test_a_changed_setting_computes_again_what_hangs_on_it_and_nothing_else(tiny
     assert images.load_volume(tmp_path / "volume-static.mha").grid.shape_zyx == (40, 40, 40)
 
 
+def test_what_decides_the_projections_is_in_their_key_and_the_seed_where_there_is_noise():
+    plain = ("scan.detector.photons=0",)
+    changes = ("scan.detector.photons=10", "scan.spectrum.kind=tube", "scan.detector.scatter_to_primary=0.1", "phantom.wobble.amplitude=1")
+    keys = [pipeline._scan_key(config.load(overrides=(*plain, change))) for change in ("grid.voxels=99", "seed=5", *changes)]
+    assert keys[0] == keys[1]
+    assert len(set(keys)) == len(changes) + 1
+    noisy = {pipeline._scan_key(config.load(overrides=("scan.detector.photons=10", f"seed={seed}"))) for seed in (1, 2)}
+    assert len(noisy) == 2
+
+
 def test_ctrl_c_loses_nothing_that_was_finished(tiny_run, tiny_settings, tmp_path):
     for name in ("coordinates.mot", "joint_centres.csv", "poses.npz", "kinematics.json", "imu.csv", "geometry.json", "geometry_rtk.xml"):
         os.link(tiny_run.folder / name, tmp_path / name)

@@ -57,7 +57,8 @@ class Scene:
     def slice(self, projections: Projections) -> FloatArray:
         """The axial slice (z, x) 12 mm above the knee axis, 1/m."""
         x, y, z = knee(self.legs)
-        return fdk.reconstruct(projections, VolumeGrid((180, 1, 180), (0.8e-3,) * 3, (x, y + 0.012, z)), self.device).attenuation[:, 0]
+        grid = VolumeGrid((180, 1, 180), (0.8e-3, 0.8e-3, 0.8e-3), (x, y + 0.012, z))
+        return fdk.reconstruct(projections, grid, self.device).attenuation[:, 0].astype(float)
 
 
 def knee(legs: LegPhantom) -> FloatArray:

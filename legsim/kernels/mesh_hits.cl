@@ -216,6 +216,39 @@ void sort_by_depth(LIST float *depths, LIST int *tags, const int count)
         }
 }
 
+/* Declares the lists `depths` and `tags` of a work-group inside a kernel whose last arguments are capacity, spare_depths and spare_tags. */
+#ifdef LISTS_IN_GLOBAL_MEMORY
+#define DECLARE_LISTS(depths, tags)                                                                   \
+    __global float *depths = spare_depths + get_group_id(0) * (size_t)capacity * PIXELS;              \
+    __global int *tags = spare_tags + get_group_id(0) * (size_t)capacity * PIXELS
+#else
+#define DECLARE_LISTS(depths, tags)                                                                   \
+    __local float depths[CAPACITY * PIXELS];                                                          \
+    __local int tags[CAPACITY * PIXELS]
+#endif
+
+/* Pixel (column, row) of a work-item in its band `own`, and where its lists begin. */
+int2 pixel_of(const int2 corner, const int own)
+{
+    const int band = own * GROUP_BANDS + (int)get_local_id(1);
+    return corner + (int2)((int)(get_local_id(0) % TILE), 2 * band + (int)(get_local_id(0) / TILE));
+}
+
+size_t slot_of(const int own)
+{
+    return (own * GROUP_BANDS + get_local_id(1)) * BAND + get_local_id(0);
+}
+
+/* Orders the crossings that a pixel's lists hold and returns how many; those that did not fit raise `needed`, and the tile is done again. */
+int ordered(LIST float *depths, LIST int *tags, const int found, const int capacity, __global int *needed)
+{
+    if (found > capacity)
+        atomic_max(needed, found);
+    const int count = min(found, capacity);
+    sort_by_depth(depths, tags, count);
+    return count;
+}
+
 /* Where a ray is: one bit a part. */
 typedef struct {
     uint inside[WORDS];

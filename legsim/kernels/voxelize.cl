@@ -30,25 +30,14 @@ void label(__global const int *triangles, __global const int *parts, __global co
 {
     const size_t tile = listed[get_group_id(0)];
     const int2 corner = TILE * (int2)((int)(tile % tiles.x), (int)(tile / tiles.x));
-#ifdef LISTS_IN_GLOBAL_MEMORY
-    __global float *depths = spare_depths + get_group_id(0) * (size_t)capacity * PIXELS;
-    __global int *tags = spare_tags + get_group_id(0) * (size_t)capacity * PIXELS;
-#else
-    __local float depths[CAPACITY * PIXELS];
-    __local int tags[CAPACITY * PIXELS];
-#endif
+    DECLARE_LISTS(depths, tags);
     int found[OWN_BANDS];
     collect(triangles, parts, whole, rest, entries, starts[tile], starts[tile + 1], corner, depths, tags, capacity, found);
     for (int own = 0; own < OWN_BANDS; ++own) {
-        const int band = own * GROUP_BANDS + (int)get_local_id(1);
-        const int column = corner.x + (int)(get_local_id(0) % TILE);
-        const int row = corner.y + 2 * band + (int)(get_local_id(0) / TILE);
-        const size_t first = band * BAND + get_local_id(0);
-        if (found[own] > capacity)
-            atomic_max(&needed[tile], found[own]);
-        const int count = min(found[own], capacity);
-        sort_by_depth(depths + first, tags + first, count);
-        if (column < pixels.x && row < pixels.y)
-            fill_column(depths + first, tags + first, count, layers, (size_t)pixels.x * pixels.y, labels + (size_t)row * pixels.x + column);
+        const int2 pixel = pixel_of(corner, own);
+        const size_t first = slot_of(own);
+        const int count = ordered(depths + first, tags + first, found[own], capacity, &needed[tile]);
+        if (pixel.x < pixels.x && pixel.y < pixels.y)
+            fill_column(depths + first, tags + first, count, layers, (size_t)pixels.x * pixels.y, labels + (size_t)pixel.y * pixels.x + pixel.x);
     }
 }
