@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from legsim import backprojection, backprojection_plan, filtering, motion_paths
+from legsim import backprojection, backprojection_plan, filtering, motion_paths, upright
 from legsim.arrays import Float32Array
 from legsim.backprojection_plan import BackprojectionPlan, Kernel, Motion
 from legsim.filtering import FilterOptions
@@ -37,7 +37,8 @@ def plan(
         LegsimError: as :func:`reconstruct`, or the device has too little memory.
     """
     options = options if options is not None else FdkOptions()
-    return backprojection_plan.plan(geometry, grid, device, motion=motion, kernel=options.kernel, slab_bytes=options.slab_bytes)
+    stood = upright.upright(geometry)
+    return backprojection_plan.plan(stood, grid, device, motion=motion, kernel=options.kernel, slab_bytes=options.slab_bytes)
 
 
 def reconstruct(
@@ -80,6 +81,7 @@ def reconstruct_slabs(
     """
     options = options if options is not None else FdkOptions()
     decided = plan(projections.geometry, grid, device, motion=motion, options=options)
+    projections = upright.stood_up(projections)
     mirrored = np.array(decided.mirrored)
     halves = _halves(progress)
     weighted = replace(projections, geometry=seen_from_the_object(projections.geometry, grid, motion))

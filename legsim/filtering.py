@@ -23,6 +23,7 @@ Window = Literal["ram-lak", "shepp-logan", "hann"]
 _BATCH_ELEMENTS = 2_000_000
 _EDGE_COLUMNS = 16
 """columns at either edge of the detector that tell value and slope of a cut-off object"""
+_LEAST_TURNING = 0.05
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -102,6 +103,46 @@ def _cylinder(edge: Float32Array, reach: int, water_pixels: float) -> Float32Arr
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class RayWeights:
+    """The cosine of the angle between each ray and the line from source to axis, over how fast rays turn from pixel to pixel.
+
+    With a ray d(u, v) = B (u, v, 1), B inverting the matrix's left part, w the direction from source to axis and e the one across w and
+    the axis a, Feldkamp's formula filters x = (d . e) / (d . w) and back-projects with 1 / L^2, L being the depth along w. On any flat
+    detector x is projective in u, for which the ramp of x is that of u times 1 / (dx/du): the two distances in its kernel are
+    (u - u') sqrt(x'(u) x'(u')). Together with depth^2 = L^2 / (d . w)^2 of the kernels' weight that leaves 1 / (d . w)^2 (dx/du) =
+    1 / |a . (dB/du x d)|, which is the same in a whole row. It is the focal length in pixels where the detector faces the axis.
+    """
+
+    numerators: FloatArray
+    """(v, 3): dot(ray (u, v, 1), direction to the axis)"""
+    squares: FloatArray
+    """(v, 3, 3): quadratic form of (u, v, 1) that gives the squared length of the ray"""
+    row_factors: FloatArray
+    """(v, rows): 1 / |a . (dB/du x d)|"""
+
+    def alike(self, view: int, other: int) -> bool:
+        """Whether two views have the same weights."""
+        return all(np.allclose(a[view], a[other], rtol=1e-9, atol=1e-12) for a in (self.numerators, self.squares, self.row_factors))
+
+    def of(self, view: int, shape_vu: tuple[int, int], reach: int) -> Float32Array:
+        """(rows, columns + 2 reach) of one view."""
+        factors = self.row_factors[view].astype(np.float32)[:, None]
+        return _ray_weights(shape_vu, reach, self.numerators[view], self.squares[view], factors)
+
+
+def _ray_weights(shape_vu: tuple[int, int], reach: int, numerator: FloatArray, square: FloatArray, factors: Float32Array) -> Float32Array:
+    u, v = np.arange(-reach, shape_vu[1] + reach, dtype=np.float32), np.arange(shape_vu[0], dtype=np.float32)[:, None]
+    n, g = numerator.astype(np.float32), square.astype(np.float32)
+    lengths = (2 * g[0, 1] * v) * u
+    lengths += (g[0, 0] * u + 2 * g[0, 2]) * u
+    lengths += (g[1, 1] * v + 2 * g[1, 2]) * v + g[2, 2]
+    np.sqrt(lengths, out=lengths)
+    weights = (n[0] * factors) * u
+    weights += (n[1] * v + n[2]) * factors
+    return np.divide(weights, lengths, out=lengths)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class FilterPlan:
     """Everything about filtering that depends on the geometry alone."""
 
@@ -112,31 +153,14 @@ class FilterPlan:
     length: int
     response: Float32Array
     shares: Float32Array
-    """(v, columns + 2 reach): redundancy weight x increment x radius x focal length"""
-    cosine_numerator: FloatArray
-    """(v, 3): dot(ray (u, v, 1), direction to the axis)"""
-    cosine_square: FloatArray
-    """(v, 3, 3): quadratic form of (u, v, 1) that gives the squared length of the ray"""
-    first_cosines: Float32Array
+    """(v, columns + 2 reach): redundancy weight x increment x radius"""
+    rays: RayWeights
+    first_rays: Float32Array
     """(rows, columns + 2 reach) those of the first view, which serve all views of a circular scan"""
 
-    def cosines(self, view: int) -> Float32Array:
-        """(rows, columns + 2 reach) cosine of the angle between each ray and the line from source to axis."""
-        same = np.allclose(self.cosine_numerator[view], self.cosine_numerator[0], rtol=1e-9, atol=1e-12)
-        if same and np.allclose(self.cosine_square[view], self.cosine_square[0], rtol=1e-9, atol=1e-12):
-            return self.first_cosines
-        return cosines(self.geometry.shape_vu, self.reach, self.cosine_numerator[view], self.cosine_square[view])
-
-
-def cosines(shape_vu: tuple[int, int], reach: int, numerator: FloatArray, square: FloatArray) -> Float32Array:
-    """(rows, columns + 2 reach) numerator . (u, v, 1) over the root of the quadratic form: see :class:`FilterPlan`."""
-    u, v = np.arange(-reach, shape_vu[1] + reach, dtype=np.float32), np.arange(shape_vu[0], dtype=np.float32)[:, None]
-    n, g = numerator.astype(np.float32), square.astype(np.float32)
-    lengths = (2 * g[0, 1] * v) * u
-    lengths += (g[0, 0] * u + 2 * g[0, 2]) * u
-    lengths += (g[1, 1] * v + 2 * g[1, 2]) * v + g[2, 2]
-    np.sqrt(lengths, out=lengths)
-    return np.divide(n[0] * u + (n[1] * v + n[2]), lengths, out=lengths)
+    def ray_weights(self, view: int) -> Float32Array:
+        """(rows, columns + 2 reach) :class:`RayWeights` of a view."""
+        return self.first_rays if self.rays.alike(view, 0) else self.rays.of(view, self.geometry.shape_vu, self.reach)
 
 
 def plan_filter(geometry: ConeBeamGeometry, options: FilterOptions) -> FilterPlan:
@@ -154,28 +178,23 @@ def plan_filter(geometry: ConeBeamGeometry, options: FilterOptions) -> FilterPla
         warn_if_short(arc, fan_angles(geometry, arc, np.array([-0.5, columns - 0.5])))
     shares = redundancy_weights(arc, fans) if options.parker else np.full(fans.shape, 0.5)
     length, response = filter_response(columns + reach, options.window)
-    focal = focal_lengths(geometry)
-    pixel_at_axis = float(np.mean(arc.radii / focal))
+    rays = _rays(geometry, arc)
+    pixel_at_axis = float(np.mean(arc.radii / rays.row_factors[:, geometry.shape_vu[0] // 2]))
     water = options.water_attenuation * pixel_at_axis if options.water_attenuation is not None else None
-    scale = arc.increments * arc.radii * focal
-    numerator, square = _cosine_terms(geometry, arc)
-    weights = (shares * scale[:, None]).astype(np.float32)
-    first = cosines(geometry.shape_vu, reach, numerator[0], square[0])
-    return FilterPlan(geometry, reach, water, length, response, weights, numerator, square, first)
+    weights = (shares * (arc.increments * arc.radii)[:, None]).astype(np.float32)
+    return FilterPlan(geometry, reach, water, length, response, weights, rays, rays.of(0, geometry.shape_vu, reach))
 
 
-def focal_lengths(geometry: ConeBeamGeometry) -> FloatArray:
-    """(v,) pixels along u between source and detector."""
-    first, normal = geometry.matrices[:, 0, :3], geometry.matrices[:, 2, :3]
-    return np.linalg.norm(first - np.einsum("vj,vj->v", first, normal)[:, None] * normal, axis=-1)
-
-
-def _cosine_terms(geometry: ConeBeamGeometry, arc: SourceArc) -> tuple[FloatArray, FloatArray]:
+def _rays(geometry: ConeBeamGeometry, arc: SourceArc) -> RayWeights:
     back = np.linalg.inv(geometry.matrices[:, :, :3])
     outward = geometry.sources() - arc.center
     outward -= (outward @ arc.axis)[:, None] * arc.axis
     inward = -outward / np.linalg.norm(outward, axis=-1, keepdims=True)
-    return np.einsum("vji,vj->vi", back, inward), np.einsum("vji,vjk->vik", back, back)
+    per_row = np.cross(back[:, :, 0], back[:, :, 1]) @ arc.axis
+    turning = np.abs((np.cross(back[:, :, 0], back[:, :, 2]) @ arc.axis)[:, None] + per_row[:, None] * np.arange(geometry.shape_vu[0]))
+    # a row whose rays run along the axis tells nothing of the lines across it; it must not drown the others
+    factors = 1 / np.maximum(turning, _LEAST_TURNING * np.median(turning))
+    return RayWeights(np.einsum("vji,vj->vi", back, inward), np.einsum("vji,vjk->vik", back, back), factors)
 
 
 def filtered_views(
@@ -215,7 +234,7 @@ def filter_batch(plan: FilterPlan, images: Float32Array, views: slice) -> Float3
     columns = images.shape[-1]
     rows = extended_rows(images, plan.reach, plan.water_pixels) if plan.reach and plan.water_pixels else images.copy()
     for k, view in enumerate(range(views.start, views.stop)):
-        rows[k] *= plan.cosines(view)
+        rows[k] *= plan.ray_weights(view)
         rows[k] *= plan.shares[view]
     spectrum = np.asarray(fft.rfft(rows, plan.length, axis=-1, overwrite_x=True))
     spectrum *= plan.response

@@ -65,7 +65,8 @@ def source_arc(geometry: ConeBeamGeometry) -> SourceArc:
     others = np.delete(gaps, widest)
     full_turn = bool(gaps[widest] <= 1.5 * max(np.median(others), others.max()))
     steps = np.roll(gaps, -widest - 1)[:-1]
-    ends = (gaps[widest], gaps[widest]) if full_turn else (steps[0], steps[-1])
+    apart = steps[steps > 1e-6 * steps.sum()]  # of views from one place the end's half step is that to the next place
+    ends = (gaps[widest], gaps[widest]) if full_turn else (apart[0], apart[-1])
     before, after = np.concatenate([[ends[0]], steps]), np.concatenate([steps, [ends[1]]])
     increments, angles = np.empty_like(absolute), np.empty_like(absolute)
     sequence = np.roll(order, -widest - 1)

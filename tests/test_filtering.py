@@ -42,7 +42,7 @@ def test_filtering_is_the_linear_convolution_with_the_kernel(window: filtering.W
     plan = filtering.plan_filter(geometry, options)
     image = rng.normal(size=(1, 5, 64)).astype(np.float32)
     kernel = filtering.shepp_logan_kernel(64) if window == "shepp-logan" else filtering.ramp_kernel(64)
-    weighted = image[0] * plan.cosines(7) * plan.shares[7]
+    weighted = image[0] * plan.ray_weights(7) * plan.shares[7]
     expected = [np.convolve(row, kernel)[63:127] for row in weighted]
     np.testing.assert_allclose(filtering.filter_batch(plan, image, slice(7, 8))[0], expected, atol=1e-5 * np.abs(expected).max())
 
@@ -52,7 +52,7 @@ def test_cosines_are_those_of_a_flat_detector_facing_the_source() -> None:
     plan = filtering.plan_filter(geometry, FilterOptions(water_attenuation=None))
     v, u = np.mgrid[:5, :64]
     expected = 1.198 / np.sqrt(1.198**2 + (4e-3 * (u - 31.5)) ** 2 + (4e-3 * (v - 2)) ** 2)
-    np.testing.assert_allclose(plan.cosines(11), expected, rtol=1e-6)
+    np.testing.assert_allclose(plan.ray_weights(11), expected * 1.198 / 4e-3, rtol=1e-6)
 
 
 def test_a_water_cylinder_cut_off_at_the_edge_is_continued_as_it_was() -> None:
