@@ -29,7 +29,8 @@ _PRIOR_TURN, _PRIOR_SHIFT = np.radians(5.0), 0.02
 _PRIOR_PX = 0.02
 _OUTLIER = 5.0
 """times the typical distance, at which a shadow is taken for a wrong one"""
-_LEAST_TYPICAL_PX = 1e-3
+_LEAST_TYPICAL_PX = 0.1
+"""what skin and detection leave even where most shadows fit exactly: no shadow nearer than five times that is taken for a wrong one"""
 _DOUBTING_ROUNDS = 5
 
 

@@ -98,6 +98,20 @@ def test_wrong_shadows_are_rejected(rng: np.random.Generator):
     assert found.residual_px < 0.04
 
 
+def test_skin_that_bends_with_the_knee_loses_no_bead():
+    """Exact shadows, the lower half of the beads turned by up to 0.3 deg: nothing rigid fits, and no shadow is wrong."""
+    motion, places = sway(0), beads()
+    bend = np.radians(0.3) * np.sin(2 * np.pi * 0.3 * TIMES) * (TIMES > 4)
+    bent = transforms.apply(transforms.rigid(transforms.axis_rotation([0, 0, 1], bend), np.zeros(3)), places - KNEE) + KNEE
+    at_views = np.where((places[:, 1] < KNEE[1])[None, :, None], bent, places)
+    pixels = np.stack(
+        [c_arm().project(transforms.apply(m, p))[0][v] for v, (m, p) in enumerate(zip(motion.moved_from_reference, at_views, strict=True))]
+    )
+    found = bead_tracking.estimate(c_arm(), pixels)
+    assert found.used.all()
+    assert 0.02 < found.residual_px < 0.5
+
+
 def test_a_bead_seen_too_seldom_is_left_out():
     pixels = seen(sway(0), beads())
     pixels[5:, 4] = np.nan
