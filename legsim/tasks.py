@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
 
@@ -128,9 +128,19 @@ def reconstruct(
 
 
 def _geometry_of(projections_file: Path, geometry_file: Path) -> ConeBeamGeometry:
-    """The geometry; where its file does not say the detector's size, the projections do."""
+    """The geometry; where its file does not say the detector's size, the projections do. RTK's is in mm on the detector: there size,
+    spacing and origin of the projections say where pixels are."""
     header = images.read_header(projections_file)
-    return Detector(header.size[0], header.size[1], header.spacing_mm[0]).geometry(geometry_file)
+    columns, rows, _ = header.size
+    pitch = header.spacing_mm[0]
+    geometry = Detector(columns, rows, pitch).geometry(geometry_file)
+    if geometry_file.suffix.lower() != ".xml":
+        return geometry
+    if abs(header.spacing_mm[1] - pitch) > 1e-6 * pitch:
+        raise at(projections_file, f"has pixels of {pitch:g} x {header.spacing_mm[1]:g} mm", "resample the projections to square pixels")
+    shift = np.eye(3)
+    shift[:2, 2] = [-header.origin_mm[k] / pitch - 0.5 * (n - 1) for k, n in enumerate((columns, rows))]
+    return replace(geometry, matrices=shift @ geometry.matrices)
 
 
 def _grid(

@@ -1,4 +1,7 @@
 import json
+import subprocess
+import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -159,6 +162,35 @@ def test_bare_matrices_take_their_detector_from_the_projections(ball_scan, tmp_p
         tasks.reconstruct(ball_scan / "p.mha", geometry, tmp_path / out, **grid, device=None, on_progress=quiet)
     first, second = (images.load_volume(tmp_path / name).attenuation for name in ("a.mha", "b.mha"))
     np.testing.assert_allclose(first, second, atol=1e-2)
+
+
+def test_pixels_are_where_rtks_projections_say(ball_scan, tmp_path):
+    """Cut off a few columns and rows: the origin in the file tells, as it does RTK."""
+    tasks.convert_geometry(ball_scan / "geometry.json", tmp_path / "g.xml", detector=tasks.Detector())
+    grid = {"motion": None, "like": None, "shape_zyx": (20, 20, 20), "spacing_mm": (4.0, 4.0, 4.0), "center_mm": None}
+    image = sitk.ReadImage(str(ball_scan / "p.mha"))
+    sitk.WriteImage(image[6:, 4:62, :], str(tmp_path / "cut.nii.gz"))
+    for name in (ball_scan / "p.mha", tmp_path / "cut.nii.gz"):
+        tasks.reconstruct(name, tmp_path / "g.xml", tmp_path / f"{name.name[0]}.nii", **grid, device=None, on_progress=quiet)
+    whole, cut = (images.load_volume(tmp_path / name).attenuation for name in ("p.nii", "c.nii"))
+    inside = np.s_[5:15, 5:15, 5:15]
+    np.testing.assert_allclose(cut[inside], whole[inside], atol=0.2)
+    image.SetSpacing([2.0, 3.0, 1.0])
+    sitk.WriteImage(image, str(tmp_path / "flat.mha"))
+    with pytest.raises(LegsimError, match="2 x 3 mm; resample"):
+        tasks.reconstruct(tmp_path / "flat.mha", tmp_path / "g.xml", tmp_path / "f.mha", **grid, device=None, on_progress=quiet)
+
+
+def test_the_example_reconstructs_another_toolkits_scan(ball_scan, tmp_path):
+    tasks.convert_geometry(ball_scan / "geometry.json", tmp_path / "g.xml", detector=tasks.Detector())
+    script = Path(__file__).parents[1] / "docs/examples/reconstruct_rtk.py"
+    arguments = [str(ball_scan / "p.mha"), str(tmp_path / "g.xml"), str(tmp_path / "v.nii.gz"), "40", "2.0"]
+    done = subprocess.run([sys.executable, script, *arguments], capture_output=True, text=True, check=True)
+    assert "40x40x40" in done.stdout
+    reconstruct(ball_scan, tmp_path / "v.mha")
+    expected, found = (images.load_volume(tmp_path / name) for name in ("v.mha", "v.nii.gz"))
+    np.testing.assert_allclose(found.grid.center, expected.grid.center, atol=1e-6)
+    np.testing.assert_allclose(found.attenuation, expected.attenuation, atol=1e-2)
 
 
 def test_a_folder_without_a_recording_is_named(tmp_path):
