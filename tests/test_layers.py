@@ -20,7 +20,7 @@ HOMES = {
     "matplotlib": {"figures"},
     "typer": {"cli"},
     "jinja2": {"report"},
-    "pydantic": {"config"},
+    "pydantic": {"config", "study_config"},
     "SimpleITK": {"images", "evaluation"},
 }
 SLOW = {
