@@ -17,6 +17,8 @@ from legsim.opencl import Device
 from legsim.phantom import Phantom
 from legsim.signals import SegmentPoses
 
+_VIEWS_AT_ONCE = 31
+
 
 def view_times(scan: ScanConfig, recorded: FloatArray) -> FloatArray:
     """Times (v,) s of the views: from ``scan.start_s``, or so that the scan sits in the middle of the recording.
@@ -117,7 +119,10 @@ def sentence(scan: ScanConfig, phantom: PhantomConfig) -> str:
     )
     present = ", ".join(text for value, text in effects if value > 0)
     swings = f" Soft tissue swings at {phantom.wobble.frequency_hz:g} Hz on the bones." if phantom.wobble.amplitude > 0 else ""
-    return f"Projections are of {energies}; the detector {f'has {present}' if present else 'is perfect'}.{swings}"
+    rays = (
+        "a single ray through its middle" if scan.rays_per_pixel == 1 else f"the mean of {scan.rays_per_pixel}x{scan.rays_per_pixel} rays"
+    )
+    return f"Projections are of {energies}; a pixel is {rays}; the detector {f'has {present}' if present else 'is perfect'}.{swings}"
 
 
 def _spectrum(beam: SpectrumConfig) -> Spectrum | None:
@@ -143,18 +148,48 @@ def project(
     how: Imaging,
     rng: np.random.Generator,
     *,
+    rays_per_pixel: int = 1,
     posed: Callable[[int], Sequence[FloatArray]] | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Projections:
-    """What the detector reads of a phantom; ``posed`` and ``progress`` as of :func:`legsim.projector.project`."""
-    if how.spectrum is None:
-        arriving = projector.project(phantom, geometry, device, posed=posed, progress=progress)
+    """What the detector reads of a phantom; ``posed`` and ``progress`` as of :func:`legsim.projector.project`.
+
+    A pixel is the mean line integral of ``rays_per_pixel`` x ``rays_per_pixel`` rays, evenly over its area: a single ray through its
+    middle would alias every edge.
+    """
+    if rays_per_pixel == 1:
+        arriving = _arriving(phantom, geometry, device, how, posed, progress)
     else:
-        arriving = projector.project_spectrum(phantom, geometry, device, how.spectrum, posed=posed, progress=progress)
+        # some views at a time, so that the finer images take little memory
+        parts = []
+        for first in range(0, len(geometry), _VIEWS_AT_ONCE):
+            views = range(first, min(first + _VIEWS_AT_ONCE, len(geometry)))
+            fine = geometry[views.start : views.stop].finer(rays_per_pixel)
+            seen = _arriving(phantom, fine, device, how, None if posed is None else lambda view, first=first: posed(first + view), None)
+            rows, columns = geometry.shape_vu
+            blocks = seen.line_integrals.reshape(len(views), rows, rays_per_pixel, columns, rays_per_pixel)
+            parts.append(blocks.mean((2, 4), dtype=np.float32))
+            if progress is not None:
+                progress(views.stop, len(geometry))
+        arriving = Projections(geometry, np.concatenate(parts))
     read = detector.detect(arriving, how.detector, rng)
     if how.spectrum is None or not how.water_precorrection:
         return read
     return replace(read, line_integrals=how.spectrum.as_of_water(read.line_integrals))
+
+
+def _arriving(
+    phantom: Phantom,
+    geometry: ConeBeamGeometry,
+    device: Device,
+    how: Imaging,
+    posed: Callable[[int], Sequence[FloatArray]] | None,
+    progress: Callable[[int, int], None] | None,
+) -> Projections:
+    """One ray a pixel, before the detector."""
+    if how.spectrum is None:
+        return projector.project(phantom, geometry, device, posed=posed, progress=progress)
+    return projector.project_spectrum(phantom, geometry, device, how.spectrum, posed=posed, progress=progress)
 
 
 def expose(
@@ -164,6 +199,8 @@ def expose(
     device: Device,
     how: Imaging,
     rng: np.random.Generator,
+    *,
+    rays_per_pixel: int = 1,
     progress: Callable[[int, int], None] | None = None,
 ) -> Projections:
     """Projections of the phantom as ``poses`` have it at every view."""
@@ -171,4 +208,4 @@ def expose(
     def posed(view: int) -> tuple[FloatArray, ...]:
         return phantom.posed(poses.world_from_segment[view], poses.segment_names)
 
-    return project(phantom.phantom, geometry, device, how, rng, posed=posed, progress=progress)
+    return project(phantom.phantom, geometry, device, how, rng, rays_per_pixel=rays_per_pixel, posed=posed, progress=progress)

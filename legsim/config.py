@@ -174,6 +174,8 @@ class ScanConfig(Section):
     columns: int = Field(default=620, ge=8)
     rows: int = Field(default=480, ge=8)
     pixel_mm: float = Field(default=0.616, gt=0)
+    rays_per_pixel: int = Field(default=2, ge=1, le=8)
+    """along each axis: a pixel is the mean of so many rays squared, as its area would see them; 1 is a line through its middle"""
     spectrum: SpectrumConfig = SpectrumConfig()
     detector: DetectorConfig = DetectorConfig()
 

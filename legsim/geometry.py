@@ -85,6 +85,13 @@ class ConeBeamGeometry:
         """The geometry of a slice of the views."""
         return replace(self, times=self.times[views], matrices=self.matrices[views])
 
+    def finer(self, factor: int) -> "ConeBeamGeometry":
+        """The same detector with every pixel parted into ``factor`` x ``factor``."""
+        rows, columns = self.shape_vu
+        parted = np.array([[factor, 0, 0.5 * (factor - 1)], [0, factor, 0.5 * (factor - 1)], [0, 0, 1.0]])
+        shape_vu = (factor * rows, factor * columns)
+        return replace(self, matrices=parted @ self.matrices, shape_vu=shape_vu, pixel_pitch=self.pixel_pitch / factor)
+
     def sources(self) -> FloatArray:
         """(v, 3) source positions in world."""
         return _source_positions(self.matrices)

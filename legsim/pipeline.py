@@ -259,7 +259,16 @@ def _scan(
             with folder.stage(name, key, [path.name]):
                 shown = "projecting" if poses is body.poses else "projecting, at rest"
                 drawing = np.random.default_rng([settings.seed, _PHOTONS, exposure])
-                exposed = acquisition.expose(body.phantom, poses, body.geometry, device, how, drawing, partial(on_progress, shown))
+                exposed = acquisition.expose(
+                    body.phantom,
+                    poses,
+                    body.geometry,
+                    device,
+                    how,
+                    drawing,
+                    rays_per_pixel=settings.scan.rays_per_pixel,
+                    progress=partial(on_progress, shown),
+                )
                 images.save_projections(path, exposed)
         exposures.append(images.load_projections(path, body.geometry))
     return exposures[0], exposures[1]

@@ -122,7 +122,7 @@ def test_the_seed_matters_to_noisy_images_alone_and_a_spectrums_numbers_to_its(t
 
 def test_the_report_says_what_the_projections_are_of():
     plain = acquisition.sentence(scan(), config.PhantomConfig())
-    assert plain == "Projections are of one energy, 60 keV; the detector is perfect."
+    assert plain == "Projections are of one energy, 60 keV; a pixel is the mean of 2x2 rays; the detector is perfect."
     read = with_detector(photons=2e4, lag_fractions=(0.01, 0.005), lag_times_s=(1.0, 2.0))
     said = acquisition.sentence(read, config.PhantomConfig(wobble=config.WobbleConfig(amplitude=1)))
     assert "has 20000 photons a pixel of the open beam, with 0 of readout noise, lag of 1.5 %." in said
@@ -138,3 +138,43 @@ def test_detectors_and_beams_that_cannot_be_are_refused(tmp_path):
         acquisition.imaging(scan(spectrum=config.SpectrumConfig(water_precorrection=True)))
     with pytest.raises(LegsimError, match=r"no\.csv"):
         acquisition.imaging(scan(spectrum=config.SpectrumConfig(kind="file", file=str(tmp_path / "no.csv"))))
+
+
+@pytest.mark.parametrize("rays", [2, 3])
+def test_a_pixel_is_the_mean_of_its_rays_whatever_moves(device, monkeypatch, rays):
+    monkeypatch.setattr(acquisition, "_VIEWS_AT_ONCE", 2)
+    phantom, geometry = ball()
+    moved = [(phantom.parts[0].vertices + np.array([0.0, 0.01 * view, 0.0]),) for view in range(len(geometry))]
+    done: list[int] = []
+    averaged = acquisition.project(
+        phantom,
+        geometry,
+        device,
+        Imaging(),
+        np.random.default_rng(0),
+        rays_per_pixel=rays,
+        posed=lambda view: moved[view],
+        progress=lambda now, _: done.append(now),
+    )
+    fine = projector.project(phantom, geometry.finer(rays), device, posed=lambda view: moved[view]).line_integrals
+    rows, columns = geometry.shape_vu
+    expected = fine.reshape(len(geometry), rows, rays, columns, rays).mean((2, 4))
+    np.testing.assert_allclose(averaged.line_integrals, expected, atol=1e-6)
+    assert averaged.geometry is geometry
+    assert done == [2, 3]
+
+
+def test_an_edge_through_a_pixel_is_seen_by_part_of_its_rays(device):
+    box = trimesh.creation.box((0.1, 0.1, 0.1))
+    phantom = Phantom((Part("box", "water", 20.0, box.vertices, box.faces),))
+    # the box's upper face lies in the plane of the source and of the middle of a row of pixels
+    geometry = acquisition.c_arm(scan(views=2, columns=40, rows=31, pixel_mm=4.0), np.arange(2) / 31, np.array([0.0, 0.05, 0.0]))
+    one, four = (
+        acquisition.project(phantom, geometry, device, Imaging(), np.random.default_rng(0), rays_per_pixel=rays).line_integrals[0, :, 20]
+        for rays in (1, 4)
+    )
+    inside, outside, edge = one[10], one[20], four[15]
+    assert inside == pytest.approx(2.0, rel=0.02)
+    assert outside == 0
+    assert edge == pytest.approx(inside / 2, rel=0.05)
+    assert one[15] in (pytest.approx(inside, rel=0.05), pytest.approx(0))

@@ -119,3 +119,15 @@ def test_a_cropped_grid_keeps_its_voxels_in_place(counts, starts, lengths):
     cropped = grid.cropped(box)
     for axis, part, whole in zip(cropped.axes(), box[::-1], grid.axes(), strict=True):
         np.testing.assert_allclose(axis, whole[part], atol=1e-12)
+
+
+@given(factor=st.integers(1, 5), u=st.floats(-0.5, 39.49), v=st.floats(-0.5, 29.49))
+def test_a_finer_detector_is_the_same_detector(factor, u, v):
+    geometry = ConeBeamGeometry.circular(
+        times=[0.0, 1.0], angles=[0.0, 0.3], source_isocenter=0.78, source_detector=1.198, shape_vu=(30, 40), pixel_pitch=1e-3
+    )
+    fine = geometry.finer(factor)
+    assert fine.shape_vu == (30 * factor, 40 * factor)
+    # the middle of a pixel's parts is its middle, and its border theirs
+    parts = [factor * (np.array([u, v]) + 0.5) - 0.5]
+    np.testing.assert_allclose(fine.ray_directions(*parts[0]), geometry.ray_directions(u, v), atol=1e-12)

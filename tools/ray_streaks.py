@@ -32,11 +32,11 @@ from legsim import (
     motion_paths,
     opencl,
     projection_warp,
-    projector,
     recovery,
     true_field,
     voxelizer,
 )
+from legsim.acquisition import Imaging
 from legsim.arrays import Float32Array
 from legsim.config import RunConfig
 from legsim.evaluation import Region
@@ -112,23 +112,14 @@ class Scene:
             vertices = self.phantom.posed(poses.world_from_segment[view], poses.segment_names)
             return [vertices[k] for k in self.parts]
 
-        fine = finer(self.geometry, self.rays)
-        seen = projector.project(self.phantom.phantom.only(self.parts), fine, self.device, posed=posed).line_integrals
-        views, (rows, columns) = len(fine), self.geometry.shape_vu
-        means = seen.reshape(views, rows, self.rays, columns, self.rays).mean((2, 4), dtype=np.float32)
-        return Projections(self.geometry, means)
+        how, none_drawn = Imaging(), np.random.default_rng(0)
+        shown = self.phantom.phantom.only(self.parts)
+        return acquisition.project(shown, self.geometry, self.device, how, none_drawn, rays_per_pixel=self.rays, posed=posed)
 
     def warped(self, projections: Projections, poses: SegmentPoses) -> Projections:
         """Images deformed by the true places of hip, knee and ankle, as nonrigid-2d does."""
         near = mls.drawn_to(joints(self.phantom, poses), 1, 0.8)
         return projection_warp.warp(projections, near, self.device)
-
-
-def finer(geometry: ConeBeamGeometry, rays: int) -> ConeBeamGeometry:
-    """The same detector with every pixel parted into ``rays`` x ``rays``."""
-    rows, columns = geometry.shape_vu
-    parted = np.array([[rays, 0, 0.5 * (rays - 1)], [0, rays, 0.5 * (rays - 1)], [0, 0, 1]])
-    return replace(geometry, matrices=parted @ geometry.matrices, shape_vu=(rays * rows, rays * columns))
 
 
 def joints(phantom: LegPhantom, poses: SegmentPoses) -> ControlPointMotion:
