@@ -50,7 +50,7 @@ def slices(volumes: Sequence[NamedVolume], planes: SlicePlanes, *, window_per_mm
     return figure
 
 
-def overlay(reference: NamedVolume, volumes: Sequence[NamedVolume], planes: SlicePlanes, *, width_mm: float = 40.0) -> Figure:
+def overlay(reference: NamedVolume, volumes: Sequence[NamedVolume], planes: SlicePlanes, *, width_mm: float = 60.0) -> Figure:
     """The motion-free reference in red and each method in green: yellow where they agree, a red or green rim where they do not.
 
     Columns are methods. Rows: the whole axial slice through the thigh, then ``width_mm`` wide details of it around the densest
