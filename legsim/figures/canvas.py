@@ -1,6 +1,7 @@
 """What all figures share: an empty one, its axes, and its PNG."""
 
 import io
+from collections.abc import Sequence
 
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -34,6 +35,44 @@ def plain(ax: Axes, *, ticks: int | None = None) -> None:
     ax.set_axisbelow(True)
     ax.spines[["top", "right"]].set_visible(False)
     ax.tick_params(labelsize=8)
+
+
+def spaced(
+    figure: Figure,
+    axes: Sequence[Axes],
+    *,
+    columns: int = 1,
+    start: float = 0.0,
+    left: float = 0.85,
+    right: float = 0.12,
+    top: float = 0.38,
+    bottom: float = 0.42,
+    between: float = 0.12,
+) -> None:
+    """Places plots of a grid by margins in inches: in one pass, where measuring all texts for them takes as long as drawing.
+
+    The vertical axes' names stand in a line at the left of each column, over two lines at most.
+
+    Args:
+        figure: their own.
+        axes: row by row.
+        columns: of the grid.
+        start: where the first column begins.
+        left: of each column: room for the name and the numbers of a vertical axis.
+        right: of the last column.
+        top: above all: a legend's line, or that and a title.
+        bottom: below all: numbers and name of the horizontal axis.
+        between: two rows.
+    """
+    figure.set_layout_engine("none")
+    (width, height), rows = figure.get_size_inches(), len(axes) // columns
+    plot_width, plot_height = (width - start - left * columns - right) / columns, (height - top - bottom - between * (rows - 1)) / rows
+    for k, ax in enumerate(axes):
+        row, column = divmod(k, columns)
+        x, y = start + left + column * (left + plot_width), bottom + (rows - 1 - row) * (between + plot_height)
+        ax.set_position((x / width, y / height, plot_width / width, plot_height / height))
+        ax.yaxis.set_label_coords((0.03 - left) / plot_width, 0.5)
+        ax.yaxis.label.set_va("top")
 
 
 def picture_axes(figure: Figure, rows: int, columns: int) -> list[list[Axes]]:

@@ -9,9 +9,12 @@ from matplotlib.lines import Line2D
 
 from legsim import transforms
 from legsim.arrays import FloatArray
-from legsim.figures.canvas import COLORS, at_least, new_figure, plain, plot_axes
+from legsim.figures.canvas import COLORS, at_least, new_figure, plain, plot_axes, spaced
 from legsim.scene import JointCenters, ReplayScene
 from legsim.signals import ImuSignals, JointTrajectories, RigidMotion
+
+_TITLE = 0.18
+"""inches of a line of title"""
 
 
 def joint_angles(trajectories: JointTrajectories, names: Sequence[str] = ()) -> Figure:
@@ -32,8 +35,9 @@ def joint_angles(trajectories: JointTrajectories, names: Sequence[str] = ()) -> 
     for ax in axes[len(kinds) :]:
         ax.set_axis_off()
     right_and_left = [next((line for ax in axes for line in ax.lines if str(line.get_label()).endswith(end)), None) for end in ("_r", "_l")]
-    _legend(figure, [(line, word) for line, word in zip(right_and_left, ("right", "left"), strict=True) if line])
+    room = _legend(figure, [(line, word) for line, word in zip(right_and_left, ("right", "left"), strict=True) if line])
     _time_axis(axes[: len(kinds)][-columns:])
+    spaced(figure, axes, columns=columns, top=room)
     return figure
 
 
@@ -50,7 +54,8 @@ def imu_curves(imu: ImuSignals) -> Figure:
     axes[0].set_title("specific force", fontsize=9)
     axes[1].set_title("angular velocity", fontsize=9)
     _time_axis(axes[-2:])
-    _legend(figure, [(line, str(line.get_label())) for line in axes[0].lines])
+    room = _legend(figure, [(line, str(line.get_label())) for line in axes[0].lines])
+    spaced(figure, axes, columns=2, top=room + _TITLE)
     return figure
 
 
@@ -58,10 +63,8 @@ def sway(centers: JointCenters, names: Sequence[str] = ()) -> Figure:
     """How far joint centers stray from their mean: forward, up and to the right, in mm; the way seen from above beside it."""
     chosen = tuple(names) or tuple(n for n in centers.names if n.startswith(("hip", "knee", "ankle")))
     figure = new_figure(8.0, 4.6)
-    places = figure.subplot_mosaic([["forward", "above"], ["up", "above"], ["right", "above"]], width_ratios=[3, 2])
-    over_time, above = [places[name] for name in ("forward", "up", "right")], places["above"]
-    for ax in places.values():
-        plain(ax, ticks=5)
+    over_time, above = plot_axes(figure, 3), figure.add_subplot()
+    plain(above, ticks=5)
     kinds = list(dict.fromkeys(_kind(name) for name in chosen))
     for name in chosen:
         place = centers.positions_world[:, centers.names.index(name)]
@@ -78,7 +81,9 @@ def sway(centers: JointCenters, names: Sequence[str] = ()) -> Figure:
     above.set_xlabel("to the right (mm)", fontsize=8)
     above.set_ylabel("forward (mm)", fontsize=8)
     above.set_title("from above", fontsize=9)
-    _legend(figure, [(line, str(line.get_label())) for line in above.lines])
+    room = _legend(figure, [(line, str(line.get_label())) for line in above.lines])
+    spaced(figure, over_time, left=0.65, right=3.45, top=room + _TITLE)
+    spaced(figure, [above], start=4.6, left=0.65, top=room + _TITLE)
     return figure
 
 
@@ -97,8 +102,10 @@ def marker_residuals(scene: ReplayScene) -> Figure:
     over_time.plot(scene.measured.times[seen], rms, color=COLORS[0], linewidth=1.0, label="RMS of all markers")
     over_time.set_ylabel("residual (mm)", fontsize=8)
     over_time.set_ylim(bottom=0)
-    _legend(figure, [(line, str(line.get_label())) for line in over_time.lines])
+    room = _legend(figure, [(line, str(line.get_label())) for line in over_time.lines])
     _time_axis([over_time])
+    longest = max(len(name) for name in scene.measured.marker_names)
+    spaced(figure, [over_time, each], left=0.65, top=room, between=0.5, bottom=0.25 + 0.048 * longest)
     spread = [column[np.isfinite(column)] for column in millimeters.T]
     each.boxplot(spread, whis=(5, 95), showfliers=False, medianprops={"color": COLORS[0]})
     each.set_xticklabels(scene.measured.marker_names, rotation=60, ha="right", fontsize=7)
@@ -121,8 +128,9 @@ def motion_errors(truth: RigidMotion, estimates: Sequence[tuple[str, RigidMotion
     at_least(angle, 0.001)
     distance.set_ylabel("position error (mm)", fontsize=8)
     angle.set_ylabel("rotation error (deg)", fontsize=8)
-    _legend(figure, [(line, str(line.get_label())) for line in distance.lines])
+    room = _legend(figure, [(line, str(line.get_label())) for line in distance.lines])
     _time_axis([angle])
+    spaced(figure, [distance, angle], left=0.65, top=room)
     return figure
 
 
@@ -130,10 +138,11 @@ def _kind(name: str) -> str:
     return name.removesuffix("_r").removesuffix("_l")
 
 
-def _legend(figure: Figure, entries: Sequence[tuple[Line2D, str]]) -> None:
-    """One legend for all plots, above them, where it hides no curve."""
+def _legend(figure: Figure, entries: Sequence[tuple[Line2D, str]]) -> float:
+    """One legend for all plots, above them, where it hides no curve; returns the inches that it takes."""
     lines, words = zip(*entries, strict=True) if entries else ((), ())
-    figure.legend(lines, words, loc="outside upper center", ncols=min(len(words), 6) or 1, fontsize=8, frameon=False)
+    figure.legend(lines, words, loc="upper center", ncols=min(len(words), 6) or 1, fontsize=8, frameon=False)
+    return 0.2 + 0.17 * -(-len(words) // 6)
 
 
 def _time_axis(axes: Sequence[Axes]) -> None:

@@ -22,8 +22,8 @@ GRID = 0.1  # m
 def still(scene: ReplayScene, time_s: float) -> Figure:
     """The body at the frame nearest to ``time_s`` from three sides: bones, joint centers, markers with residuals, sensors, floor."""
     figure = new_figure(10.0, 5.0)
-    grid = figure.add_gridspec(1, len(VIEWS))
-    axes = [figure.add_subplot(place) for place in grid]
+    figure.set_layout_engine("none")  # the places are known
+    axes = [figure.add_axes((0.0, 0.08, 1.0, 0.83)) for _ in VIEWS]
     frame = int(np.argmin(np.abs(scene.joint_centers.times - time_s)))
     for ax, (title, towards_eye) in zip(axes, VIEWS, strict=True):
         camera = _camera(_facing(scene, frame) @ np.array(towards_eye))
@@ -34,22 +34,25 @@ def still(scene: ReplayScene, time_s: float) -> Figure:
         _draw_sensors(ax, scene, frame, camera)
         ax.set_axis_off()
         ax.set_title(title, fontsize=9, color=TEXT)
-    grid.set_width_ratios(_to_one_scale(axes))
+    _to_one_scale(axes)
     handles, labels = axes[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=5, fontsize=8, frameon=False)
+    figure.legend(handles, labels, loc="lower center", ncols=5, fontsize=8, frameon=False)
     figure.suptitle(f"{scene.name}, {scene.joint_centers.times[frame]:.3f} s (floor lines every 10 cm)", fontsize=10, color=TEXT)
     return figure
 
 
-def _to_one_scale(axes: Sequence[Axes]) -> list[float]:
-    """Gives all pictures the same height in metres; returns their widths, by which the paper must be shared for one scale in all."""
+def _to_one_scale(axes: Sequence[Axes]) -> None:
+    """Gives all pictures the same height in metres, and side by side the share of the paper's width that their widths in metres ask for."""
     for ax in axes:
         ax.autoscale_view()
         ax.set_aspect("equal", anchor="S")
     low, high = (pick(ax.get_ylim()[k] for ax in axes) for k, pick in ((0, min), (1, max)))
-    for ax in axes:
+    widths = np.array([float(np.ptp(ax.get_xlim())) for ax in axes])
+    ends = np.cumsum(widths / widths.sum())
+    for ax, end, share in zip(axes, ends, widths / widths.sum(), strict=True):
         ax.set_ylim(low, high)
-    return [float(np.ptp(ax.get_xlim())) for ax in axes]
+        box = ax.get_position()
+        ax.set_position((end - share, box.y0, share, box.height))
 
 
 def _facing(scene: ReplayScene, frame: int) -> FloatArray:
@@ -95,7 +98,9 @@ def _draw_meshes(ax: Axes, scene: ReplayScene, frame: int, camera: FloatArray) -
     colors = light[:, None] * np.array([230, 218, 192]) / 255
     # the annotation asks for a list, but of an array the paths are made at once
     outlines: Any = corners[nearer][..., :2]
-    ax.add_collection(PolyCollection(outlines, facecolors=colors[nearer], edgecolors=colors[nearer], linewidths=0.2, zorder=1))
+    bones = PolyCollection(outlines, facecolors=colors[nearer], edgecolors=colors[nearer], linewidths=0.2, zorder=1)
+    ax.add_collection(bones, autolim=False)
+    ax.update_datalim(outlines.reshape(-1, 2))
 
 
 def _draw_skeleton(ax: Axes, scene: ReplayScene, frame: int, camera: FloatArray) -> None:
