@@ -5,7 +5,9 @@ A command imports what it runs, so that help and mistaken options are answered a
 
 import errno
 import os
+import signal
 import sys
+import threading
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -42,6 +44,9 @@ PixelOption = Annotated[float | None, typer.Option("--pixel-mm", help="Pixel pit
 
 _INTERRUPTED = 130
 """exit code of a command that Ctrl-C ended, as shells have it and typer returns it"""
+
+_RESUMED = ("run", "replay", "study")
+"""commands whose folders keep each finished part"""
 
 _warned: set[str] = set()
 """what was already told"""
@@ -430,18 +435,50 @@ def _explain(error: Exception) -> str | None:
     return None
 
 
+class _Terminated(SystemExit):
+    """What SIGTERM becomes, so that half-written files are removed on the way out."""
+
+
+@contextmanager
+def _termination_told() -> Iterator[None]:
+    """SIGTERM, as batch systems and process managers send it, ends a command as Ctrl-C does."""
+    if threading.current_thread() is not threading.main_thread():  # where Python lets nobody set handlers
+        yield
+        return
+
+    def terminate(number: int, _: object) -> None:
+        raise _Terminated(128 + number)
+
+    before = signal.signal(signal.SIGTERM, terminate)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
+def _tell_end(how: str, arguments: list[str]) -> None:
+    """One line on what a command that was stopped leaves behind."""
+    command = next((a for a in arguments if not a.startswith("-")), "")
+    kept = "what was finished is kept, the same command goes on from there"
+    _err.print(f"{how}; {kept if command in _RESUMED else 'half-written files are removed, the same command starts anew'}")
+
+
 def main(arguments: list[str] | None = None) -> None:
-    """Runs the command line; exit code 0 only on success, 130 on Ctrl-C, one line for an error unless --debug."""
+    """Runs the command line; exit code 0 only on success, 130 on Ctrl-C, 143 on SIGTERM, one line for an error unless --debug."""
     handler: Callable[..., None] = _warn
     warnings.showwarning = handler
     arguments = sys.argv[1:] if arguments is None else arguments
     if "--debug" in arguments:  # wherever it stands on the line
         arguments = ["--debug", *(a for a in arguments if a != "--debug")]
     try:
-        code = app(args=arguments, prog_name="legsim", standalone_mode=False) or 0
+        with _termination_told():
+            code = app(args=arguments, prog_name="legsim", standalone_mode=False) or 0
         if code == _INTERRUPTED:
-            _err.print("interrupted; what was finished is kept, the same command goes on from there")
+            _tell_end("interrupted", arguments)
         sys.exit(code)
+    except _Terminated:
+        _tell_end("terminated", arguments)
+        raise
     except typer.exceptions.TyperException as error:
         _err.print(f"error: {error.format_message()} (the command's --help says more)".replace("\n", " "), style="red", markup=False)
         sys.exit(error.exit_code)

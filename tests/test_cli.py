@@ -24,7 +24,9 @@ def failure(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
     return lines[0]
 
 
-@pytest.mark.parametrize("command", ["run", "replay", "convert", "project", "reconstruct", "evaluate", "geometry", "view", "doctor"])
+@pytest.mark.parametrize(
+    "command", ["run", "replay", "convert", "project", "reconstruct", "evaluate", "study", "geometry", "view", "doctor"]
+)
 def test_every_command_explains_itself(command, capsys):
     with pytest.raises(SystemExit) as caught:
         cli.main([command, "--help"])
@@ -107,6 +109,36 @@ def test_ctrl_c_ends_with_a_word_of_comfort(tmp_path):
     _, errors = process.communicate(timeout=60)
     assert process.returncode == 130
     assert "interrupted; what was finished is kept" in errors
+
+
+_WRITING = """
+import sys, time, types
+from legsim import cli, whole_files
+
+def reconstruct(projections, geometry, out, **_):
+    with whole_files.whole(out) as partial:
+        partial.write_text("half")
+        print("writing", flush=True)
+        time.sleep(60)
+
+sys.modules["legsim.tasks"] = types.SimpleNamespace(reconstruct=reconstruct)
+cli.main(["reconstruct", "p.mha", "--geometry", "g.json", "--out", sys.argv[1]])
+"""
+"""a reconstruction that writes its volume for a minute"""
+
+
+@pytest.mark.parametrize(("sent", "code", "word"), [(signal.SIGINT, 130, "interrupted"), (signal.SIGTERM, 143, "terminated")])
+def test_a_stopped_command_leaves_no_half_file_and_says_what_is_kept(sent, code, word, tmp_path):
+    command = [sys.executable, "-c", _WRITING, str(tmp_path / "volume.mha")]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    assert process.stdout is not None
+    assert process.stdout.readline() == "writing\n"
+    assert len(list(tmp_path.iterdir())) == 1
+    process.send_signal(sent)
+    _, errors = process.communicate(timeout=60)
+    assert process.returncode == code
+    assert list(tmp_path.iterdir()) == []
+    assert errors.splitlines()[-1] == f"{word}; half-written files are removed, the same command starts anew"
 
 
 def test_replay_prints_how_well_the_markers_are_followed(tmp_path, capsys):
