@@ -11,11 +11,12 @@ import argparse
 
 import numpy as np
 
-from legsim import imu, imu_noise, pose_estimation, transforms
+from legsim import imu, noise_ladder, pose_estimation
 from legsim.arrays import FloatArray
 from legsim.imu import JointSplines
 from legsim.imu_noise import Convention, ImuNoise
 from legsim.leg import Leg
+from legsim.noise_ladder import Deviation
 from legsim.pose_estimation import Scheme
 from legsim.signals import ImuSignals, JointTrajectories, SensorStart
 
@@ -35,23 +36,15 @@ def standing(leg: Leg, times: FloatArray, rng: np.random.Generator) -> JointTraj
     return JointTrajectories(times, leg.coordinate_names, base + waves.sum(1))
 
 
-def deviation(found: FloatArray, clean: FloatArray) -> tuple[float, float]:
-    """(mm, deg) RMSE over the views, averaged over the axes."""
-    away = found[:, :3, 3] - clean[:, :3, 3]
-    turned = transforms.vector_from_rotation(found[:, :3, :3] @ np.swapaxes(clean[:, :3, :3], -1, -2))
-    return float(1e3 * np.sqrt((away**2).mean(0)).mean()), float(np.degrees(np.sqrt((turned**2).mean(0)).mean()))
-
-
 def cell(clean: ImuSignals, start: SensorStart, views: FloatArray, noise: ImuNoise, scheme: Scheme, repeats: int) -> tuple[float, float]:
-    """Mean deviation of ``repeats`` draws; the same draws in every cell."""
-    sensor = clean.sensor_names[0]
-    reference = pose_estimation.estimate(clean.times, *clean.sensor(sensor), start, views, scheme=scheme)
-    results = []
-    for seed in range(repeats):
-        noisy = imu_noise.add_noise(clean, noise, np.random.default_rng(seed))
-        results.append(deviation(pose_estimation.estimate(noisy.times, *noisy.sensor(sensor), start, views, scheme=scheme), reference))
-    millimetres, degrees = np.mean(results, 0)
+    """(mm, deg) mean deviation of ``repeats`` draws; the same draws in every cell."""
+    draws = [in_mm_and_degrees(d) for d in noise_ladder.deviations(clean, start, views, noise, scheme, range(repeats))]
+    millimetres, degrees = np.mean(draws, 0)
     return float(millimetres), float(degrees)
+
+
+def in_mm_and_degrees(deviation: Deviation) -> tuple[float, float]:
+    return 1e3 * deviation.translation, float(np.degrees(deviation.rotation))
 
 
 def table(clean: ImuSignals, start: SensorStart, views: FloatArray, convention: Convention, scheme: Scheme, repeats: int) -> list[str]:
@@ -83,7 +76,9 @@ def drift_lines(leg: Leg, splines: JointSplines, views: FloatArray) -> list[str]
         schemes: tuple[tuple[Scheme, FloatArray], ...] = (("accurate", views), ("printed", times[times <= views[-1]]))
         for scheme, at in schemes:
             truth = imu.sensor_poses(leg, splines, [sensor], at).of(sensor.name)
-            millimetres, degrees = deviation(pose_estimation.estimate(times, rate, force, start, at, scheme=scheme), truth)
+            millimetres, degrees = in_mm_and_degrees(
+                noise_ladder.deviation(pose_estimation.estimate(times, rate, force, start, at, scheme=scheme), truth)
+            )
             lines.append(f"{scheme:>9} {rate_hz:6.0f} Hz {millimetres:10.2g} mm {degrees:10.2g} deg")
     return lines
 
