@@ -66,6 +66,19 @@ def fdk(
 
 
 @app.command()
+def fdk_profile(
+    views: Annotated[int, typer.Option(help="Views over the paper's range of 197.6 degrees.")] = 248,
+    count: Annotated[int, typer.Option(help="Voxels along each side of the cube of 256 mm.")] = 512,
+    binning: Annotated[int, typer.Option(help="Detector pixels are this many times as large as the paper's 0.616 mm.")] = 1,
+    device: Annotated[str | None, typer.Option(help="Part of an OpenCL device's label.")] = None,
+) -> None:
+    """Filtered back-projection: seconds a stage, and how far the kernels are from what the device can do."""
+    import bench_fdk_profile
+
+    typer.echo(bench_fdk_profile.run(views, count, binning, device))
+
+
+@app.command()
 def fdk_motion() -> None:
     """Filtered back-projection along known motion: slow errors by whose path the weights belong to."""
     import bench_fdk_motion
