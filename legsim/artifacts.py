@@ -8,10 +8,11 @@ import csv
 import hashlib
 import io
 import json
+import os
 import time
 import zipfile
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -28,6 +29,8 @@ from legsim.stage_store import StageStore
 from legsim.whole_files import PREFIX, whole, write_text
 
 SCHEMA = 2
+_ABANDONED_S = 3600.0
+"""after which a partial file that nobody writes to is taken for left behind"""
 
 Motion = RigidMotion | ControlPointMotion | FieldMotion
 
@@ -41,6 +44,14 @@ def sha256(path: Path) -> str:
 def key_of(*parts: Any) -> str:
     """A hash of JSON-able parts: the key of a stage."""
     return hashlib.sha256(json.dumps(parts, sort_keys=True, default=str).encode()).hexdigest()
+
+
+def _remove_leftovers(folder: Path) -> None:
+    """Deletes what killed processes left half written; what was written to within the hour may be another process's that lives."""
+    for leftover in folder.glob(f"{PREFIX}*"):
+        with suppress(FileNotFoundError):
+            if time.time() - leftover.stat().st_ctime > _ABANDONED_S:
+                leftover.unlink()
 
 
 class RunFolder:
@@ -57,11 +68,12 @@ class RunFolder:
         self.path = path
         try:
             path.mkdir(parents=True, exist_ok=True)
-            (path / f"{PREFIX}test").write_bytes(b"")
+            trial = path / f"{PREFIX}{os.getpid()}-test"
+            trial.write_bytes(b"")
+            trial.unlink()
         except OSError as error:
             raise at(path, f"cannot be written to ({error.strerror})", "choose another folder with --out") from error
-        for leftover in path.glob(f"{PREFIX}*"):
-            leftover.unlink(missing_ok=True)
+        _remove_leftovers(path)
         self._stages: dict[str, Any] = self._read().get("stages", {})
         self._store = store
         self.about = about
@@ -83,7 +95,10 @@ class RunFolder:
         if entry is not None and entry["key"] == key and self._unchanged(entry):
             return True
         found = None if self._store is None else self._store.fetch(stage, key, self.path)
-        if found is None or not self._unchanged(found):
+        if self._store is None or found is None:
+            return False
+        if not self._unchanged(found):
+            self._store.drop(stage, key)
             return False
         self._stages[stage] = found
         self.write_manifest()

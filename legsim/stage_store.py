@@ -23,14 +23,15 @@ class StageStore:
         self.path = path
 
     def fetch(self, stage: str, key: str, into: Path) -> dict[str, Any] | None:
-        """Puts the stage's files into the folder ``into`` and returns its manifest entry; None where the store does not have it."""
+        """Puts the stage's files into the folder ``into`` and returns its manifest entry; None where the store does not have it whole."""
         place = self._place(stage, key)
         try:
             entry = json.loads((place / _ENTRY).read_text("utf-8"))
-        except (OSError, ValueError):
+            for name in entry["files"]:
+                _link(place / name, into / name)
+        except (FileNotFoundError, ValueError):
+            self.drop(stage, key)
             return None
-        for name in entry["files"]:
-            _link(place / name, into / name)
         return entry
 
     def keep(self, stage: str, key: str, entry: dict[str, Any], folder: Path) -> None:
@@ -48,6 +49,14 @@ class StageStore:
                 os.rename(partial, place)
         finally:
             shutil.rmtree(partial, ignore_errors=True)
+
+    def drop(self, stage: str, key: str) -> None:
+        """Forgets a damaged entry, so that the next one who makes it is kept."""
+        place = self._place(stage, key)
+        aside = place.with_name(f".partial-{uuid.uuid4().hex}")
+        with contextlib.suppress(FileNotFoundError):  # it never was there, or another process was faster
+            os.rename(place, aside)
+            shutil.rmtree(aside, ignore_errors=True)
 
     def _place(self, stage: str, key: str) -> Path:
         return self.path / stage / key

@@ -31,6 +31,16 @@ def test_a_stage_that_fails_leaves_no_file_and_no_entry(tmp_path):
     assert not folder.done("one", "k")
 
 
+def test_what_killed_processes_left_goes_and_what_others_are_writing_stays(tmp_path, monkeypatch):
+    partial = tmp_path / f"{whole_files.PREFIX}4711-a.txt"
+    partial.write_text("half")
+    artifacts.RunFolder(tmp_path, {})
+    assert partial.exists(), "another process may be writing it"
+    monkeypatch.setattr(artifacts, "_ABANDONED_S", -1)
+    artifacts.RunFolder(tmp_path, {})
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_manifest_tells_hash_size_and_seconds(tmp_path):
     folder = artifacts.RunFolder(tmp_path, {"seed": 3})
     with folder.stage("one", "k", ["a.txt"]):

@@ -65,6 +65,18 @@ def test_a_damaged_file_in_the_store_is_not_believed(tmp_path):
     kept.unlink()
     kept.write_text("bad")
     assert not second.done("count", key_of(1))
+    finish(second, key_of(1), "one")
+    third = RunFolder(tmp_path / "c", {}, StageStore(tmp_path / "store"))
+    assert third.done("count", key_of(1)), "what was made anew was not kept"
+    assert (third.path / "numbers.txt").read_text() == "one"
+
+
+def test_an_entry_whose_file_is_gone_is_made_anew(tmp_path):
+    first, second = folders(tmp_path)
+    finish(first, key_of(1), "one")
+    (tmp_path / "store" / "count" / key_of(1) / "numbers.txt").unlink()
+    assert not second.done("count", key_of(1))
+    assert list((tmp_path / "store" / "count").iterdir()) == []
 
 
 def test_the_second_to_keep_changes_nothing(tmp_path):
