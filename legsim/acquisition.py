@@ -4,6 +4,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from legsim import detector, projector, spectra
 from legsim.arrays import FloatArray
@@ -64,6 +65,19 @@ def field_of_view(scan: ScanConfig) -> float:
     """Radius (m) of the cylinder about the axis that every view sees whole."""
     half_fan = np.arctan(0.5 * scan.columns * scan.pixel_mm / scan.source_detector_mm)
     return float(1e-3 * scan.source_isocenter_mm * np.sin(half_fan))
+
+
+def seen_by_every_view(scan: ScanConfig, grid: VolumeGrid) -> NDArray[np.bool_]:
+    """Voxels (z, y, x) of a grid around the isocenter that lie on the detector from every source of a whole turn.
+
+    In the cylinder of :func:`field_of_view`, and between the cones from the sources to the detector's upper and lower edge.
+    """
+    x, y, z = (axis - middle for axis, middle in zip(grid.axes(), grid.center, strict=True))
+    away = np.hypot(x[None, :], z[:, None])
+    # the nearest source has the voxel at a depth of source_isocenter - away
+    slope = 0.5 * scan.rows * scan.pixel_mm / scan.source_detector_mm
+    reach = np.where(away <= field_of_view(scan), slope * (1e-3 * scan.source_isocenter_mm - away), -1.0)
+    return np.abs(y)[None, :, None] <= reach[:, None, :]
 
 
 @dataclass(frozen=True, slots=True)

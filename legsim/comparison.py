@@ -34,7 +34,7 @@ def compare(
         stage.on_progress("comparing", k, len(corrected))
         path = folder.path / f"metrics-{one.volume.name}.json"
         made = [(name, folder.hash_of(name)) for name in (*_files(corrected[0]), *_files(one)) if folder.has(name)]
-        key = key_of(stage.scan_key, settings.evaluation.model_dump(), evaluation.SCALING_PERCENTILES, measures, made)
+        key = key_of(stage.scan_key, settings.evaluation.model_dump(), evaluation.PROTOCOL, measures, made)
         if not folder.done(path.stem, key):
             with folder.stage(path.stem, key, [path.name]):
                 if not seen:
@@ -52,7 +52,12 @@ def _registration_error(stage: Stage, reference: Reconstructed, regions: Callabl
     if not stage.settings.evaluation.register_volumes:
         return None
     path = stage.folder.path / _REGISTRATION_ERROR
-    key = key_of(stage.scan_key, stage.settings.evaluation.model_dump(), stage.folder.hash_of(f"volume-{reference.volume.name}.mha"))
+    key = key_of(
+        stage.scan_key,
+        stage.settings.evaluation.model_dump(),
+        evaluation.PROTOCOL,
+        stage.folder.hash_of(f"volume-{reference.volume.name}.mha"),
+    )
     if not stage.folder.done(path.stem, key):
         with stage.folder.stage(path.stem, key, [path.name]):
             found = evaluation.registration_error(reference.volume.volume, regions())

@@ -32,6 +32,8 @@ else:
 SSIM_WINDOW = 7
 SCALING_PERCENTILES = (0.01, 99.99)
 """of the values inside the regions, which become 0 and 1"""
+PROTOCOL = 2
+"""raised with every change of what is compared and how, so that no older number is taken for one of today"""
 _SLAB = 32
 _REGISTRATION_SAMPLES = 20_000
 _KNOWN_SHIFT_MM, _KNOWN_TURN_DEG = (0.6, -0.5, 0.6), (0.5, 0.6, -0.6)
@@ -93,7 +95,7 @@ class Metrics:
 
 
 def leg_regions(
-    labels: NDArray[np.integer], grid: VolumeGrid, knee_height: float, field_of_view: float, margin: float = 0.005
+    labels: NDArray[np.integer], grid: VolumeGrid, knee_height: float, seen: NDArray[np.bool_], margin: float = 0.005
 ) -> tuple[Region, ...]:
     """Whole leg, shank and thigh: where the leg is, plus ``margin`` (m) of air so that the skin's edge counts.
 
@@ -101,12 +103,12 @@ def leg_regions(
         labels: (z, y, x), above 0 inside the leg (the phantom's truth at the reference pose).
         grid: where the voxels are.
         knee_height: world y that parts shank (below) from thigh (above).
-        field_of_view: radius (m) of the cylinder about the grid's vertical middle that every view sees; voxels beyond are left out.
+        seen: (z, y, x), what every view sees; voxels beyond are left out, because no method can know them.
         margin: thickness of the air layer.
     """
     inside = sitk.GetImageFromArray((labels > 0).astype(np.uint8))
     radius = [max(1, round(margin / s)) for s in grid.spacing_xyz]
-    leg = sitk.GetArrayFromImage(sitk.BinaryDilate(inside, radius, sitk.sitkBall)).astype(bool) & cylinder(grid, field_of_view)
+    leg = sitk.GetArrayFromImage(sitk.BinaryDilate(inside, radius, sitk.sitkBall)).astype(bool) & seen
     low = (grid.axes()[1] < knee_height)[None, :, None]
     return Region("leg", leg), Region("shank", leg & low), Region("thigh", leg & ~low)
 

@@ -297,7 +297,9 @@ def _regions(settings: RunConfig, body: ScannedLeg, grid: VolumeGrid, device: De
     leg = body.phantom.phantom.only(left).with_vertices(tuple(vertices[k] for k in left))
     labels = voxelizer.labels(leg, grid, device)
     knee = float(body.recovery.leg.joint_centers(body.poses).of("knee_l")[0, 1])
-    return evaluation.leg_regions(labels, grid, knee, acquisition.field_of_view(settings.scan), 1e-3 * settings.evaluation.air_margin_mm)
+    return evaluation.leg_regions(
+        labels, grid, knee, acquisition.seen_by_every_view(settings.scan, grid), 1e-3 * settings.evaluation.air_margin_mm
+    )
 
 
 def _present(

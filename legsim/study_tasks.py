@@ -72,8 +72,7 @@ def scan(job: ScanJob, on_progress: OnProgress | None = None) -> tuple[ScanScore
     """Scores of every method in one scan; the run stays in the study's folder."""
     settings = job.settings
     names = [(name, methods.fingerprint(name)) for name in settings.methods.run]
-    scored = evaluation.SCALING_PERCENTILES, evaluation.SSIM_WINDOW
-    key = key_of(__version__, settings.model_dump(), recovery.fingerprint(settings.motion), names, scored)
+    key = key_of(__version__, settings.model_dump(), recovery.fingerprint(settings.motion), names, evaluation.PROTOCOL)
 
     def run() -> list[dict[str, Any]]:
         store = StageStore(job.study_folder / "store")

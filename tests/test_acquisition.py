@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from legsim import acquisition, config, materials, projector
+from legsim import acquisition, config, materials, motion_paths, projector
 from legsim.acquisition import Imaging
 from legsim.detector import Detector
 from legsim.errors import LegsimError
@@ -56,6 +56,17 @@ def test_field_of_view_is_what_the_outermost_ray_touches():
     source = geometry.sources()[0]
     nearest = source - (source @ edge) / (edge @ edge) * edge
     assert np.linalg.norm(nearest) == pytest.approx(radius, rel=1e-6)
+
+
+def test_what_every_view_sees_lies_on_the_detector_and_what_lies_beyond_does_not():
+    turn = scan(views=180, increment_deg=2.0, columns=62, rows=48, pixel_mm=6.16)
+    isocenter = np.array([0.2, 0.5, -0.1])
+    grid = acquisition.volume_grid(config.GridConfig(voxels=40, voxel_mm=6.4), isocenter)
+    pixels, _ = acquisition.c_arm(turn, np.arange(180) / 31, isocenter).project(motion_paths.node_positions(grid))
+    # a pixel reaches half a pixel beyond its middle
+    on_detector = ((pixels > -0.5) & (pixels < np.array([62, 48]) - 0.5)).all((0, 2)).reshape(grid.shape_zyx)
+    seen = acquisition.seen_by_every_view(turn, grid)
+    assert (seen & on_detector).sum() > 0.99 * max(seen.sum(), on_detector.sum())
 
 
 def test_the_grid_surrounds_the_isocenter():

@@ -23,7 +23,7 @@ def blob(grid: VolumeGrid, moved: np.ndarray | None = None) -> Volume:
 
 
 def regions(grid: VolumeGrid) -> tuple[evaluation.Region, ...]:
-    return evaluation.leg_regions(blob(grid).attenuation > 2, grid, 0.5, 0.045)
+    return evaluation.leg_regions(blob(grid).attenuation > 2, grid, 0.5, evaluation.cylinder(grid, 0.045))
 
 
 def test_a_volume_agrees_with_itself():

@@ -146,7 +146,7 @@ def scene(case: Case, motion_file: str, device: Device) -> Scene:
     n = grid.shape_zyx[0]
     truth = values.reshape(n, FINER, n, FINER, n, FINER).mean((1, 3, 5), dtype=np.float32)
     labels = voxelizer.labels(phantom.phantom.only(left), grid, device, posed=[vertices[k] for k in left])
-    leg = evaluation.leg_regions(labels, grid, float(knee[1]), acquisition.field_of_view(settings.scan))[0]
+    leg = evaluation.leg_regions(labels, grid, float(knee[1]), acquisition.seen_by_every_view(settings.scan, grid))[0]
     seen = Region("seen", leg.mask & in_every_view(settings, grid))
     even = np.asarray(maximum_filter(truth, 5) - minimum_filter(truth, 5) < 1e-3) & seen.mask & (truth > 0)
     return Scene(phantom, poses, geometry, grid, truth, leg, seen, even, parts, case.rays, device)
