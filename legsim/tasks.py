@@ -109,6 +109,8 @@ def reconstruct(
     grid = _grid(geometry, like, shape_zyx, spacing_mm, center_mm)
     projections = images.load_projections(projections_file, geometry)
     moved = None if motion is None else artifacts.load_motion(motion)
+    if motion is not None and moved is not None and len(moved.times) != len(geometry):
+        raise at(motion, f"moves {len(moved.times)} views, but the geometry has {len(geometry)}", "give the motion of this scan")
     opened = opencl.open_device(device)
     need = fdk.plan(geometry, grid, opened, motion=moved).device_bytes + projections.line_integrals.nbytes
     progress = partial(on_progress, "reconstructing")

@@ -8,10 +8,10 @@ import pytest
 import SimpleITK as sitk
 import trimesh
 
-from legsim import geometry_files, images, motion_files, recovery, storage, tasks
+from legsim import artifacts, geometry_files, images, motion_files, recovery, storage, tasks
 from legsim.errors import LegsimError
 from legsim.geometry import ConeBeamGeometry, Volume, VolumeGrid
-from legsim.signals import JointTrajectories, Motion
+from legsim.signals import JointTrajectories, Motion, RigidMotion
 
 
 def quiet(*_: object) -> None:
@@ -114,6 +114,13 @@ def test_a_grid_must_be_said_once(ball_scan, tmp_path):
         reconstruct(ball_scan, tmp_path / "v.mha", shape_zyx=None)
     with pytest.raises(LegsimError, match="already says the grid"):
         reconstruct(ball_scan, tmp_path / "v.mha", like=ball_scan / "p.mha")
+
+
+def test_a_motion_of_another_scan_is_named(ball_scan, tmp_path):
+    artifacts.save_motion(tmp_path / "m.npz", RigidMotion.identity(np.arange(60.0)))
+    with pytest.raises(LegsimError, match=r"m\.npz: moves 60 views, but the geometry has 90; give"):
+        reconstruct(ball_scan, tmp_path / "v.mha", motion=tmp_path / "m.npz")
+    assert not (tmp_path / "v.mha").exists()
 
 
 def test_a_volume_equals_itself_by_the_command(ball_scan, tmp_path):

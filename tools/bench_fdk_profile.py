@@ -186,7 +186,8 @@ def run(views: int, count: int, binning: int, wanted: str | None) -> str:
     lines += [
         "",
         f"Peaks: {8e-9 * limits['multiply_add']:.1f} G multiply-adds a second (float8), {1e-9 * limits['mixed']:.1f} G vector instructions "
-        f"a second (half multiply-adds, half sums), {1e-9 * limits['L2']:.0f} GB/s in L2, {1e-9 * limits['memory']:.0f} GB/s in memory (triads).",
+        f"a second (half multiply-adds, half sums), {1e-9 * limits['L2']:.0f} GB/s in L2, "
+        f"{1e-9 * limits['memory']:.0f} GB/s in memory (triads).",
     ]
     if limited:
         lines += [
