@@ -101,6 +101,10 @@ def plan(study: StudyConfig, base: Path, out: Path, *, device: str | None = None
         LegsimError: a recording, a method, a sensor or a setting is not there.
     """
     found = Plan(_scans(study, base, out, device), () if study.ladder is None else _ladders(study, study.ladder, base, out))
+    called = [task.name for task in found.tasks()]
+    twice = next((name for name in called if called.count(name) > 1), None)
+    if twice is not None:
+        raise LegsimError(f"two runs of the study would be called {twice}; name every subject and posture once, each differently")
     for job in (*found.scans, *found.ladders):
         recovery.fingerprint(job.settings.motion)
         reconstruction.check(job.settings)
