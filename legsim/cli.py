@@ -5,6 +5,7 @@ A command imports what it runs, so that help and mistaken options are answered a
 
 import errno
 import os
+import shlex
 import signal
 import sys
 import threading
@@ -333,12 +334,14 @@ def study(
     from legsim import study as studies
     from legsim import study_config
 
+    if scheduler is not None and workers > 1:
+        raise LegsimError("--workers are of this machine, --scheduler has its own: give one of the two")
     overrides = tuple(settings or ())
     asked, base = study_config.load(study_file, preset=None if preset is None else preset.value, overrides=overrides)
     planned = studies.plan(asked, base, out.resolve(), device=device)
     _err.print(studies.needs(planned, out.resolve(), 0 if scheduler else workers), markup=False)
-    options = ([] if preset is None else [f"--preset {preset.value}"]) + [f"--set {setting}" for setting in overrides]
-    command = " ".join(["legsim study", study_file, *options, f"--out {out}"])
+    options = ([] if preset is None else ["--preset", preset.value]) + [word for setting in overrides for word in ("--set", setting)]
+    command = shlex.join(["legsim", "study", study_file, *options, "--out", str(out)])
     with _study_progress() as (runs, stages):
         results = studies.run(
             asked, planned, out.resolve(), command=command, workers=workers, scheduler=scheduler, on_done=runs, on_progress=stages

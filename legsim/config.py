@@ -362,7 +362,8 @@ def _explain(error: ValidationError, model: type[Section], path: Path | None) ->
     if first["type"] == "extra_forbidden":
         return f"{where}: there is no such key; {_valid_keys(model, first['loc'])}"
     more = f" (and {error.error_count() - 1} more)" if error.error_count() > 1 else ""
-    return f"{where}: {first['msg']}, not {first['input']!r}{more}; mend the value in the file or with --set {place}=..."
+    override = f" or with --set {place}=..." if model is RunConfig else ""
+    return f"{where}: {first['msg']}, not {first['input']!r}{more}; mend the value in the file{override}"
 
 
 def _valid_keys(model: type[Section], location: tuple[int | str, ...]) -> str:

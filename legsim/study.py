@@ -1,6 +1,7 @@
 """Subjects x postures x methods x noise: a graph of runs, its scores, and the report that sets them beside the printed ones."""
 
 import json
+import math
 import shutil
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -11,12 +12,14 @@ import tomli_w
 
 from legsim import (
     __version__,
+    acquisition,
     artifacts,
     comparison,
     figures,
     images,
     memory,
     methods,
+    motion_paths,
     presentation,
     reconstruction,
     recovery,
@@ -58,22 +61,32 @@ class Plan:
         return (*ladders, *scans)
 
     def disk(self) -> int:
-        """Bytes that the volumes and projections of all runs take."""
-        return sum(_volumes(job.settings) * _volume_bytes(job.settings) + _shared_bytes(job) for job in self.scans)
+        """Bytes that all runs take."""
+        return sum(
+            _volumes(job.settings) * _volume_bytes(job.settings) + _field_bytes(job.settings) + _shared_bytes(job) for job in self.scans
+        )
 
     def memory(self) -> int:
-        """Bytes that one run holds at most: every method's volume, what registration and SSIM need, projections thrice."""
+        """Bytes that one run holds at most: every method's volume and those that are compared, projections as images and filtered."""
         return max(
-            ((1 + _volumes(job.settings) + _WORKING_VOLUMES) * _volume_bytes(job.settings) + _exposures_bytes(job.settings) * 3 // 2)
-            + _BASE_BYTES
+            _BASE_BYTES
+            + (1 + _volumes(job.settings) + _WORKING_VOLUMES) * _volume_bytes(job.settings)
+            + _EXPOSURES_HELD * _exposures_bytes(job.settings)
+            + _field_bytes(job.settings)
             for job in self.scans
         )
 
 
-_WORKING_VOLUMES = 9
-"""of evaluation, measured: scaled pair, registration's images, SSIM map, masks"""
-_BASE_BYTES = 2**29
+# measured on the CPU (pocl), where the device's memory is the process's own, as the greatest peak_mib of manifest.json and as du shows:
+#   quick, clean run of 6 methods   1340 MiB held, 1446 told;   the study of 2 clean and 4 noisy runs   823 MiB of disk, 817 told
+#   quick, noisy run of 1 method    1195 MiB held, 1265 told
+#   table1, clean run of 7 methods  1875 MiB held, 1945 told
+_BASE_BYTES = 640 * 2**20
 """interpreter, libraries, OpenCL runtime, phantom"""
+_WORKING_VOLUMES = 2
+_EXPOSURES_HELD = 4
+_TABLES_BYTES = 25 * 2**20
+"""recording, reports, poses and signals of a clean run"""
 
 
 def _volumes(settings: RunConfig) -> int:
@@ -89,9 +102,19 @@ def _exposures_bytes(settings: RunConfig) -> int:
     return 2 * _FLOAT * settings.scan.views * settings.scan.rows * settings.scan.columns
 
 
+def _field_bytes(settings: RunConfig) -> int:
+    """Of the true motion at the nodes of a coarse grid, three displacements a node and view."""
+    if "oracle-nonrigid" not in settings.methods.run:
+        return 0
+    grid = acquisition.volume_grid(settings.grid, np.zeros(3))
+    return 3 * _FLOAT * settings.scan.views * math.prod(motion_paths.nodes_over(grid, 1e-3 * settings.methods.node_mm).shape_zyx)
+
+
 def _shared_bytes(job: ScanJob) -> int:
-    """Of what a noisy run takes from the clean one: the exposures and the reference."""
-    return _exposures_bytes(job.settings) + _volume_bytes(job.settings) if job.noise is None else 0
+    """Of what a noisy run takes from the clean one: the exposures, unless each has photons of its own, the reference, and the rest."""
+    own = job.noise is None
+    images = _exposures_bytes(job.settings) + _volume_bytes(job.settings) if own or job.settings.scan.detector.photons else 0
+    return images + (_TABLES_BYTES if own else 0)
 
 
 def plan(study: StudyConfig, base: Path, out: Path, *, device: str | None = None) -> Plan:
@@ -101,6 +124,10 @@ def plan(study: StudyConfig, base: Path, out: Path, *, device: str | None = None
         LegsimError: a recording, a method, a sensor or a setting is not there.
     """
     found = Plan(_scans(study, base, out, device), () if study.ladder is None else _ladders(study, study.ladder, base, out))
+    called = [task.name for task in found.tasks()]
+    twice = next((name for name in called if called.count(name) > 1), None)
+    if twice is not None:
+        raise LegsimError(f"two runs of the study would be called {twice}; name every subject and posture once, each differently")
     for job in (*found.scans, *found.ladders):
         recovery.fingerprint(job.settings.motion)
         reconstruction.check(job.settings)
@@ -149,18 +176,19 @@ def needs(planned: Plan, out: Path, workers: int = 0) -> str:
         raise at(out, f"cannot be made ({error.strerror})", "choose another folder with --out") from error
     if not planned.scans:
         return f"{len(planned.ladders)} noise ladders; no reconstruction"
-    taken = sum(p.stat().st_size for p in out.glob("runs/*/*.mha"))
+    # runs share files: each counts once
+    taken = sum({status.st_ino: status.st_size for status in (p.stat() for p in out.glob("runs/*/*"))}.values())
     free = shutil.disk_usage(out).free
     disk, held, there = planned.disk(), planned.memory(), memory.available()
     if disk > taken + free:
         raise LegsimError(
-            f"{out}: the study's volumes take {disk / _GIB:.1f} GiB, {free / _GIB:.1f} GiB are free there; "
+            f"{out}: the study takes {disk / _GIB:.1f} GiB, {free / _GIB:.1f} GiB are free there; "
             "choose another folder with --out, fewer scans, or a smaller --preset"
         )
     if there is not None and workers * held > there:
         raise LegsimError(
-            f"{workers} runs at once hold {workers * held / _GIB:.1f} GiB of memory, {there / _GIB:.1f} GiB are free; "
-            f"use --workers {max(1, there // held)}" + ("" if there >= held else " and a smaller --preset")
+            f"{workers} at once, the study's runs hold {workers * held / _GIB:.1f} GiB of memory, {there / _GIB:.1f} GiB are free; "
+            + (f"use --workers {there // held}" if there >= held else "use a smaller --preset")
         )
     return (
         f"{len(planned.scans)} runs, {len(planned.ladders)} noise ladders; {disk / _GIB:.1f} GiB of disk, "

@@ -18,10 +18,10 @@ Exponent = float | Literal["none"]
 class NoiseRuns(Section):
     """Reconstructions from noisy signals, beside those from clean ones."""
 
-    levels: tuple[tuple[Exponent, Exponent], ...]
+    levels: tuple[tuple[Exponent, Exponent], ...] = Field(min_length=1)
     """[f_a, f_g]: the sensor's RMS is divided by 10^f_a and 10^f_g"""
     convention: Convention
-    methods: tuple[str, ...] = ("rigid",)
+    methods: tuple[str, ...] = Field(default=("rigid",), min_length=1)
     repetitions: int = Field(default=1, ge=1)
 
     def noise(self) -> tuple[NoiseLevel, ...]:
@@ -37,9 +37,9 @@ class Ladder(Section):
     postures: tuple[str, ...] = ()
     """empty: the study's"""
     sensor: str = "shank_l"
-    f_a: tuple[Exponent, ...] = (0.0, 1.0, 2.0, 3.0, 4.0, 5.0, "none")
-    f_g: tuple[Exponent, ...] = (0.0, 1.0, 2.0, 3.0, 4.0, 5.0, "none")
-    conventions: tuple[Convention, ...] = ("SI", "per-sample")
+    f_a: tuple[Exponent, ...] = Field(default=(0.0, 1.0, 2.0, 3.0, 4.0, 5.0, "none"), min_length=1)
+    f_g: tuple[Exponent, ...] = Field(default=(0.0, 1.0, 2.0, 3.0, 4.0, 5.0, "none"), min_length=1)
+    conventions: tuple[Convention, ...] = Field(default=("SI", "per-sample"), min_length=1)
     repetitions: int = Field(default=5, ge=1)
 
 
@@ -87,13 +87,31 @@ def load(path: str, *, preset: str | None = None, overrides: tuple[str, ...] = (
         raise at(file, "asks for nothing", 'name methods = ["rigid", ...] or a [ladder]')
     if study.noise and not study.methods:
         raise at(file, "asks for noisy reconstructions but for no clean ones to compare with", 'name methods = ["rigid"]')
+    _check_settings(study, file)
+    try:
+        study.recording.format(subject="", posture="")
+    except (LookupError, ValueError) as error:
+        cure = "it may hold {subject} and {posture}, and no other braces"
+        raise at(file, f"recording = {study.recording!r} cannot be filled in ({error!r})", cure) from None
+    levels = [level for n in study.noise for level in n.noise()]
+    twice = next((level for level in levels if levels.count(level) > 1), None)
+    if twice is not None:
+        raise at(file, f"[[noise]] has {twice.label} twice", "name each level once, with all methods that it is tried on")
     return study, file.parent
+
+
+def _check_settings(study: StudyConfig, file: Path) -> None:
+    """Refuses settings that no run can have, and those that every run has from the study itself."""
+    config.from_trees(study.preset, study.settings, where=Path(f"{file} [settings]"))
+    for section, key, instead in (("motion", "file", "recording"), ("methods", "run", "methods")):
+        if key in study.settings.get(section, {}):
+            raise at(file, f"settings.{section}.{key} is not heeded by a study", f"write {instead} = ... at the top of the file instead")
 
 
 def _find(path: str) -> Path:
     if Path(path).is_file():
         return Path(path).resolve()
-    if "/" not in path and not path.endswith(".toml"):
+    if path in shipped():
         return resources.study_file(f"{path}.toml")
     raise LegsimError(f"{path}: no such file; give a STUDY.toml, or the name of a study that comes with legsim: {', '.join(shipped())}")
 

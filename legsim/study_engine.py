@@ -6,7 +6,10 @@ again only computes what is missing. A task that fails takes with it the tasks t
 
 import contextlib
 import logging
+import os
+import traceback
 import uuid
+import warnings
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,6 +17,9 @@ from typing import Any
 
 from legsim import __version__
 from legsim.errors import LegsimError
+
+_PATIENCE_S = 30
+"""for the first worker of a scheduler"""
 
 OnDone = Callable[[str, int, int], None]
 """name of the task that begins (here) or ended (on a cluster), tasks that ended, tasks"""
@@ -43,6 +49,14 @@ class Outcome:
 @dataclass(frozen=True, slots=True)
 class _Failure:
     why: str
+
+
+@dataclass(frozen=True, slots=True)
+class _Warned:
+    """What a task on a worker came to, and the warnings that it gave there."""
+
+    value: Any
+    messages: tuple[str, ...]
 
 
 def run_here(tasks: Sequence[Task], on_done: OnDone, **options: Any) -> Outcome:
@@ -86,14 +100,14 @@ def run_on_cluster(tasks: Sequence[Task], on_done: OnDone, *, scheduler: str | N
         def send() -> None:
             for task in [t for t in waiting.values() if all(name in ended for name in t.needs)]:
                 del waiting[task.name]
-                future = client.submit(_attempt, task, [ended[name] for name in task.needs], pure=False, key=_key(task))
+                future = client.submit(_attempt_elsewhere, task, [ended[name] for name in task.needs], pure=False, key=_key(task))
                 running[future.key] = task.name
                 pending.add(future)
 
         send()
         for future in pending if running else ():
             name = running[future.key]
-            ended[name] = future.result() if future.status == "finished" else _Failure(_lost(future))
+            ended[name] = _told(future.result()) if future.status == "finished" else _Failure(_lost(future))
             on_done(name, len(ended), len(tasks))
             send()
     return _outcome({task.name: ended[task.name] for task in tasks})
@@ -110,10 +124,35 @@ def _attempt(task: Task, needed: Sequence[Any], **options: Any) -> Any:
         return _Failure(f"not tried, since what it needs failed ({lost[0].why})")
     try:
         return task.function(*task.arguments, **options)
-    except LegsimError as error:
-        return _Failure(str(error))
-    except MemoryError:
-        return _Failure("the memory is full; use a smaller preset or fewer workers")
+    except Exception as error:  # what is wrong with one run, or with legsim there, must not cost the others
+        if os.environ.get("LEGSIM_DEBUG"):
+            raise
+        return _Failure(_why(error))
+
+
+def _why(error: Exception) -> str:
+    """In one line."""
+    if isinstance(error, LegsimError):
+        return str(error)
+    if isinstance(error, MemoryError):
+        return "the memory is full; use a smaller preset or fewer workers"
+    inner = traceback.extract_tb(error.__traceback__)[-1]
+    what = " ".join(f"{type(error).__name__}: {error}".split())
+    return f"{what}, in {inner.filename}, line {inner.lineno} (--debug shows the way there)"
+
+
+def _attempt_elsewhere(task: Task, needed: Sequence[Any]) -> _Warned:
+    """Runs on a worker, whose own warnings nobody would read."""
+    with warnings.catch_warnings(record=True) as caught:
+        value = _attempt(task, needed)
+    return _Warned(value, tuple(dict.fromkeys(str(w.message) for w in caught)))
+
+
+def _told(ended: _Warned) -> Any:
+    """The value; the warnings are given here."""
+    for message in ended.messages:
+        warnings.warn(message, stacklevel=2)
+    return ended.value
 
 
 def _lost(future: Any) -> str:
@@ -134,6 +173,8 @@ def _client(distributed: Any, scheduler: str | None, workers: int) -> Iterator[A
     if scheduler is None:
         # tasks use a device's threads, not the worker's; their memory is not Python's, which Dask would take for a leak
         options: dict[str, Any] = {"threads_per_worker": 1, "processes": True, "memory_limit": 0, "dashboard_address": None}
+        # without a dashboard Dask still serves HTTP, and says so where another study has its usual port
+        options["scheduler_kwargs"] = {"dashboard_address": ":0"}
         with distributed.LocalCluster(n_workers=workers, **options) as cluster, distributed.Client(cluster) as client:
             yield client
         return
@@ -146,7 +187,10 @@ def _client(distributed: Any, scheduler: str | None, workers: int) -> Iterator[A
 
 
 def _check_workers(client: Any, folder: Path) -> None:
-    client.wait_for_workers(1, timeout=30) if not client.scheduler_info()["workers"] else None
+    try:
+        client.wait_for_workers(1, timeout=_PATIENCE_S)
+    except TimeoutError:
+        raise LegsimError(f"--scheduler {client.scheduler.address} has no workers; start some with `dask worker`") from None
     mark = folder / ".seen-by-workers"
     mark.write_text(__version__, "utf-8")
     try:

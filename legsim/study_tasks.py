@@ -85,7 +85,11 @@ def scan(job: ScanJob, on_progress: OnProgress | None = None) -> tuple[ScanScore
         ]
         return [asdict(score) for score in scores]
 
-    return tuple(study_results.score_from(entry) for entry in _kept(job.study_folder / "scores" / f"{job.name}.json", key, run))
+    kept = job.study_folder / "scores" / f"{job.name}.json"
+    if not (job.folder / "manifest.json").is_file():
+        # the report shows the run's folder: where somebody deleted it, it is filled again from the store
+        kept.unlink(missing_ok=True)
+    return tuple(study_results.score_from(entry) for entry in _kept(kept, key, run))
 
 
 def ladder(job: LadderJob, on_progress: OnProgress | None = None) -> tuple[LadderScore, ...]:

@@ -130,5 +130,19 @@ def test_a_disk_that_is_too_small_is_told_before_anything_runs(through, monkeypa
 def test_more_workers_than_the_memory_holds_are_refused(through, monkeypatch):
     asked, base = study_config.load(str(through.parent / "STUDY.toml"), overrides=("grid.voxels=512",))
     monkeypatch.setattr(memory, "available", lambda: 8 * 2**30)
-    with pytest.raises(LegsimError, match="--workers 1"):
+    with pytest.raises(LegsimError, match=r"use --workers 2$"):
         study.needs(study.plan(asked, base, through), through, 4)
+    monkeypatch.setattr(memory, "available", lambda: 2**30)
+    with pytest.raises(LegsimError, match=r"use a smaller --preset$"):
+        study.needs(study.plan(asked, base, through), through, 1)
+
+
+def test_photons_of_each_run_and_a_true_field_take_disk(through):
+    def told(*overrides: str, methods: str = '"rigid"]') -> int:
+        (through.parent / "other.toml").write_text(STUDY.replace('"rigid"]', methods, 1))
+        asked, base = study_config.load(str(through.parent / "other.toml"), overrides=overrides)
+        return study.plan(asked, base, through).disk()
+
+    exposures, volume, nodes = 2 * 4 * 62 * 62 * 48, 4 * 40**3, 31**3
+    assert told("scan.detector.photons=1e5") - told() == exposures + volume
+    assert told(methods='"rigid", "oracle-nonrigid"]') - told() == volume + 3 * 4 * 62 * nodes

@@ -73,12 +73,28 @@ def test_noise_goes_into_the_runs(tmp_path):
         ('[[noise]]\nconvention = "mks"\nlevels = [[1, 1]]', "noise.0.convention"),
         ('[[noise]]\nconvention = "SI"\nlevel = [[1, 1]]', "valid here: levels, convention"),
         ("[ladder]\nrepeats = 3", "valid here: subjects, postures"),
-        ("[settings.scan]\nview = 3", "there is no such key"),
+        ("[settings.scan]\nview = 3", r"STUDY.toml \[settings\] \(scan.view\): there is no such key"),
+        ("[settings.methods]\nrun = ['rigid']", "settings.methods.run is not heeded .* write methods = "),
+        ("[settings.motion]\nfile = 'a.trc'", "settings.motion.file is not heeded .* write recording = "),
+        ('[[noise]]\nconvention = "SI"\nlevels = []', "noise.0.levels"),
+        ('[[noise]]\nconvention = "SI"\nlevels = [["None", 1]]', "mend the value in the file$"),
+        ('[[noise]]\nconvention = "SI"\nlevels = [[1, 1]]\nmethods = []', "noise.0.methods"),
+        ('[[noise]]\nconvention = "SI"\nlevels = [[1, 1], [1.0, 1]]', r"f_a = 1, f_g = 1 \(SI\) twice"),
+        ('recording = "{person}.trc"', "recording = .*'person'.* may hold {subject} and {posture}"),
+        ('recording = "{subject.trc"', "recording = .*expected '}'"),
     ],
 )
 def test_mistakes_are_named_with_their_place(tmp_path, added, told):
     with pytest.raises(LegsimError, match=told):
         asked, base = load(tmp_path, f"{PLAIN}\n{added}\n")
+        study.plan(asked, base, tmp_path)
+
+
+@pytest.mark.parametrize(("subjects", "postures"), [('["a", "a"]', '["b"]'), ('["a/b", "a_b"]', '["c"]'), ('["a-b", "a"]', '["c", "b-c"]')])
+def test_runs_of_one_name_are_refused(tmp_path, subjects, postures):
+    text = PLAIN.replace('["subject01"]', subjects).replace('["squat_30"]', postures)
+    asked, base = load(tmp_path, text + 'recording = "subject01/squat_30.trc"\n')
+    with pytest.raises(LegsimError, match="would be called a"):
         study.plan(asked, base, tmp_path)
 
 
@@ -93,9 +109,9 @@ def test_noise_without_clean_methods_is_refused(tmp_path):
         load(tmp_path, text)
 
 
-@pytest.mark.parametrize("name", ["table9", "no/such.toml"])
+@pytest.mark.parametrize("name", ["table9", "no/such.toml", "."])
 def test_a_study_that_is_not_there_lists_those_that_are(name):
-    with pytest.raises(LegsimError, match="table1"):
+    with pytest.raises(LegsimError, match=r"no such file; give a STUDY.toml.*table1"):
         study_config.load(name)
 
 

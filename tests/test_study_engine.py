@@ -3,6 +3,7 @@
 import os
 import signal
 import time
+import warnings
 from pathlib import Path
 
 import pytest
@@ -28,6 +29,11 @@ def note(folder: Path, name: str, **_: object) -> str:
 
 def refuse(*_: object, **__: object) -> str:
     raise LegsimError("no such recording")
+
+
+def warn(folder: Path, name: str, **_: object) -> str:
+    warnings.warn("a short scan", stacklevel=1)
+    return note(folder, name)
 
 
 def die_once(folder: Path, name: str, **_: object) -> str:
@@ -69,14 +75,31 @@ def test_here_a_failure_takes_what_needs_it_and_nothing_else(tmp_path):
     assert seen[-1] == ("", 5, 5)
 
 
+def stumble(*_: object, **__: object) -> str:
+    raise KeyError("skin")
+
+
+def test_a_fault_that_nobody_foresaw_costs_its_task_alone_unless_it_is_looked_for(tmp_path, monkeypatch):
+    monkeypatch.delenv("LEGSIM_DEBUG", raising=False)
+    tasks = [Task("wrong", stumble, ()), Task("a", note, (tmp_path, "a"))]
+    outcome = study_engine.run_here(tasks, lambda *_: None)
+    assert outcome.results == {"a": "A"}
+    assert outcome.failures["wrong"].startswith(f"KeyError: 'skin', in {__file__}, line ")
+    monkeypatch.setenv("LEGSIM_DEBUG", "1")
+    with pytest.raises(KeyError, match="skin"):
+        study_engine.run_here(tasks, lambda *_: None)
+
+
 def test_on_a_cluster_it_is_the_same_and_a_killed_worker_costs_its_task(tmp_path):
     pytest.importorskip("distributed")
-    tasks = [*graph(tmp_path), Task("killed", die_once, (tmp_path, "killed"), ("b",))]
+    tasks = [*graph(tmp_path), Task("killed", die_once, (tmp_path, "killed"), ("b",)), Task("warned", warn, (tmp_path, "warned"))]
     ended: list[str] = []
-    outcome = study_engine.run_on_cluster(tasks, lambda name, *_: ended.append(name), scheduler=None, workers=2, shared_folder=tmp_path)
+    with pytest.warns(UserWarning, match="^a short scan$"):
+        outcome = study_engine.run_on_cluster(tasks, lambda name, *_: ended.append(name), scheduler=None, workers=2, shared_folder=tmp_path)
+    assert outcome.results.pop("warned") == "WARNED"
     assert outcome.results.pop("killed") == "KILLED"
     assert (tmp_path / "died").exists()
-    assert sorted(calls(tmp_path)) == ["a", "b", "killed"]
+    assert sorted(calls(tmp_path)) == ["a", "b", "killed", "warned"]
     (tmp_path / "calls.txt").write_text("a\nb\n")
     check(outcome, tmp_path)
     assert sorted(ended) == sorted(task.name for task in tasks)
@@ -88,9 +111,19 @@ def test_a_scheduler_that_is_not_there_is_told():
         study_engine.run_on_cluster([], lambda *_: None, scheduler="tcp://127.0.0.1:9", workers=1, shared_folder=Path())
 
 
+def test_a_scheduler_without_workers_is_told(tmp_path, monkeypatch):
+    distributed = pytest.importorskip("distributed")
+    monkeypatch.setattr(study_engine, "_PATIENCE_S", 0.2)
+    with (
+        distributed.LocalCluster(n_workers=0, processes=False, dashboard_address=":0") as cluster,
+        pytest.raises(LegsimError, match="has no workers; start some with `dask worker`"),
+    ):
+        study_engine.run_on_cluster([], lambda *_: None, scheduler=cluster.scheduler_address, workers=1, shared_folder=tmp_path)
+
+
 def test_workers_that_do_not_see_the_folder_are_told(tmp_path):
     distributed = pytest.importorskip("distributed")
-    with distributed.LocalCluster(n_workers=1, threads_per_worker=1, processes=False, dashboard_address=None) as cluster:
+    with distributed.LocalCluster(n_workers=1, threads_per_worker=1, processes=False, dashboard_address=":0") as cluster:
         address = cluster.scheduler_address
         outcome = study_engine.run_on_cluster(
             [Task("a", note, (tmp_path, "a"))], lambda *_: None, scheduler=address, workers=1, shared_folder=tmp_path

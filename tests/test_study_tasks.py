@@ -1,10 +1,13 @@
 """Jobs of a study: their names and seeds, and that what was scored once is not computed again."""
 
 import json
+import shutil
+from pathlib import Path
 
 import pytest
 
-from legsim import config, recovery, study_tasks
+from legsim import artifacts, config, pipeline, recovery, study_tasks
+from legsim.pipeline import RunResult
 from legsim.study_config import Ladder
 from legsim.study_results import NoiseLevel
 from legsim.study_tasks import LadderJob, ScanJob
@@ -37,6 +40,25 @@ def test_scores_of_other_settings_are_not_taken(tmp_path):
     assert study_tasks._kept(kept, "key", lambda: [{"a": 2.5}]) == [{"a": 1.5}]
     assert study_tasks._kept(kept, "other", lambda: [{"a": 2.5}]) == [{"a": 2.5}]
     assert json.loads(kept.read_text())["key"] == "other"
+
+
+def test_a_scan_is_scored_again_only_where_its_folder_was_deleted(tmp_path, monkeypatch):
+    runs = []
+
+    def fake(_: object, out: Path, **__: object) -> RunResult:
+        runs.append(out)
+        artifacts.RunFolder(out, {}).write_manifest()
+        return RunResult(out, ())
+
+    monkeypatch.setattr(pipeline, "run", fake)
+    settings = config.load(preset="demo", overrides=("motion.file=subject01/squat_30.trc",))
+    one = ScanJob(tmp_path, "subject01", "squat_30", None, 0, settings, None)
+    study_tasks.scan(one)
+    study_tasks.scan(one)
+    assert len(runs) == 1
+    shutil.rmtree(one.folder)
+    study_tasks.scan(one)
+    assert len(runs) == 2
 
 
 def test_every_job_has_a_folder_of_its_own(tmp_path):
