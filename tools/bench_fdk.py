@@ -111,7 +111,8 @@ def bending(views: int) -> ControlPointMotion:
 
 def warm_up(count: int) -> VolumeGrid:
     """A few columns as long as the cube's: what kernels are built for."""
-    return VolumeGrid((8, count, 8), (SIDE / count,) * 3, (0.0, 0.0, 0.0))
+    step = SIDE / count
+    return VolumeGrid((8, count, 8), (step, step, step), (0.0, 0.0, 0.0))
 
 
 def measure(views: int, count: int, binning: int, device: opencl.Device, rtk_python: Path | None) -> list[Row]:
