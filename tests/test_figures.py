@@ -97,6 +97,29 @@ def test_curves_are_explained_once_where_no_curve_is_hidden(made, kind, words):
     assert not any(ax.get_legend() for ax in figure.axes)
 
 
+@pytest.mark.parametrize("kind", ["angles", "imu", "sway", "residuals", "errors", "still"])
+def test_no_text_is_cut_off_or_hides_another(made, kind):
+    figure = made[kind]
+    figure.canvas.draw()
+    legends = [legend.get_window_extent() for legend in figure.legends]
+    for ax in figure.axes:
+        numbers = [text for axis in (ax.xaxis, ax.yaxis) for text in drawn_numbers(axis)] if ax.axison else []
+        names = [text for text in (ax.xaxis.label, ax.yaxis.label, ax.title) if text.get_text() and (ax.axison or text is ax.title)]
+        for text in (*numbers, *names):
+            box = text.get_window_extent()
+            assert min(box.x0, box.y0, figure.bbox.width - box.x1, figure.bbox.height - box.y1) >= 0, text
+            assert not any(box.overlaps(other) for other in legends), text
+        for name in names:
+            assert not any(name.get_window_extent().overlaps(number.get_window_extent()) for number in numbers), name
+
+
+def drawn_numbers(axis):
+    """Labels of the ticks within the plot."""
+    low, high = sorted(axis.get_view_interval())
+    ticks = [tick for tick in axis.get_major_ticks() if low <= tick.get_loc() <= high]
+    return [tick.label1 for tick in ticks if tick.label1.get_visible() and tick.label1.get_text()]
+
+
 def test_every_figure_is_drawn_on_white(made):
     for name, figure in made.items():
         picture = decoded(figure)
