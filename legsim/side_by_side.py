@@ -47,8 +47,12 @@ def difference(ours: Spread | None, printed: Score | None, digits: int = 3) -> s
     return f"{away:+.{digits}f}".replace("-", "−") if away else f"{0:.{digits}f}"
 
 
-def table(caption: str, head: str, entries: Sequence[Entry], *, note: str, name: str = "") -> Table:
-    """Three columns for each column of the entries; ``head`` is that of the row names."""
+def table(caption: str, head: str, entries: Sequence[Entry], *, note: str, source: str = "", name: str = "") -> Table:
+    """Three columns for each column of the entries, one where nothing was printed; ``head`` is that of the row names.
+
+    ``source`` says in the note where the printed values stand.
+    """
+    beside = any(e.printed is not None for e in entries)
     columns = tuple(dict.fromkeys(e.column for e in entries))
     found = {(e.group, e.row, e.column): e for e in entries}
     rows: list[tuple[str, ...]] = []
@@ -58,8 +62,9 @@ def table(caption: str, head: str, entries: Sequence[Entry], *, note: str, name:
             group = place[0]
             rows.append((group,))
         cells = [found.get((*place, column)) for column in columns]
-        rows.append((place[1], *(cell for entry in cells for cell in _cells(entry))))
-    heads = (h for column in columns for h in (column, f"printed {column}", f"difference {column}"))
+        rows.append((place[1], *(cell for entry in cells for cell in _cells(entry)[: 3 if beside else 1])))
+    heads = (h for column in columns for h in (column, f"printed {column}", f"difference {column}")[: 3 if beside else 1])
+    note = f"{note} Printed: {source}; {CAVEAT}." if beside and source else note
     return Table(caption, (head, *heads), tuple(rows), note, name)
 
 
@@ -77,14 +82,16 @@ def quality_entry(measure: str, condition: str, method: str, region: str, ours: 
 
 def quality_tables(ssim: Sequence[Entry], rmse: Sequence[Entry], source: str) -> tuple[Table, Table]:
     """Both measures of image quality; ``source`` says where the printed values stand."""
-    note = f"Printed: Maier et al. 2021, {source}; {CAVEAT}."
+    source = f"Maier et al. 2021, {source}"
+    similar = "Structural similarity (SSIM) to the motion-free reconstruction"
     return (
-        table("Structural similarity (SSIM) to the motion-free reconstruction", "method", ssim, note=f"1 is equal. {note}", name="ssim"),
+        table(similar, "method", ssim, note="1 is equal.", source=source, name="ssim"),
         table(
             "RMSE against the motion-free reconstruction",
             "method",
             rmse,
-            note=f"Of volumes scaled from 0 to 1; 0 is equal. {note}",
+            note="Of volumes scaled from 0 to 1; 0 is equal.",
+            source=source,
             name="rmse",
         ),
     )

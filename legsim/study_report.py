@@ -161,17 +161,17 @@ def _quality(clean: tuple[ScanScore, ...]) -> Section:
                 series = side_by_side.heading(condition)
                 groups.append(BoxGroup(method, series, np.array(list(values.values())), None if printed is None else printed.mean))
         caption = (
-            f"{measure} of the whole leg over scans: median, quartiles, whiskers from the 5th to the 95th percentile, a dot a scan; "
-            "diamonds are the printed means."
-        )
+            f"{measure} of the whole leg over scans: median, quartiles, whiskers from the 5th to the 95th percentile, a dot a scan"
+        ) + ("; diamonds are the printed means." if any(group.printed is not None for group in groups) else ".")
         drawn.append(_picture(f"box-{measure.lower()}", caption, figures.box_plots(groups, axis_label=f"{measure}, whole leg")))
     lines = (
         "Beside each of our values stand the printed one and the difference, ours minus printed. The printed values are of another, closed "
         "phantom that followed other people's movements: an equal order of methods means more than an equal digit, and the third digit "
         "means little even within the printed table, where means over all scans are not always between the means of their parts.",
-        study_tables.SPREAD_NOTE,
     )
-    return Section("Image quality", lines, study_tables.quality(clean), tuple(drawn))
+    tables = study_tables.quality(clean)
+    beside = any("printed" in column for column in tables[0].columns)
+    return Section("Image quality", (*(lines if beside else ()), study_tables.SPREAD_NOTE), tables, tuple(drawn))
 
 
 def _residuals(clean: tuple[ScanScore, ...], results: StudyResults) -> Section:

@@ -241,11 +241,12 @@ def noisy_quality(scores: Sequence[ScanScore]) -> tuple[Table, Table]:
         kinds.append(entries)
     note = (
         f"Over {_scans(len(scans))}; repetitions of a scan are averaged first. {SPREAD_NOTE} The noise of the sensors is divided by 10^f_a "
-        f"(accelerometer) and 10^f_g (gyroscope). Printed: Maier et al. 2021, Table 3; {side_by_side.CAVEAT}."
+        "(accelerometer) and 10^f_g (gyroscope)."
     )
+    source = "Maier et al. 2021, Table 3"
     return (
-        side_by_side.table("SSIM from noisy sensors", "noise", kinds[0], note=note, name="noisy_ssim"),
-        side_by_side.table("RMSE from noisy sensors", "noise", kinds[1], note=note, name="noisy_rmse"),
+        side_by_side.table("SSIM from noisy sensors", "noise", kinds[0], note=note, source=source, name="noisy_ssim"),
+        side_by_side.table("RMSE from noisy sensors", "noise", kinds[1], note=note, source=source, name="noisy_rmse"),
     )
 
 

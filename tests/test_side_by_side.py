@@ -26,7 +26,8 @@ def test_ours_the_printed_value_and_the_difference_stand_together():
 
 def test_without_groups_no_row_heads_others():
     table = side_by_side.table("t", "method", [Entry("", "a", "leg", spread([1.0]), None)], note="")
-    assert table.rows == (("a", "1.000", "–", "–"),)
+    assert table.columns == ("method", "leg"), "columns of nothing"
+    assert table.rows == (("a", "1.000"),)
 
 
 @pytest.mark.parametrize(
@@ -44,5 +45,7 @@ def test_entries_of_quality_know_what_is_printed():
 
 
 def test_the_note_names_the_source():
-    tables = side_by_side.quality_tables([], [], "Table 1")
-    assert all("Maier et al. 2021, Table 1; another phantom" in table.note for table in tables)
+    printed, own = (Entry("", "rigid", "leg", spread([0.9]), score) for score in (Score(0.993, 0.003), None))
+    tables = side_by_side.quality_tables([printed, own], [printed], "Table 1")
+    assert all("equal. Printed: Maier et al. 2021, Table 1; another phantom" in table.note for table in tables)
+    assert all("Printed" not in table.note for table in side_by_side.quality_tables([own], [own], "Table 1"))
