@@ -7,6 +7,7 @@ again only computes what is missing. A task that fails takes with it the tasks t
 import contextlib
 import logging
 import os
+import signal
 import traceback
 import uuid
 import warnings
@@ -175,7 +176,13 @@ def _client(distributed: Any, scheduler: str | None, workers: int) -> Iterator[A
         options: dict[str, Any] = {"threads_per_worker": 1, "processes": True, "memory_limit": 0, "dashboard_address": None}
         # without a dashboard Dask still serves HTTP, and says so where another study has its usual port
         options["scheduler_kwargs"] = {"dashboard_address": ":0"}
-        with distributed.LocalCluster(n_workers=workers, **options) as cluster, distributed.Client(cluster) as client:
+        # Ctrl-C reaches every process of the terminal; the workers leave it to this one, which ends them
+        heeded = signal.signal(signal.SIGINT, signal.SIG_IGN)
+        try:
+            started = distributed.LocalCluster(n_workers=workers, **options)
+        finally:
+            signal.signal(signal.SIGINT, heeded)
+        with started as cluster, distributed.Client(cluster) as client:
             yield client
         return
     try:
