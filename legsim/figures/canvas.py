@@ -72,7 +72,7 @@ def spaced(
         x, y = start + left + column * (left + plot_width), bottom + (rows - 1 - row) * (between + plot_height)
         ax.set_position((x / width, y / height, plot_width / width, plot_height / height))
         ax.yaxis.set_label_coords((0.03 - left) / plot_width, 0.5)
-        ax.yaxis.label.set_va("top")
+        ax.yaxis.label.set_verticalalignment("top")
 
 
 def picture_axes(figure: Figure, rows: int, columns: int) -> list[list[Axes]]:
