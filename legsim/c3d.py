@@ -22,7 +22,7 @@ _WIDEST = 1e7
 
 
 def load(path: Path | str, *, unit: str | None = None, up: str | None = None) -> Motion:
-    """Reads markers as metres in world; a marker not seen (negative residual, or exactly 0, 0, 0) is NaN.
+    """Reads markers as meters in world; a marker not seen (negative residual, or exactly 0, 0, 0) is NaN.
 
     Args:
         unit: "m", "cm" or "mm" where POINT:UNITS is wrong or absent.

@@ -31,7 +31,7 @@ def save_markers(path: Path | str, motion: Motion) -> None:
 
 
 def save_coordinates(path: Path | str, trajectories: JointTrajectories) -> None:
-    """Writes joint coordinates in radians and metres.
+    """Writes joint coordinates in radians and meters.
 
     Raises:
         LegsimError: a name cannot stand in a header.

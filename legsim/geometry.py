@@ -1,6 +1,6 @@
 """Cone-beam geometry, projections, volume grids and volumes.
 
-Every view is one 3x4 matrix from world metres to pixel coordinates (column u, row v), pixel centres at integers, the first
+Every view is one 3x4 matrix from world meters to pixel coordinates (column u, row v), pixel centers at integers, the first
 pixel at 0. Rows count upwards along world y in a circular scan, as in RTK, so that files exchange without a flip.
 """
 
@@ -21,8 +21,8 @@ class ConeBeamGeometry:
     times: FloatArray
     """(v,) s, acquisition time of each view"""
     matrices: FloatArray
-    """(v, 3, 4): (u w, v w, w) = matrix @ (x, y, z, 1) in world metres. Stored with a third row of unit normal, so that w is the
-    depth in metres along the principal ray, and with the sign that puts the scanned region at positive depth."""
+    """(v, 3, 4): (u w, v w, w) = matrix @ (x, y, z, 1) in world meters. Stored with a third row of unit normal, so that w is the
+    depth in meters along the principal ray, and with the sign that puts the scanned region at positive depth."""
     shape_vu: tuple[int, int]
     """(rows, columns)"""
     pixel_pitch: float = 1e-3
@@ -149,11 +149,11 @@ class Projections:
 
 @dataclass(frozen=True, slots=True)
 class VolumeGrid:
-    """Voxel centres along the world axes."""
+    """Voxel centers along the world axes."""
 
     shape_zyx: tuple[int, int, int]
     spacing_xyz: tuple[float, float, float]
-    """m between voxel centres along world x, y, z"""
+    """m between voxel centers along world x, y, z"""
     center: tuple[float, float, float]
     """(x, y, z) m in world of the middle of the grid"""
 
@@ -175,12 +175,12 @@ class VolumeGrid:
 
     @property
     def origin(self) -> FloatArray:
-        """(3,) world position of voxel (0, 0, 0)'s centre."""
+        """(3,) world position of voxel (0, 0, 0)'s center."""
         counts_xyz = np.array(self.shape_zyx[::-1])
         return np.array(self.center) - 0.5 * (counts_xyz - 1) * np.array(self.spacing_xyz)
 
     def axes(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """World x (nx,), y (ny,) and z (nz,) of the voxel centres."""
+        """World x (nx,), y (ny,) and z (nz,) of the voxel centers."""
         nz, ny, nx = self.shape_zyx
         x, y, z = (o + s * np.arange(n) for o, s, n in zip(self.origin, self.spacing_xyz, (nx, ny, nz), strict=True))
         return x, y, z

@@ -77,7 +77,7 @@ class ImuNoise:
             angular_velocity_exponent: f_g.
             imu_rate_hz: rate of the signals the noise will be added to.
             projection_rate_hz: rate of the views.
-            convention: "SI" adds m/s^2 and rad/s. "per-sample" adds degrees per IMU sample (x imu_rate) and metres per squared
+            convention: "SI" adds m/s^2 and rad/s. "per-sample" adds degrees per IMU sample (x imu_rate) and meters per squared
                 projection interval (x projection_rate^2): the reading that reproduces the paper's Table 2.
         """
         turn_unit, shift_unit = (imu_rate_hz, projection_rate_hz**2) if convention == "per-sample" else (1.0, 1.0)

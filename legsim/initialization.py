@@ -1,7 +1,7 @@
 """Where a sensor is, and how fast it moves, at the first view: from four metal points seen in the projections.
 
 Maier et al. 2022, section 2.4: the sensor's origin and the tips of its three axes are projected; each lies on a known ray, and
-their distances and right angles are known. Seen from far away (an object of centimetres at three quarters of a metre) the differences of
+their distances and right angles are known. Seen from far away (an object of centimeters at three quarters of a meter) the differences of
 the projected points are, up to one scale, two rows of the rotation matrix. Two orthonormal rows have exactly one right-handed
 completion, and their length is the scale, hence the depth: there is one root. Perspective changes this by the ratio of size to
 distance only, and is put back by iteration (DeMenthon and Davis 1995) and a least squares of the reprojection. The mirrored root of the

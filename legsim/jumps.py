@@ -41,7 +41,7 @@ class _Pieces:
 
 
 def find(positions: FloatArray, dt: float) -> BoolArray:
-    """True (n,) for the samples of one marker (n, 3) in metres, ``dt`` seconds apart, that are jumps; never where it is NaN."""
+    """True (n,) for the samples of one marker (n, 3) in meters, ``dt`` seconds apart, that are jumps; never where it is NaN."""
     seen = np.flatnonzero(np.isfinite(positions).all(1))
     jumps = np.zeros(len(positions), bool)
     if len(seen) < 3:
@@ -56,7 +56,7 @@ def find(positions: FloatArray, dt: float) -> BoolArray:
 
 
 def _cut(positions: FloatArray, seen: NDArray[np.intp], dt: float) -> tuple[_Pieces, FloatArray]:
-    """(pieces that run smoothly, short gaps included, and the deviation in metres of the step into each sample from its neighbors')."""
+    """(pieces that run smoothly, short gaps included, and the deviation in meters of the step into each sample from its neighbors')."""
     gap = np.diff(seen)
     velocity = np.diff(positions[seen], axis=0) / gap[:, None]
     distance = np.linalg.norm(velocity - _neighbors_median(velocity), axis=1) * gap

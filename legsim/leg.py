@@ -77,7 +77,7 @@ _KNEES = [COORDINATES.index(f"knee_angle_{side}") for side in "rl"]
 class Leg:
     """One person's leg model; unchangeable, safe to use from several threads.
 
-    Arrays named ``values`` hold the 20 coordinates in the order of ``coordinate_names``: radians, and metres for pelvis_tx, _ty, _tz.
+    Arrays named ``values`` hold the 20 coordinates in the order of ``coordinate_names``: radians, and meters for pelvis_tx, _ty, _tz.
     """
 
     __slots__ = ("_address", "_couplings", "_model", "coordinate_ranges", "default_coordinates", "moves", "scales", "segment_parents")

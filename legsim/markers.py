@@ -87,7 +87,7 @@ def prepare(
     0.802 for -3 dB at a wanted frequency (Winter 2009).
 
     Args:
-        motion: markers in metres in world.
+        motion: markers in meters in world.
         marker_map: which labels play which role.
         filter_hz: cut-off in hertz; 0 leaves the markers unfiltered.
         longest_gap_s: gaps up to this long are bridged by splines; longer ones that no other markers fill stay NaN and are

@@ -12,7 +12,7 @@ _CURE = "give a marker file (.trc, .c3d) or joint coordinates (.mot, .sto)"
 
 
 def load(path: Path | str, *, unit: str | None = None, up: str | None = None, in_degrees: bool | None = None) -> Motion | JointTrajectories:
-    """Reads markers (metres in world) or joint coordinates (radians and metres), whichever the file holds.
+    """Reads markers (meters in world) or joint coordinates (radians and meters), whichever the file holds.
 
     ``unit`` and ``up`` override what a marker file says, ``in_degrees`` what a coordinate file says.
 
@@ -28,7 +28,7 @@ def load(path: Path | str, *, unit: str | None = None, up: str | None = None, in
 
 
 def load_markers(path: Path | str, *, unit: str | None = None, up: str | None = None) -> Motion:
-    """Reads markers as metres in world.
+    """Reads markers as meters in world.
 
     Raises:
         LegsimError: the file is no marker file, or damaged.

@@ -1,4 +1,4 @@
-"""Marker trajectories as a file gives them, and the one border where they become metres in world.
+"""Marker trajectories as a file gives them, and the one border where they become meters in world.
 
 Readers of marker files fill a :class:`RawMarkers`; its :meth:`RawMarkers.to_motion` converts unit and axes, for all formats alike.
 """
@@ -106,7 +106,7 @@ class RawMarkers:
         return up_by_names(meters, self.labels) or up_by_floor(meters, self.up or self.usual_up, said=bool(self.up))
 
     def to_motion(self, *, unit: str | None = None, up: str | None = None) -> Motion:
-        """The markers in metres in world; ``unit`` and ``up`` override what the file says.
+        """The markers in meters in world; ``unit`` and ``up`` override what the file says.
 
         Raises:
             LegsimError: the unit is unknown, no marker is ever seen, or the times do not increase.
@@ -172,7 +172,7 @@ def up_by_names(positions: FloatArray, labels: Sequence[str]) -> str:
 
 
 def up_by_floor(positions: FloatArray, expected: str, *, said: bool) -> str:
-    """Lab axis that points up, judged by where markers (n, m, 3) in metres lie on somebody on the floor.
+    """Lab axis that points up, judged by where markers (n, m, 3) in meters lie on somebody on the floor.
 
     ``expected`` is kept unless its lowest marker is far from 0 while another axis carries a standing person. Where it is not
     ``said`` by the file but only the format's habit, it gives way to the other of y and z already if that looks more upright.
@@ -187,7 +187,7 @@ def up_by_floor(positions: FloatArray, expected: str, *, said: bool) -> str:
 
 
 def _height_over_floor(positions: FloatArray, axis: FloatArray) -> float:
-    """Median height of the markers over the lowest one along ``axis``, in metres; 0 where the lowest is not near the floor."""
+    """Median height of the markers over the lowest one along ``axis``, in meters; 0 where the lowest is not near the floor."""
     positions = positions[np.isfinite(positions).all(-1).any(-1)]
     if positions.shape[0] == 0 or positions.shape[1] < 3:
         return 0.0

@@ -32,7 +32,7 @@ class _Header:
 
 
 def load(path: Path | str, *, in_degrees: bool | None = None) -> JointTrajectories:
-    """Reads joint coordinates as radians and metres.
+    """Reads joint coordinates as radians and meters.
 
     Of a file of states (columns such as ``/jointset/knee_r/knee_angle_r/value``) the values are read under the coordinates' names.
     In degrees are the rotations only: not the pelvis translations (``*_tx, *_ty, *_tz``), and not the coupled coordinates

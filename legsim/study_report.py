@@ -26,9 +26,9 @@ from legsim.study_results import LadderScore, NoiseLevel, ScanScore, StudyResult
 from legsim.study_statistics import LIMIT_DEG, LIMIT_MM, LadderCell, PairedTest
 
 CONVENTIONS = (
-    "Every noise number is made in one of two conventions, which is written beside it. SI: the data sheet's RMS in 100 Hz bandwidth as it "
-    "is. Per-sample: the same numbers put into the paper's equations without their time steps (degrees a sample, and m a squared "
-    "projection interval), which is what reproduces its printed ladder."
+    "Every noise number is made in one of two conventions, which is written beside it. SI: the data sheet's RMS on every sample, in "
+    "m/s² and rad/s. Per-sample: the same numbers put into the paper's equations without their time steps (degrees a sample, and m a "
+    "squared projection interval), which is what reproduces its printed ladder."
 )
 _TRANSLATION, _ROTATION = "translation (mm)", "rotation (deg)"
 

@@ -104,9 +104,8 @@ class StudyResults:
 
 
 def condition(posture: str) -> str:
-    """Block of the printed table: "30" or "60" for a posture that ends so, else the posture's own name."""
-    digits = posture.rpartition("_")[2]
-    return digits if digits in ("30", "60") else posture
+    """Block of the printed table: "30" or "60" for the held squats, else the posture's own name."""
+    return {"squat_30": "30", "squat_60": "60"}.get(posture, posture)
 
 
 def save(path: Path, results: StudyResults) -> None:

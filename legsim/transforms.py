@@ -85,7 +85,7 @@ def quaternion_from_rotation(rotations: ArrayLike) -> FloatArray:
 
 
 def rotation_from_quaternion(wxyz: ArrayLike) -> FloatArray:
-    """Rotations (..., 3, 3) of quaternions wxyz (..., 4), normalised first."""
+    """Rotations (..., 3, 3) of quaternions wxyz (..., 4), normalized first."""
     q = np.asarray(wxyz, float)
     q = q / np.linalg.norm(q, axis=-1, keepdims=True)
     w, vector = q[..., 0, None, None], q[..., 1:]
@@ -94,7 +94,7 @@ def rotation_from_quaternion(wxyz: ArrayLike) -> FloatArray:
 
 
 def axis_rotation(axis: ArrayLike, angle: ArrayLike) -> FloatArray:
-    """Rotations (..., 3, 3) about a fixed ``axis`` (3,), normalised here, by ``angle`` (...,) radians."""
+    """Rotations (..., 3, 3) about a fixed ``axis`` (3,), normalized here, by ``angle`` (...,) radians."""
     axis = np.asarray(axis, float)
     return rotation_from_vector(np.asarray(angle, float)[..., None] * (axis / np.linalg.norm(axis)))
 

@@ -46,7 +46,7 @@ class _Rows:
 
 
 def load(path: Path | str, *, unit: str | None = None, up: str | None = None) -> Motion:
-    """Reads markers as metres in world; a marker not seen (blank, NaN or exactly 0, 0, 0) is NaN.
+    """Reads markers as meters in world; a marker not seen (blank, NaN or exactly 0, 0, 0) is NaN.
 
     Args:
         unit: "m", "cm" or "mm" where the header is wrong.
@@ -76,7 +76,7 @@ def read(path: Path | str) -> RawMarkers:
 
 
 def save(path: Path | str, motion: Motion) -> None:
-    """Writes markers in metres along world's axes (y up), every number so that reading it back gives the same float64.
+    """Writes markers in meters along world's axes (y up), every number so that reading it back gives the same float64.
 
     A marker not seen is written NaN: a blank would shift the columns of readers that split at white space.
 

@@ -7,7 +7,7 @@ from legsim import jumps
 
 
 def squat(rate: float, *, noise: float = 0.0002, seconds: float = 10.0, seed: int = 1) -> np.ndarray:
-    """A marker (n, 3) in metres that stands, squats 0.35 m deep within a second each way, and stands."""
+    """A marker (n, 3) in meters that stands, squats 0.35 m deep within a second each way, and stands."""
     t = np.arange(int(seconds * rate)) / rate
     depth = 0.175 * (1 - np.cos(2 * np.pi * np.clip((t - 3) / 2, 0, 2)))
     path = np.stack([0.3 * depth, 0.9 - depth, 0.15 + 0.002 * np.sin(t)], axis=1)

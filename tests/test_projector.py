@@ -92,7 +92,7 @@ def test_object_larger_than_the_detector_and_close_to_the_source(device):
 
 
 def test_long_slivers_are_exact_to_their_silhouette(device):
-    """A pipe of 400 facets a metre long: without exact edge functions its grazing rays are off by 0.04 mm."""
+    """A pipe of 400 facets a meter long: without exact edge functions its grazing rays are off by 0.04 mm."""
     geometry = circular(1, (480, 620), 0.616e-3)
     mesh = trimesh.creation.cylinder(radius=0.02, height=1.0, sections=400)
     pipe = Phantom((part("pipe", mesh, moved=transforms.translation((0.03, 0, 0))),))

@@ -11,7 +11,7 @@ GAP = (80, 199)
 
 @pytest.fixture
 def body() -> np.ndarray:
-    """Five markers (300, 5, 3) on a body that turns by a radian and moves by half a metre."""
+    """Five markers (300, 5, 3) on a body that turns by a radian and moves by half a meter."""
     t = np.linspace(0, 1, 300)
     pose = transforms.rigid(transforms.axis_rotation([1, 2, -1], np.sin(2 * t)), np.stack([0.5 * t, np.cos(3 * t), t**2], -1))
     return transforms.apply(pose, SHAPE)

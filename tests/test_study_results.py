@@ -49,8 +49,6 @@ def test_labels_say_the_convention():
     assert NoiseLevel("SI", 4.0, None).stem == "SI-fa4-fgnonoise"
 
 
-@pytest.mark.parametrize(
-    ("posture", "block"), [("squat_30", "30"), ("squat_60", "60"), ("squats", "squats"), ("standing_45", "standing_45")]
-)
+@pytest.mark.parametrize(("posture", "block"), [("squat_30", "30"), ("squat_60", "60"), ("squats", "squats"), ("walk_60", "walk_60")])
 def test_condition_is_the_printed_block(posture, block):
     assert study_results.condition(posture) == block

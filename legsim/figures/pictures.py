@@ -20,7 +20,7 @@ SAGITTAL = ("S", "I", "A", "P")  # superior, inferior, anterior, posterior
 
 
 def slices(volumes: Sequence[NamedVolume], planes: SlicePlanes, *, window_per_mm: tuple[float, float] | None = None) -> Figure:
-    """Rows: axial through the shank, axial through the thigh, sagittal; one column a method; one grey window for all.
+    """Rows: axial through the shank, axial through the thigh, sagittal; one column a method; one gray window for all.
 
     ``window_per_mm`` is (black, white) in 1/mm; by default from 0 to the first volume's :func:`legsim.scene.white_level`.
     """
@@ -85,7 +85,7 @@ def overlay(reference: NamedVolume, volumes: Sequence[NamedVolume], planes: Slic
 
 
 def projection_montage(projections: Projections, *, count: int = 8) -> Figure:
-    """``count`` projections spread over the scan, upright, in one grey window."""
+    """``count`` projections spread over the scan, upright, in one gray window."""
     chosen = np.unique(np.linspace(0, len(projections.geometry) - 1, count).round().astype(int))
     columns = min(4, len(chosen))
     rows = -(-len(chosen) // columns)

@@ -42,7 +42,7 @@ def still(scene: ReplayScene, time_s: float) -> Figure:
 
 
 def _to_one_scale(axes: Sequence[Axes]) -> None:
-    """Gives all pictures the same height in metres, and side by side the share of the paper's width that their widths in metres ask for."""
+    """Gives all pictures the same height in meters, and side by side the share of the paper's width that their widths in meters ask for."""
     for ax in axes:
         ax.autoscale_view()
         ax.set_aspect("equal", anchor="S")

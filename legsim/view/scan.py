@@ -111,7 +111,7 @@ def thinned(vertices: Float32Array, triangles: np.ndarray, count: int) -> tuple[
 
 
 def log_slices(recorder: Recorder, volumes: tuple[NamedVolume, ...], planes: SlicePlanes) -> None:
-    """All methods side by side in one picture: shank, thigh and sagittal slices as rows, one grey window."""
+    """All methods side by side in one picture: shank, thigh and sagittal slices as rows, one gray window."""
     rows = [
         [np.flipud(scene.axial(v.volume, planes.shank_y)) for v in volumes],
         [np.flipud(scene.axial(v.volume, planes.thigh_y)) for v in volumes],
