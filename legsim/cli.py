@@ -5,6 +5,7 @@ A command imports what it runs, so that help and mistaken options are answered a
 
 import errno
 import os
+import re
 import shlex
 import signal
 import sys
@@ -418,10 +419,11 @@ def _options(
 
 
 def _warn(message: Warning | str, *_: object) -> None:
-    """Once: the same holds for every volume of a run."""
-    if str(message) in _warned:
+    """Once, numbers aside: much the same holds for every volume of a run."""
+    told = re.sub(r"[\d.]+", "", str(message))
+    if told in _warned:
         return
-    _warned.add(str(message))
+    _warned.add(told)
     _err.print(f"[yellow]warning:[/] {escape(str(message))}")
 
 

@@ -146,3 +146,13 @@ def test_replay_prints_how_well_the_markers_are_followed(tmp_path, capsys):
         cli.main(["replay", "subject01/squat_30.trc", "--out", str(tmp_path)])
     assert caught.value.code == 0
     assert "mm RMS" in capsys.readouterr().out
+
+
+def test_a_warning_is_told_once_whatever_its_numbers(capsys, monkeypatch):
+    monkeypatch.setattr(cli, "_warned", set())
+    for text in ("short scan: 197.6 deg", "short scan: 197.9 deg", "full disk"):
+        cli._warn(text)
+    told = capsys.readouterr().err
+    assert told.count("short scan") == 1
+    assert "197.6" in told
+    assert "full disk" in told
