@@ -1,6 +1,7 @@
 """One stage at a time, from files to files: what `legsim convert`, `project`, `reconstruct`, `evaluate`, `geometry` and `view` do."""
 
 import json
+import math
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from functools import partial
@@ -113,8 +114,9 @@ def reconstruct(
         raise at(motion, f"moves {len(moved.times)} views, but the geometry has {len(geometry)}", "give the motion of this scan")
     opened = opencl.open_device(device)
     need = fdk.plan(geometry, grid, opened, motion=moved).device_bytes + projections.line_integrals.nbytes
-    progress = partial(on_progress, "reconstructing")
-    by_slabs = out.suffix.lower() == ".mha"
+    by_slabs, volume_bytes = out.suffix.lower() == ".mha", 4 * math.prod(grid.shape_zyx)
+    memory = f"{_size(need)} of memory" + ("" if by_slabs else f" and {_size(volume_bytes)} for the volume")
+    progress = partial(on_progress, f"reconstructing ({memory}; {_size(volume_bytes)} of disk)")
     if by_slabs:
         with images.volume_writer(out, grid) as writer:
             for first, slab in fdk.reconstruct_slabs(projections, grid, opened, motion=moved, progress=progress):
@@ -124,9 +126,14 @@ def reconstruct(
     voxels = "x".join(str(n) for n in grid.shape_zyx)
     return [
         f"{voxels} voxels (z, y, x) from {len(geometry)} views on {opened.label}",
-        f"memory: {need / 2**30:.2f} GiB beside the volume{', which went to disk slab by slab' if by_slabs else ''}",
+        f"took {memory}" + (", the volume went to disk slab by slab" if by_slabs else ""),
         f"volume (1/mm): {out}",
     ]
+
+
+def _size(count: float) -> str:
+    """Bytes, as people read them."""
+    return f"{count / 2**30:.1f} GiB" if count >= 2**30 else f"{count / 2**20:.1f} MiB"
 
 
 def _geometry_of(projections_file: Path, geometry_file: Path) -> ConeBeamGeometry:
