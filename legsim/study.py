@@ -77,7 +77,7 @@ class Plan:
         )
 
 
-# measured on the CPU (pocl), where the device's memory is the process's own, as the greatest peak_mib of manifest.json and as du shows:
+# measured on a CPU, where the device's memory is the process's own, as the greatest peak_mib of manifest.json and as du shows:
 #   quick, clean run of 6 methods   1340 MiB held, 1446 told;   the study of 2 clean and 4 noisy runs   823 MiB of disk, 817 told
 #   quick, noisy run of 1 method    1195 MiB held, 1265 told
 #   table1, clean run of 7 methods  1875 MiB held, 1945 told
