@@ -3,8 +3,9 @@
 The protocol is Maier et al.'s ("Rigid and non-rigid motion compensation in weight-bearing cone-beam CT of the knee using (noisy)
 inertial measurements", Section 3.1): every volume is scaled to 0..1 and registered to the motion-free reference before SSIM
 (Wang et al. 2004: uniform window of 7 voxels, data range 1) and RMSE are taken. Where the paper is silent: a volume is scaled by
-its 0.01 and 99.99 percentiles inside the union of the regions, because a single bright voxel of a streak would else set the scale of
-all others; a registration is applied only where it raises the correlation; and what it brings in from outside the grid counts nowhere.
+its 0.5 and 99.5 percentiles inside the union of the regions (air and cortical bone), because a few voxels of streaks would else
+set the scale of all others; a registration is applied only where it raises the correlation; and what it brings in from outside the
+grid counts nowhere.
 """
 
 from __future__ import annotations
@@ -30,9 +31,9 @@ else:
     sitk = lazy_loader.load("SimpleITK")
 
 SSIM_WINDOW = 7
-SCALING_PERCENTILES = (0.01, 99.99)
+SCALING_PERCENTILES = (0.5, 99.5)
 """of the values inside the regions, which become 0 and 1"""
-PROTOCOL = 2
+PROTOCOL = 3
 """raised with every change of what is compared and how, so that no older number is taken for one of today"""
 _SLAB = 32
 _REGISTRATION_SAMPLES = 20_000
