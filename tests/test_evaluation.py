@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+import SimpleITK as sitk
 from scipy.ndimage import gaussian_filter
 from skimage.metrics import structural_similarity
 
@@ -65,6 +66,21 @@ def test_registration_undoes_a_rigid_motion():
     assert tight.registration.translation_mm == pytest.approx(np.sqrt(14), abs=0.1)
     assert tight.registration.rotation_deg == pytest.approx(np.degrees(np.linalg.norm([0.02, 0.05, 0.03])), abs=0.2)
     assert tight.of("leg").rmse < 0.1 * loose.of("leg").rmse
+
+
+def test_metrics_are_the_same_digits_on_any_number_of_cores(rng):
+    """So that scores of a machine, a cluster and a laptop can be compared as they are."""
+    noisy = Volume(GRID, blob(GRID).attenuation + rng.normal(0, 0.3, GRID.shape_zyx).astype(np.float32))
+    cores = sitk.ProcessObject.GetGlobalDefaultNumberOfThreads()
+    found = []
+    try:
+        for number in (1, 2, 5):
+            sitk.ProcessObject.SetGlobalDefaultNumberOfThreads(number)
+            found.append(evaluation.evaluate(noisy, blob(GRID), regions(GRID)))
+    finally:
+        sitk.ProcessObject.SetGlobalDefaultNumberOfThreads(cores)
+    assert found[0].registration is not None
+    assert found[0] == found[1] == found[2]
 
 
 def test_registration_never_makes_a_volume_worse(rng):
