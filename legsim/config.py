@@ -115,6 +115,8 @@ class WobbleConfig(Section):
 class PhantomConfig(Section):
     """The scanned legs."""
 
+    legs: Literal["both", "left"] = "both"
+    """left: the scanned one alone, as if the other stood far off; the other one's edges leave streaks wherever the views are few"""
     detail: Literal["coarse", "fine"] = "coarse"
     energy_kev: float = Field(default=60.0, gt=10, le=500)
     wobble: WobbleConfig = WobbleConfig()

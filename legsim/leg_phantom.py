@@ -233,6 +233,15 @@ class LegPhantom:
             _groups=(*self._groups, group),
         )
 
+    def one_leg(self, side: str) -> "LegPhantom":
+        """The same phantom with the leg of ``side`` ("l" or "r") alone."""
+        kept = [k for k, segment in enumerate(self.segments) if segment.endswith(f"_{side}")]
+        place = {k: n for n, k in enumerate(kept)}
+        groups = tuple(
+            replace(group, parts=tuple(place[k] for k in group.parts)) for group in self._groups if group.segment.endswith(f"_{side}")
+        )
+        return replace(self, phantom=self.phantom.only(kept), segments=tuple(self.segments[k] for k in kept), _groups=groups)
+
     def _reference(self, segment: str) -> FloatArray:
         return self.reference_world_from_segment[SEGMENTS.index(segment)]
 

@@ -181,6 +181,7 @@ def _body(settings: RunConfig, folder: RunFolder, on_progress: OnProgress) -> Sc
     phantom = leg_phantom.load(
         scales=recovered.leg.scales, detail=wanted.detail, energy_kev=wanted.energy_kev, swinging=wanted.wobble.amplitude > 0
     )
+    phantom = phantom.one_leg("l") if wanted.legs == "left" else phantom
     on_progress("joint angles", 1, 1)
     return ScannedLeg(recovered, splines, sensors(settings.imu), times, poses, phantom, geometry)
 

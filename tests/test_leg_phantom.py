@@ -261,6 +261,18 @@ def test_beads_stay_on_the_skin_and_fiducials_on_their_segment(legs):
     assert len(legs.phantom.parts) == len(both.phantom.parts) - 4
 
 
+def test_one_leg_is_that_leg_of_both_and_carries_on_alone(legs):
+    poses, swung = pose(65), leg_phantom.load(swinging=True)
+    for side, whole in (("l", legs), ("r", legs), ("l", swung)):
+        alone, vertices = whole.one_leg(side), whole.posed(poses, SEGMENTS)
+        assert [p.name for p in alone.phantom.parts] == [p.name for p in whole.phantom.parts if p.name.endswith(f"_{side}")]
+        for part, found in zip(alone.phantom.parts, alone.posed(poses, SEGMENTS), strict=True):
+            np.testing.assert_array_equal(found, vertices[whole.part_index(part.name)])
+        places = alone.skin_points(side, heights=[0.05], directions=[1.0])
+        beaded = alone.with_spheres("bead", places, segment=f"soft_{side}", radius=0.0005)
+        assert len(beaded.posed(poses, SEGMENTS)) == len(alone.phantom.parts) + 1
+
+
 def test_attenuation_follows_the_energy(legs):
     soft = leg_phantom.load(energy_kev=100.0)
     for low, high in zip(legs.phantom.parts, soft.phantom.parts, strict=True):

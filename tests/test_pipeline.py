@@ -96,7 +96,13 @@ def test_a_changed_setting_computes_again_what_hangs_on_it_and_nothing_else(tiny
 
 def test_what_decides_the_projections_is_in_their_key_and_the_seed_where_there_is_noise():
     plain = ("scan.detector.photons=0",)
-    changes = ("scan.detector.photons=10", "scan.spectrum.kind=tube", "scan.detector.scatter_to_primary=0.1", "phantom.wobble.amplitude=1")
+    changes = (
+        "scan.detector.photons=10",
+        "scan.spectrum.kind=tube",
+        "scan.detector.scatter_to_primary=0.1",
+        "phantom.wobble.amplitude=1",
+        "phantom.legs=left",
+    )
     keys = [pipeline._scan_key(config.load(overrides=(*plain, change))) for change in ("grid.voxels=99", "seed=5", *changes)]
     assert keys[0] == keys[1]
     assert len(set(keys)) == len(changes) + 1
@@ -131,6 +137,20 @@ def test_a_scan_longer_than_the_recording_is_refused(tiny_settings, tmp_path):
     slow = tiny_settings.model_copy(update={"scan": tiny_settings.scan.model_copy(update={"rate_hz": 1.0})})
     with pytest.raises(LegsimError, match=r"recording lasts .* s, the scan 123.00 s"):
         pipeline.run(slow, tmp_path, on_progress=quiet)
+
+
+def test_a_leg_can_be_scanned_alone(tiny_run, tiny_settings, tmp_path):
+    """The other leg's shadow is gone from all images, and what has to be known of the scanned one is still known."""
+    alone = tiny_settings.model_copy(update={"phantom": tiny_settings.phantom.model_copy(update={"legs": "left"})})
+    result = pipeline.run(alone, tmp_path, on_progress=quiet)
+    geometry = geometry_files.load(tmp_path / "geometry.json")
+    folders = (tiny_run.folder, tmp_path)
+    with_both, of_one = (images.load_projections(f / "projections.mha", geometry).line_integrals for f in folders)
+    assert (of_one <= with_both + 1e-4).all()
+    assert (of_one < with_both - 0.5).any()
+    assert [m.method for m in result.methods] == [m.method for m in tiny_run.methods]
+    both, one = ({m.method: m for m in methods} for methods in (tiny_run.methods, result.methods))
+    assert one["rigid"].residual_mm == both["rigid"].residual_mm
 
 
 def test_the_papers_chain_runs_on_real_standing(shared_data, tiny_settings, tmp_path):
