@@ -2,7 +2,7 @@
 
 A bead's shadow is round and its background nearly a plane over a few pixels, so that the center of a Gaussian fitted together with a
 plane is the center of the shadow whatever its exact profile: to 0.02 pixel for radii from 2 pixels on, to 0.06 for 1.2 pixels (a
-millimetre bead at the paper's resolution), where single pixels sample the shadow coarsely. Perspective shifts it by less than 0.001.
+millimeter bead at the paper's resolution), where single pixels sample the shadow coarsely. Perspective shifts it by less than 0.001.
 """
 
 import numpy as np

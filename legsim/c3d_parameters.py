@@ -98,7 +98,7 @@ def read_header(path: Path, data: bytes) -> C3dHeader:
 
 def floats(data: bytes, processor: int) -> NDArray[np.float64]:
     """32-bit floating-point numbers of a processor family; DEC's have their words swapped and are four times as large."""
-    # damage may look like a signalling NaN
+    # damage may look like a signaling NaN
     with np.errstate(invalid="ignore"):
         if processor == DEC:
             swapped = np.frombuffer(data, "<u2").reshape(-1, 2)[:, ::-1]

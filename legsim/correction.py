@@ -29,7 +29,7 @@ def rigid_motion(times: ArrayLike, world_from_body: ArrayLike, *, order: Order =
         world_from_body: (v, 4, 4). Any frame fixed in the body gives the same motion.
         order: "pose" is M(i) = S(i) S(0)^-1, which carries the first pose to the current one. "printed" is the recursion
             M(i+1) = M(i) Dg(i) with Dg(i) = S(i+1) S(i)^-1 as printed in Maier et al. 2022, section 2.5: it multiplies from the
-            wrong side and misses by a third of a millimetre for a few millimetres of sway.
+            wrong side and misses by a third of a millimeter for a few millimeters of sway.
 
     Raises:
         LegsimError: a wrong shape, times that do not increase, or an unknown order.

@@ -250,7 +250,7 @@ class RegistrationError:
 
 
 def registration_error(reference: Volume, regions: Sequence[Region]) -> RegistrationError:
-    """The registration's own error: the reference is moved by a known millimetre and degree, registered back, and the two compared."""
+    """The registration's own error: the reference is moved by a known millimeter and degree, registered back, and the two compared."""
     union = np.logical_or.reduce([region.mask for region in regions])
     box = _box(union, reference.grid)
     grid, mask = reference.grid.cropped(box), union[box]

@@ -26,7 +26,7 @@ class ConeBeamGeometry:
     shape_vu: tuple[int, int]
     """(rows, columns)"""
     pixel_pitch: float = 1e-3
-    """m between neighbouring columns on the detector. Rays do not depend on it: it only says how far away the detector is."""
+    """m between neighboring columns on the detector. Rays do not depend on it: it only says how far away the detector is."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "times", increasing_times("ConeBeamGeometry.times", self.times))
@@ -113,7 +113,7 @@ class ConeBeamGeometry:
         return replace(self, matrices=self.matrices @ np.asarray(moved_from_reference, float))
 
     def rotation_center(self) -> FloatArray:
-        """(3,) point nearest to all principal rays: the isocentre of a circular scan."""
+        """(3,) point nearest to all principal rays: the isocenter of a circular scan."""
         return _nearest_point_to_principal_rays(self.matrices)
 
 

@@ -1,4 +1,4 @@
-"""Geometry files: legsim's JSON, RTK's XML and plain 3x4 matrices, all in millimetres, read and written to the same meaning.
+"""Geometry files: legsim's JSON, RTK's XML and plain 3x4 matrices, all in millimeters, read and written to the same meaning.
 
 RTK's nine parameters a view were checked against RTK 2.7: with R = Rz(-in plane) Rx(-out of plane) Ry(-gantry), s the source offset and
 o the detector offset, its matrix is [[-SDD, 0, sx - ox], [0, -SDD, sy - oy], [0, 0, 1]] [R | (-sx, -sy, -SID)], in mm on the detector.
@@ -228,7 +228,7 @@ def _rtk_parameters(path: Path, matrix_mm: FloatArray, view: int) -> list[float]
     return [float(x) for x in (angles[0] % 360.0, source[2], distance, source[0], source[1], *offsets, angles[1], angles[2])]
 
 
-def _millimetres_from_pixels(shape_vu: tuple[int, int], pixel_mm: float) -> FloatArray:
+def _millimeters_from_pixels(shape_vu: tuple[int, int], pixel_mm: float) -> FloatArray:
     """(3, 3) from pixel coordinates to mm on a detector whose middle is the origin."""
     rows, columns = shape_vu
     return np.array([[pixel_mm, 0, -pixel_mm * (columns - 1) / 2], [0, pixel_mm, -pixel_mm * (rows - 1) / 2], [0, 0, 1]])
@@ -239,7 +239,7 @@ def _rtk_text(path: Path, geometry: ConeBeamGeometry) -> str:
     pixel_mm = geometry.pixel_pitch * 1e3
     note = json.dumps({"columns": columns, "rows": rows, "pixel_mm": pixel_mm, "times_s": geometry.times.tolist()})
     lines = ['<?xml version="1.0"?>', "<!DOCTYPE RTKGEOMETRY>", '<RTKThreeDCircularGeometry version="3">', f"  <!-- legsim {note} -->"]
-    for view, matrix in enumerate(_millimetres_from_pixels(geometry.shape_vu, pixel_mm) @ _matrices_mm(geometry)):
+    for view, matrix in enumerate(_millimeters_from_pixels(geometry.shape_vu, pixel_mm) @ _matrices_mm(geometry)):
         parameters = _rtk_parameters(path, matrix, view)
         written = _rtk_matrix(dict(zip(_RTK_PARAMETERS, parameters, strict=True)))
         lines += ["  <Projection>"]
@@ -266,7 +266,7 @@ def _load_rtk(path: Path, shape_vu: tuple[int, int] | None, pixel_mm: float | No
     matrices = np.array(_rtk_matrices(path, root))
     if times is None or len(times) != len(matrices):
         times = np.arange(len(matrices)) / view_rate_hz
-    return _geometry(path, times, np.linalg.inv(_millimetres_from_pixels(shape_vu, pixel_mm)) @ matrices, shape_vu, pixel_mm)
+    return _geometry(path, times, np.linalg.inv(_millimeters_from_pixels(shape_vu, pixel_mm)) @ matrices, shape_vu, pixel_mm)
 
 
 def _legsim_note(root: ElementTree.Element) -> dict[str, Any] | None:

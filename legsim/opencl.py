@@ -124,7 +124,7 @@ class Device:
 
 def _build(context: cl.Context, source: str, options: list[str]) -> cl.Program:
     with warnings.catch_warnings():
-        # Intel's compiler reports vectorisation remarks as output, which pyopencl turns into this warning
+        # Intel's compiler reports vectorization remarks as output, which pyopencl turns into this warning
         warnings.simplefilter("ignore", cl.CompilerWarning)
         return cl.Program(context, source).build(options=options)
 

@@ -18,7 +18,7 @@ def fill(positions: FloatArray, others: FloatArray, gaps: Sequence[tuple[int, in
     """Copy of (n, 3) with gaps filled from the markers ``others`` (n, k, 3) where three or more of these are seen throughout.
 
     The marker's place among the others is taken just before and just after the gap, and what each side tells is blended linearly,
-    so that the skin's shift between the two does not become a step. Metres.
+    so that the skin's shift between the two does not become a step. Meters.
 
     Args:
         positions: the marker; NaN where it is not seen.

@@ -41,7 +41,7 @@ class _Rows:
     frames: list[int]
     time_texts: list[str]
     values: list[list[float]]
-    unlabelled: int
+    unlabeled: int
     """rows that hold more columns than there are names"""
 
 
@@ -163,14 +163,14 @@ def _names(path: Path, line: str, place: str) -> tuple[str, ...]:
 def _rows(path: Path, lines: list[str], header: _Header) -> _Rows:
     width = 3 * len(header.names)
     rows = _Rows([], [], [], [], 0)
-    unlabelled = 0
+    unlabeled = 0
     for k in range(header.first_row, len(lines)):
         line = lines[k]
         if not re.sub(r"[\s,;]", "", line):
             continue
         place = f"line {k + 1}"
         frame, time_text, cells = _cells(path, place, line, width)
-        unlabelled += len(cells) > width
+        unlabeled += len(cells) > width
         rows.lines.append(k + 1)
         rows.frames.append(frame)
         rows.time_texts.append(time_text)
@@ -178,7 +178,7 @@ def _rows(path: Path, lines: list[str], header: _Header) -> _Rows:
     if not rows.lines:
         raise at(path, "there is no row of data", _EXPORT_AGAIN, place=f"line {header.first_row + 1}")
     _check_end(path, lines, header, rows)
-    return _Rows(rows.lines, rows.frames, rows.time_texts, rows.values, unlabelled)
+    return _Rows(rows.lines, rows.frames, rows.time_texts, rows.values, unlabeled)
 
 
 def _cells(path: Path, place: str, line: str, width: int) -> tuple[int, str, list[str]]:
@@ -315,6 +315,6 @@ def _notes(header: _Header, rows: _Rows) -> tuple[str, ...]:
     notes = []
     if header.frames is not None and header.frames != len(rows.lines):
         notes.append(f"the header says {header.frames} frames; {len(rows.lines)} are there and read")
-    if rows.unlabelled:
-        notes.append(f"{rows.unlabelled} rows hold columns beyond the named markers: unlabelled, ignored")
+    if rows.unlabeled:
+        notes.append(f"{rows.unlabeled} rows hold columns beyond the named markers: unlabeled, ignored")
     return tuple(notes)

@@ -24,7 +24,7 @@ def labels(phantom: Phantom, grid: VolumeGrid, device: Device, *, posed: Sequenc
         LegsimError: a part is not closed, or posed vertices do not fit.
     """
     if len(phantom.parts) > _MOST_PARTS:
-        raise LegsimError(f"a phantom of {len(phantom.parts)} parts cannot be labelled; the limit is {_MOST_PARTS}")
+        raise LegsimError(f"a phantom of {len(phantom.parts)} parts cannot be labeled; the limit is {_MOST_PARTS}")
     raster = MeshRaster(phantom, device)
     raster.move(posed)
     raster.place(_voxels_from_world(grid))

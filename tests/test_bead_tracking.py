@@ -29,7 +29,7 @@ def beads(count: int = 12) -> np.ndarray:
 
 
 def sway(seed: int, size: float = 1.0) -> RigidMotion:
-    """Millimetres and a degree, at rest at the first view."""
+    """Millimeters and a degree, at rest at the first view."""
     rng = np.random.default_rng(seed)
     phases, rates = rng.uniform(0, 2 * np.pi, (2, 3, 6)) * np.array([1, 0.3])[:, None, None]
     vectors = np.sin(phases[0][..., None] + 2 * np.pi * rates[..., None] * TIMES).sum(0).T * size

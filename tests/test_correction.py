@@ -88,7 +88,7 @@ def test_printed_order_is_the_product_from_the_wrong_side():
     np.testing.assert_allclose(both[0], both[1], atol=1e-12)
 
 
-def test_printed_order_costs_two_tenths_of_a_millimetre_for_six_of_sway():
+def test_printed_order_costs_two_tenths_of_a_millimeter_for_six_of_sway():
     """Ranges of 6 mm and 1.8 deg over 8 s, seen at a knee 14 cm from the sensor, in 40 drawn sways: 0.20 mm RMS, up to 0.39 within a sd."""
     views, found = np.arange(248) / 31, []
     for seed in range(40):

@@ -50,7 +50,7 @@ def test_order_of_the_accurate_scheme():
 
 
 def test_printed_recursion_drifts_as_a_first_order_scheme_does():
-    # millimetres at every rate, and only half of it gone when the rate doubles
+    # millimeters at every rate, and only half of it gone when the rate doubles
     sway = Sway.standing(3)
     found = []
     for rate_hz in (31, 62, 124):

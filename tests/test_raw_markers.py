@@ -1,4 +1,4 @@
-"""From a file's unit and axes to metres in world, and what is up."""
+"""From a file's unit and axes to meters in world, and what is up."""
 
 import numpy as np
 import pytest
@@ -88,7 +88,7 @@ def test_equal_labels_become_different(labels, expected):
     assert raw_markers.distinct(labels) == expected
 
 
-def test_millimetres_are_divided_not_multiplied():
+def test_millimeters_are_divided_not_multiplied():
     assert raw([[[49.0, 1, 1]]], ["a"], unit="mm").to_motion(up="y").positions_world[0, 0, 0] == 0.049
 
 

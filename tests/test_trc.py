@@ -151,10 +151,10 @@ def test_rows_that_leave_out_closing_blanks_are_padded(write):
     assert np.isnan(found.positions_world[2, 0]).all()
 
 
-def test_columns_beyond_the_named_markers_are_unlabelled_and_left_out(write):
+def test_columns_beyond_the_named_markers_are_unlabeled_and_left_out(write):
     raw = trc.read(write(text([ROWS[0] + "\t7\t8\t9", *ROWS[1:]])))
     assert raw.labels == ("A", "B")
-    assert raw.notes == ("1 rows hold columns beyond the named markers: unlabelled, ignored",)
+    assert raw.notes == ("1 rows hold columns beyond the named markers: unlabeled, ignored",)
 
 
 def test_a_column_without_a_name_between_named_ones_is_left_out(write):

@@ -25,7 +25,7 @@ EXPONENTS = (0.0, 1.0, 2.0, 3.0, 4.0, 5.0, None)
 
 
 def standing(leg: Leg, times: FloatArray, rng: np.random.Generator) -> JointTrajectories:
-    """All coordinates swaying slowly, by millimetres and tenths of a degree, about a squat of 30 degrees."""
+    """All coordinates swaying slowly, by millimeters and tenths of a degree, about a squat of 30 degrees."""
     base = leg.default_coordinates.copy()
     for name, degrees in (("hip_flexion", 25.0), ("knee_angle", -30.0), ("ankle_angle", 15.0)):
         for side in "lr":
@@ -39,8 +39,8 @@ def standing(leg: Leg, times: FloatArray, rng: np.random.Generator) -> JointTraj
 def cell(clean: ImuSignals, start: SensorStart, views: FloatArray, noise: ImuNoise, scheme: Scheme, repeats: int) -> tuple[float, float]:
     """(mm, deg) mean deviation of ``repeats`` draws; the same draws in every cell."""
     draws = [in_mm_and_degrees(d) for d in noise_ladder.deviations(clean, start, views, noise, scheme, range(repeats))]
-    millimetres, degrees = np.mean(draws, 0)
-    return float(millimetres), float(degrees)
+    millimeters, degrees = np.mean(draws, 0)
+    return float(millimeters), float(degrees)
 
 
 def in_mm_and_degrees(deviation: Deviation) -> tuple[float, float]:
@@ -76,10 +76,10 @@ def drift_lines(leg: Leg, splines: JointSplines, views: FloatArray) -> list[str]
         schemes: tuple[tuple[Scheme, FloatArray], ...] = (("accurate", views), ("printed", times[times <= views[-1]]))
         for scheme, at in schemes:
             truth = imu.sensor_poses(leg, splines, [sensor], at).of(sensor.name)
-            millimetres, degrees = in_mm_and_degrees(
+            millimeters, degrees = in_mm_and_degrees(
                 noise_ladder.deviation(pose_estimation.estimate(times, rate, force, start, at, scheme=scheme), truth)
             )
-            lines.append(f"{scheme:>9} {rate_hz:6.0f} Hz {millimetres:10.2g} mm {degrees:10.2g} deg")
+            lines.append(f"{scheme:>9} {rate_hz:6.0f} Hz {millimeters:10.2g} mm {degrees:10.2g} deg")
     return lines
 
 

@@ -1,4 +1,4 @@
-"""Files of one trial: the TRC that a motion-capture system would write, labelled synthetic, and the truth beside it."""
+"""Files of one trial: the TRC that a motion-capture system would write, labeled synthetic, and the truth beside it."""
 
 from pathlib import Path
 
