@@ -1,3 +1,6 @@
+import re
+from pathlib import Path
+
 import pytest
 
 from legsim import config
@@ -65,3 +68,11 @@ def test_bad_arguments_are_refused(arguments, message):
 def test_a_missing_file_is_named(tmp_path):
     with pytest.raises(LegsimError, match=r"nowhere\.toml: no such file"):
         config.load(tmp_path / "nowhere.toml")
+
+
+def test_the_detector_in_the_documents_can_be_set(tmp_path):
+    page = (Path(__file__).parents[1] / "docs/projector.md").read_text()
+    (text,) = re.findall(r"```toml\n(.*?)```", page, re.S)
+    (tmp_path / "c.toml").write_text(text)
+    scan = config.load(tmp_path / "c.toml").scan
+    assert (scan.detector.photons, scan.spectrum.kvp, len(scan.detector.lag_times_s)) == (20000, 90, len(scan.detector.lag_fractions))

@@ -1,3 +1,6 @@
+import re
+from pathlib import Path
+
 import numpy as np
 import pytest
 from reference_sway import Sway
@@ -132,6 +135,16 @@ def test_users_own_methods_fit_the_seam():
 
     method: correction.CorrectionMethod = drop_half
     assert method(scan()).method == "mine"
+
+
+def test_the_method_in_the_documents_is_whole():
+    page = (Path(__file__).parents[1] / "docs/methods.md").read_text()
+    (text,) = re.findall(r"```python\n(.*?)```", page.partition("## Your own")[2], re.S)
+    written: dict[str, correction.CorrectionMethod] = {}
+    exec(text, written)
+    found = correction.guarded("mine", written["follow_last"])(scan())
+    assert isinstance(found.motion, RigidMotion)
+    assert found.method == "follow_last"
 
 
 def test_a_users_method_that_works_is_left_alone():

@@ -1,5 +1,8 @@
 """The shipped marker sets are sound and fit the recordings they were made for; a user's own is checked."""
 
+import re
+from pathlib import Path
+
 import pytest
 
 from legsim import marker_sets, motion_files
@@ -118,3 +121,13 @@ def test_an_unknown_set_and_a_missing_file_are_refused(tmp_path):
         marker_sets.load("helen")
     with pytest.raises(LegsimError, match="cannot be read"):
         marker_sets.load(tmp_path / "none.toml")
+
+
+def test_the_map_in_the_documents_covers_what_is_needed(tmp_path):
+    page = (Path(__file__).parents[1] / "docs/formats.md").read_text()
+    (text,) = re.findall(r"```toml\n(.*?)```", page, re.S)
+    (tmp_path / "mine.toml").write_text(text)
+    mine = marker_sets.load(str(tmp_path / "mine.toml"))
+    labels = [label for alternatives in mine.alternatives for label in alternatives[-1]]
+    assert not mine.missing_in(labels)
+    assert mine.found_in(labels)["sacrum"] == ("PSIS right", "PSIS left")

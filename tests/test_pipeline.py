@@ -1,5 +1,7 @@
+import importlib.util
 import json
 import os
+import re
 import subprocess
 import sys
 from dataclasses import replace
@@ -186,3 +188,27 @@ def test_residual_of_the_truth_is_what_the_femur_adds(tiny_run):
     assert results["static"].residual_mm is None
     assert 0 < results["oracle"].residual_mm < results["uncorrected"].residual_mm
     assert replace(results["rigid"], residual_mm=0).method == "rigid"
+
+
+def test_the_example_makes_scans_with_their_truth(tmp_path):
+    documents = Path(__file__).parents[1] / "docs"
+    spec = importlib.util.spec_from_file_location("many_scans", documents / "examples/many_scans.py")
+    example = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(example)
+    tiny = ("scan.views=31", "scan.increment_deg=6.6", "scan.rate_hz=3.875", "scan.columns=62", "scan.rows=48", "scan.pixel_mm=6.16")
+    example.main(tmp_path, 7, 1, (*tiny, "scan.rays_per_pixel=1", "grid.voxels=40", "grid.voxel_mm=6.0", "methods.node_mm=24"))
+    folder = tmp_path / "00007"
+    page = (documents / "study.md").read_text().partition("## Many scans as data")[2]
+    promised = re.findall(r"^\| `([\w.-]+)` \|", page, re.M)
+    assert len(promised) > 5
+    assert not [name for name in promised if not (folder / name).exists()]
+    rmse = {m["method"]: m["metrics"]["regions"][0]["rmse"] for m in json.loads((folder / "metrics.json").read_text())["methods"]}
+    assert rmse["oracle-nonrigid"] < rmse["uncorrected"]
+    # the documents' own lines, for this folder
+    (reading,) = re.findall(r"```python\n(.*?)```", page, re.S)
+    read: dict = {}
+    exec(reading.replace("data/00000", str(folder)), read)
+    assert read["measured"].shape == (31, 48, 62)
+    assert read["wanted"].shape == (40, 40, 40)
+    assert len(read["motion"]) == 31
+    assert np.abs(read["motion"]).max() > 1e-4

@@ -1,5 +1,8 @@
 """STUDY.toml: strict about its keys, recordings relative to the file, every shipped study plans."""
 
+import re
+from pathlib import Path
+
 import pytest
 
 from legsim import study, study_config
@@ -119,3 +122,11 @@ def test_a_recording_that_is_not_there_is_told_before_anything_runs(tmp_path):
     asked, base = load(tmp_path, PLAIN.replace("squat_30", "squat_45"))
     with pytest.raises(LegsimError, match="squat_45"):
         study.plan(asked, base, tmp_path)
+
+
+def test_the_study_in_the_documents_can_be_read(tmp_path):
+    page = (Path(__file__).parents[1] / "docs/study.md").read_text()
+    (text,) = re.findall(r"```toml\n(.*?)```", page, re.S)
+    asked, _ = load(tmp_path, text)
+    assert asked.subjects == ("anna", "ben")
+    assert asked.noise[0].repetitions == 3
