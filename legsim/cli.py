@@ -167,7 +167,8 @@ def replay(
     motion: Annotated[
         Path,
         typer.Argument(
-            metavar="MOTION", help="Markers (.trc, .c3d), solved for joint angles; or coordinates (.mot, .sto), taken as they are."
+            metavar="MOTION",
+            help="Markers (.trc, .c3d, .csv), solved for joint angles; or coordinates (.mot, .sto, .csv), taken as they are.",
         ),
     ],
     out: OutFolder = Path("replay"),
@@ -298,8 +299,8 @@ def reconstruct(
 
 @app.command()
 def evaluate(
-    volume: Annotated[Path, typer.Argument(metavar="VOLUME")],
-    reference: Annotated[Path, typer.Argument(metavar="REFERENCE")],
+    volume: Annotated[Path, typer.Argument(metavar="VOLUME", help="1/mm: .mha, .nii or whatever else ITK reads.")],
+    reference: Annotated[Path, typer.Argument(metavar="REFERENCE", help="The volume to compare with, on the same grid.")],
     regions: Annotated[
         Path | None,
         typer.Option(help="Label volume on the same grid (each value above 0 a region). Default: the largest upright cylinder."),

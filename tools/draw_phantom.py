@@ -76,7 +76,7 @@ def draw_slices(
     phantom: LegPhantom, vertices: Sequence[Array], path: Path, planes: Sequence[tuple[int, float]], around: Array, half: float
 ) -> None:
     """Pictures of several planes, (axis, offset from ``around``), in gray like a scan."""
-    figure, frames = plt.subplots(2, (len(planes) + 1) // 2, figsize=(4.1 * ((len(planes) + 1) // 2), 8.4))
+    figure, frames = plt.subplots(2, (len(planes) + 1) // 2, figsize=(4.1 * ((len(planes) + 1) // 2), 8.8), layout="constrained")
     for frame in frames.flat:
         frame.axis("off")
     for (axis, offset), frame in zip(planes, frames.flat, strict=False):
@@ -88,19 +88,18 @@ def draw_slices(
         frame.imshow(image, cmap="gray", origin="lower", vmin=14, vmax=45, extent=(-half, half, -half, half))
         name = {0: "coronal", 1: "axial", 2: "sagittal"}[axis]
         frame.set_title(f"{name}, {AXES[axis]} {offset * 1e3:+.0f} mm", fontsize=10)
-    figure.tight_layout()
     figure.savefig(path, dpi=75)
     plt.close(figure)
 
 
 def draw_poses(phantom: LegPhantom, path: Path, angles: Sequence[float]) -> None:
-    """The right leg from its side at several flexions: skin outline with the bones inside, shaded."""
+    """The right leg from its side at several flexions: the bones, shaded, in front of a pale skin."""
     figure, frames = plt.subplots(1, len(angles), figsize=(4.2 * len(angles), 7))
     for angle, frame in zip(angles, frames.flat, strict=True):
         vertices = phantom.posed(flexed(angle, hip_degrees=0.5 * angle), SEGMENTS)
         for part, moved in zip(phantom.phantom.parts, vertices, strict=True):
             if part.name.endswith("_r") and (part.name.startswith("skin") or part.material in ("cortical_bone", "cartilage")):
-                _shade(frame, np.asarray(moved), part.triangles, 0.25 if part.name.startswith("skin") else 1.0)
+                _shade(frame, np.asarray(moved), part.triangles, pale=part.name.startswith("skin"))
         frame.set_title(f"{angle:g}° of flexion")
         frame.set_aspect("equal")
         frame.axis("off")
@@ -109,16 +108,18 @@ def draw_poses(phantom: LegPhantom, path: Path, angles: Sequence[float]) -> None
     plt.close(figure)
 
 
-def _shade(frame: Axes, vertices: Array, triangles: np.ndarray, opacity: float) -> None:
+def _shade(frame: Axes, vertices: Array, triangles: np.ndarray, *, pale: bool) -> None:
     corners = vertices[triangles]
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normal /= np.linalg.norm(normal, axis=1, keepdims=True) + 1e-20
     front = np.flatnonzero(normal[:, 2] > 0)
     front = front[np.argsort(corners[front, :, 2].mean(1))]
     shade = 0.35 + 0.6 * np.clip(normal[front] @ np.array([0.4, 0.4, 0.82]), 0, 1)
-    tint = np.array([0.85, 0.65, 0.55]) if opacity < 1 else np.array([1.0, 0.98, 0.9])
-    colors = np.concatenate([shade[:, None] * tint, np.full((len(front), 1), opacity)], 1)
-    frame.add_collection(PolyCollection(list(corners[front][:, :, :2]), facecolors=colors, edgecolors="none"))
+    colors = shade[:, None] * np.array([1.0, 0.98, 0.9])
+    if pale:
+        colors = 0.75 + 0.25 * shade[:, None] * np.array([0.85, 0.65, 0.55])
+    # edges of the face's color close the seams that antialiasing leaves between neighbors
+    frame.add_collection(PolyCollection(list(corners[front][:, :, :2]), facecolors=colors, edgecolors="face", linewidths=0.3))
     frame.autoscale_view()
 
 
@@ -130,8 +131,10 @@ def main() -> None:
     arguments = parser.parse_args()
     arguments.out.mkdir(parents=True, exist_ok=True)
     phantom = leg_phantom.load(detail=arguments.detail)
-    planes = [(1, 0.004), (1, -0.018), (1, -0.042), (1, -0.08), (2, 0.0), (2, 0.024), (2, -0.024), (0, -0.012)]
-    for degrees in (0, 60):
+    upright = [(2, 0.0), (2, 0.024), (2, -0.024), (0, -0.012)]
+    # axial planes of the bent knee that do not pass below it
+    for degrees, lowest in ((0, -0.08), (60, 0.03)):
+        planes = [(1, 0.004), (1, -0.018), (1, -0.042), (1, lowest), *upright]
         poses = flexed(degrees)
         knee = poses[SEGMENTS.index("tibia_r"), :3, 3]
         name = "phantom_slices.png" if degrees == 0 else f"phantom_slices_{degrees}.png"
