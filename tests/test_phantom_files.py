@@ -1,10 +1,13 @@
 """PHANTOM.toml: every kind of mesh loads to the same surface, and each fault is told of the file it is in."""
 
+import re
+from pathlib import Path
+
 import numpy as np
 import pytest
 import trimesh
 
-from legsim import materials, phantom_files, transforms
+from legsim import geometry_files, materials, phantom_files, transforms
 from legsim.errors import LegsimError
 
 
@@ -202,3 +205,17 @@ def test_a_part_that_juts_out_somewhere_is_not_hidden(tmp_path):
     mixed = trimesh.Trimesh(inner.vertices[order], np.argsort(order)[inner.faces], process=False)
     path = write(tmp_path, entry("lump", "lump.ply"), entry("over", "over.ply"), lump_ply=mixed, over_ply=ball(30))
     assert [part.name for part in phantom_files.load(path).parts] == ["lump", "over"]
+
+
+def test_the_phantom_and_geometry_in_the_documents_are_whole(tmp_path, monkeypatch):
+    section = (Path(__file__).parents[1] / "docs/projector.md").read_text().partition("## Own meshes")[2]
+    (text,), (code,) = (re.findall(rf"```{kind}\n(.*?)```", section, re.S) for kind in ("toml", "python"))
+    ball(40).export(tmp_path / "cup.stl")
+    ball(10).export(tmp_path / "rod.ply")
+    (tmp_path / "phantom.toml").write_text(text)
+    phantom = phantom_files.load(tmp_path / "phantom.toml")
+    assert [part.name for part in phantom.parts] == ["cup", "rod"]
+    assert phantom.parts[0].attenuation < phantom.parts[1].attenuation
+    monkeypatch.chdir(tmp_path)
+    exec(code, {})
+    assert geometry_files.load(tmp_path / "geometry.json").shape_vu == (240, 310)
