@@ -155,6 +155,7 @@ def test_photons_of_each_run_and_a_true_field_take_disk(through):
     assert told(methods='"rigid", "oracle-nonrigid"]') - told() == volume + 3 * 4 * 62 * nodes
 
 
+@pytest.mark.filterwarnings("ignore::legsim.redundancy.ShortScanWarning")
 def test_the_example_sets_a_users_own_method_beside_the_others(tmp_path):
     asked, base = study_config.load(str(EXAMPLE), overrides=TINY)
     planned = study.plan(asked, base, tmp_path)
