@@ -136,7 +136,7 @@ def _table(title: str, columns: tuple[str, ...], rows: list[tuple[str, ...]]) ->
 
 @app.command()
 def run(
-    config_file: Annotated[Path | None, typer.Argument(metavar="[CONFIG.toml]", help="What to change against the preset.")] = None,
+    config_file: Annotated[Path | None, typer.Argument(metavar="CONFIG.toml", help="What to change against the preset.")] = None,
     preset: Annotated[
         Preset, typer.Option(help="paper: 620x480 pixels, 512^3 voxels; half: half of both; demo: minutes on a laptop.")
     ] = Preset.paper,
@@ -271,8 +271,10 @@ def reconstruct(
     geometry: GeometryOption,
     motion: Annotated[Path | None, typer.Option(help="motion-<method>.npz of a run: the motion to compensate.")] = None,
     like: Annotated[Path | None, typer.Option(help="A volume whose grid to use.")] = None,
-    shape_zyx: Annotated[tuple[int, int, int] | None, typer.Option(help="Voxels along z, y, x.")] = None,
-    spacing_mm: Annotated[tuple[float, float, float] | None, typer.Option(help="Voxel spacing along x, y, z.")] = None,
+    shape_zyx: Annotated[tuple[int, int, int] | None, typer.Option(help="Voxels along z, y, x; where there is no --like.")] = None,
+    spacing_mm: Annotated[
+        tuple[float, float, float] | None, typer.Option(help="Voxel spacing along x, y, z; where there is no --like.")
+    ] = None,
     center_mm: Annotated[tuple[float, float, float] | None, typer.Option(help="Middle of the grid. Default: the rotation center.")] = None,
     out: Annotated[Path, typer.Option("--out", help="Volume, 1/mm.")] = Path("volume.mha"),
     device: DeviceOption = None,
@@ -395,7 +397,7 @@ def view(folder: Annotated[Path, typer.Argument(metavar="DIR", help="A folder ma
 
 
 @app.command("doctor")
-def doctor_command(folder: Annotated[Path, typer.Argument(metavar="[DIR]", help="Where results would go.")] = Path()) -> None:
+def doctor_command(folder: Annotated[Path, typer.Argument(metavar="DIR", help="Where results would go.")] = Path()) -> None:
     """What works here: OpenCL devices (each probed by running a kernel), memory, disk, rerun, formats."""
     from legsim import doctor
 
