@@ -44,13 +44,6 @@ voxel_mm = 6.0
 """
 
 
-EXAMPLE = Path(__file__).parents[1] / "docs/examples/own_study.toml"
-TINY = (
-    *("scan.views=62", "scan.increment_deg=3.3", "scan.rate_hz=7.75", "scan.columns=62", "scan.rows=48", "scan.pixel_mm=6.16"),
-    *("grid.voxels=40", "grid.voxel_mm=6.0"),
-)
-
-
 def command(folder: Path, *options: str) -> list[str]:
     call = "from legsim.cli import main; main()"
     return [sys.executable, "-c", call, "study", str(folder / "STUDY.toml"), "--out", str(folder / "out"), *options]
@@ -153,20 +146,3 @@ def test_photons_of_each_run_and_a_true_field_take_disk(through):
     exposures, volume, nodes = 2 * 4 * 62 * 62 * 48, 4 * 40**3, 31**3
     assert told("scan.detector.photons=1e5") - told() == exposures + volume
     assert told(methods='"rigid", "oracle-nonrigid"]') - told() == volume + 3 * 4 * 62 * nodes
-
-
-@pytest.mark.filterwarnings("ignore::legsim.redundancy.ShortScanWarning")
-def test_the_example_sets_a_users_own_method_beside_the_others(tmp_path):
-    asked, base = study_config.load(str(EXAMPLE), overrides=TINY)
-    planned = study.plan(asked, base, tmp_path)
-    results = study.run(asked, planned, tmp_path, command="", on_done=lambda *_: None, on_progress=lambda *_: None)
-    assert not results.failures
-    left = {(s.method, s.noise is None): s.residuals[1].mm for s in results.scores}
-    assert left.keys() == {
-        *((m, True) for m in ("static", "uncorrected", "rigid", "without_drift", "oracle")),
-        *((m, False) for m in ("static", "rigid", "without_drift")),
-    }
-    # what it is for: noise makes the tibia drift by millimeters, in a line for the most part
-    assert left["without_drift", False] < 0.7 * left["rigid", False]
-    assert left["rigid", False] > 1
-    assert "without_drift" in (tmp_path / "report.html").read_text()

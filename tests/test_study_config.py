@@ -130,3 +130,13 @@ def test_the_study_in_the_documents_can_be_read(tmp_path):
     asked, _ = load(tmp_path, text)
     assert asked.subjects == ("anna", "ben")
     assert asked.noise[0].repetitions == 3
+
+
+def test_the_example_plans_with_a_users_own_method_found_beside_it(tmp_path):
+    example = Path(__file__).parents[1] / "docs/examples/own_study.toml"
+    asked, base = study_config.load(str(example))
+    clean, noisy = study.plan(asked, base, tmp_path).scans
+    own = f"{example.parent / 'own_method.py'}:without_drift"
+    assert own in clean.settings.methods.run
+    assert noisy.settings.methods.run == ("static", "rigid", own)
+    assert noisy.settings.imu.noise.kind == "paper"
