@@ -321,7 +321,11 @@ def evaluate(
 @app.command()
 def study(
     study_file: Annotated[
-        str, typer.Argument(metavar="STUDY", help="A STUDY.toml, or a study that comes with legsim: table1, table2, table3, quick.")
+        str,
+        typer.Argument(
+            metavar="STUDY",
+            help="A STUDY.toml, or a study that comes with legsim: quick, table1, table1_one_leg, table1_paper, table2, table3.",
+        ),
     ],
     out: OutFolder = Path("study"),
     preset: Annotated[Preset | None, typer.Option(help="Size of the scans, instead of the study's own.")] = None,
