@@ -89,7 +89,7 @@ def _bones(phantom: LegPhantom) -> tuple[SegmentMesh, ...]:
 
 
 def _floor(poses: SegmentPoses) -> float:
-    """Height of the soles: 4 cm below the lowest toe joint, the median over the recording."""
+    """Height of the soles: 2 cm below the lower toe joint, the median over the recording."""
     return float(np.median(np.minimum(poses.of("toes_l")[:, 1, 3], poses.of("toes_r")[:, 1, 3]))) - 0.02
 
 

@@ -11,11 +11,10 @@ from legsim import imu, soft_tissue
 from legsim.errors import LegsimError
 from legsim.imu import JointSplines, Sensor
 from legsim.leg import Leg
-from legsim.signals import SegmentPoses
+from legsim.signals import GRAVITY_WORLD, SegmentPoses
 from legsim.soft_tissue import SoftTissue
 from legsim.swing_share import FARTHEST_SWING, swing_of
 
-_GRAVITY = np.array([0.0, -9.80665, 0.0])
 _LEAST_RATE_HZ, _SAMPLES_A_PERIOD = 120.0, 12.0
 
 
@@ -35,7 +34,7 @@ def swinging(poses: SegmentPoses, leg: Leg, splines: JointSplines, tissue: SoftT
     ]
     force = imu.simulate(leg, splines, middles, times).specific_force
     turned = imu.sensor_poses(leg, splines, middles, times).world_from_segment[..., :3, :3]
-    acceleration = np.einsum("nkij,nkj->nki", turned, force) + _GRAVITY
+    acceleration = np.einsum("nkij,nkj->nki", turned, force) + GRAVITY_WORLD
     shift = soft_tissue.shift(acceleration, (len(times) - 1) / float(last - first), tissue)
     at_views = CubicSpline(times, shift)(poses.times)
     farthest = float(np.linalg.norm(at_views, axis=-1).max())

@@ -8,9 +8,10 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from legsim import transforms
+from legsim.anatomy import JointCenters
 from legsim.arrays import FloatArray
 from legsim.figures.canvas import COLORS, at_least, new_figure, plain, plot_axes, spaced
-from legsim.scene import JointCenters, ReplayScene
+from legsim.scene import ReplayScene
 from legsim.signals import ImuSignals, JointTrajectories, RigidMotion
 
 _TITLE = 0.18

@@ -67,7 +67,7 @@ def _draw(ax: Axes, panel: ErrorPanel) -> None:
             ax.plot(line.exponents, drawn, marker="o", markersize=3, linewidth=1.2, color=COLORS[ours % len(COLORS)], label=line.label)
             ours += 1
     ax.axhline(panel.limit, color="#444444", linestyle="--", linewidth=0.9)
-    unit = panel.axis_label.partition("(")[2].removesuffix(")") or ""
+    unit = panel.axis_label.partition("(")[2].removesuffix(")")
     ax.annotate(f"{panel.limit:g} {unit}", (1, panel.limit), xycoords=("axes fraction", "data"), fontsize=7, ha="right", va="bottom")
     ax.set_yscale("log")
     ax.minorticks_off()
