@@ -23,7 +23,9 @@ def frozen(name: str, values: ArrayLike, shape: Sequence[int | None], dtype: DTy
     if source.ndim != len(shape) or any(n is not None and n != m for n, m in zip(shape, source.shape, strict=True)):
         expected = tuple("any" if n is None else n for n in shape)
         raise LegsimError(f"{name} has shape {source.shape}; expected {expected}")
-    if not source.flags.writeable and source.flags.c_contiguous and (source.base is None or not source.base.flags.writeable):
+    # of memory that is no array's (a file's, a buffer's) nobody knows who else writes to it
+    owned = source.base is None or (isinstance(source.base, np.ndarray) and not source.base.flags.writeable)
+    if owned and source.flags.c_contiguous and not source.flags.writeable:
         return source
     array = np.array(source, order="C")
     array.flags.writeable = False

@@ -21,6 +21,15 @@ def test_a_read_only_view_of_a_writable_array_is_copied():
     assert frozen("x", view, (3,)) is not view
 
 
+def test_an_array_over_foreign_memory_is_copied():
+    stored = bytearray(np.arange(3.0).tobytes())
+    view = np.frombuffer(stored)
+    view.flags.writeable = False
+    kept = frozen("x", view, (3,))
+    stored[:] = bytes(len(stored))
+    np.testing.assert_array_equal(kept, [0, 1, 2])
+
+
 def test_wrong_shapes_are_named():
     with pytest.raises(LegsimError, match=r"x has shape \(3,\); expected \('any', 3\)"):
         frozen("x", np.zeros(3), (None, 3))
