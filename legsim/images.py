@@ -235,7 +235,8 @@ def _ordered_header(path: Path, reader: sitk.ImageFileReader) -> tuple[ImageHead
     size, spacing = np.array(reader.GetSize())[axes], np.array(reader.GetSpacing())[axes]
     flipped = signs < 0
     origin = np.array(reader.GetOrigin()) - np.where(flipped, (size - 1) * spacing, 0.0)
-    header = ImageHeader(tuple(int(n) for n in size), tuple(map(float, spacing)), tuple(map(float, origin)))  # type: ignore[arg-type]
+    (nx, ny, nz), (dx, dy, dz), (x, y, z) = size.tolist(), spacing.tolist(), origin.tolist()
+    header = ImageHeader((nx, ny, nz), (dx, dy, dz), (x, y, z))
     return header, axes, [bool(f) for f in flipped]
 
 
