@@ -67,17 +67,18 @@ def field_of_view(scan: ScanConfig) -> float:
     return float(1e-3 * scan.source_isocenter_mm * np.sin(half_fan))
 
 
-def seen_by_every_view(scan: ScanConfig, grid: VolumeGrid) -> NDArray[np.bool_]:
+def seen_by_every_view(scan: ScanConfig, grid: VolumeGrid, *, margin: float = 0.0) -> NDArray[np.bool_]:
     """Voxels (z, y, x) of a grid around the isocenter that lie on the detector from every source of a whole turn.
 
-    In the cylinder of :func:`field_of_view`, and between the cones from the sources to the detector's upper and lower edge.
+    In the cylinder of :func:`field_of_view`, and between the cones from the sources to the detector's upper and lower edge,
+    there by more than ``margin`` (m) for what moves up and down.
     """
     x, y, z = (axis - middle for axis, middle in zip(grid.axes(), grid.center, strict=True))
     away = np.hypot(x[None, :], z[:, None])
     # the nearest source has the voxel at a depth of source_isocenter - away
     slope = 0.5 * scan.rows * scan.pixel_mm / scan.source_detector_mm
     reach = np.where(away <= field_of_view(scan), slope * (1e-3 * scan.source_isocenter_mm - away), -1.0)
-    return np.abs(y)[None, :, None] <= reach[:, None, :]
+    return np.abs(y)[None, :, None] <= reach[:, None, :] - margin
 
 
 @dataclass(frozen=True, slots=True)
@@ -180,9 +181,7 @@ def project(
             views = range(first, min(first + _VIEWS_AT_ONCE, len(geometry)))
             fine = geometry[views.start : views.stop].finer(rays_per_pixel)
             seen = _arriving(phantom, fine, device, how, None if posed is None else lambda view, first=first: posed(first + view), None)
-            rows, columns = geometry.shape_vu
-            blocks = seen.line_integrals.reshape(len(views), rows, rays_per_pixel, columns, rays_per_pixel)
-            parts.append(blocks.mean((2, 4), dtype=np.float32))
+            parts.append(seen.coarser(rays_per_pixel).line_integrals)
             if progress is not None:
                 progress(views.stop, len(geometry))
         arriving = Projections(geometry, np.concatenate(parts))

@@ -41,9 +41,7 @@ def locate(image: Float32Array, expected: ArrayLike, *, radius_px: float, search
 
 def shadow_radii(geometry: ConeBeamGeometry, centers: ArrayLike, radius: float) -> FloatArray:
     """(v, p) radius in pixels of the shadows of spheres of ``radius`` (m) at ``centers``, (p, 3) or (v, p, 3) m in world."""
-    normal, row = geometry.matrices[:, 2, :3], geometry.matrices[:, 0, :3]
-    focal = np.linalg.norm(row - (row * normal).sum(-1, keepdims=True) * normal, axis=-1)
-    return radius * focal[:, None] / geometry.project(centers)[1]
+    return radius * geometry.focal_lengths()[:, None] / geometry.project(centers)[1]
 
 
 def _nearest(image: Float32Array, at: FloatArray, radius: float, search: float, least_contrast: float) -> FloatArray:

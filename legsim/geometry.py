@@ -92,6 +92,19 @@ class ConeBeamGeometry:
         shape_vu = (factor * rows, factor * columns)
         return replace(self, matrices=parted @ self.matrices, shape_vu=shape_vu, pixel_pitch=self.pixel_pitch / factor)
 
+    def coarser(self, factor: int) -> "ConeBeamGeometry":
+        """The detector whose pixels are blocks of ``factor`` x ``factor`` of these; what is left of a block at the far edges is cut off."""
+        rows, columns = self.shape_vu
+        # the middle of the first block, pixel (factor - 1) / 2 of these, is its pixel 0
+        joined = np.array([[1, 0, 0.5 * (1 - factor)], [0, 1, 0.5 * (1 - factor)], [0, 0, factor]]) / factor
+        shape_vu = (rows // factor, columns // factor)
+        return replace(self, matrices=joined @ self.matrices, shape_vu=shape_vu, pixel_pitch=factor * self.pixel_pitch)
+
+    def focal_lengths(self) -> FloatArray:
+        """(v,) from the source to the detector in columns: the length of each first row across the principal ray."""
+        row, normal = self.matrices[:, 0, :3], self.matrices[:, 2, :3]
+        return np.linalg.norm(row - (row * normal).sum(-1, keepdims=True) * normal, axis=-1)
+
     def sources(self) -> FloatArray:
         """(v, 3) source positions in world."""
         return _source_positions(self.matrices)
@@ -137,7 +150,7 @@ class Projections:
 
     geometry: ConeBeamGeometry
     line_integrals: Float32Array
-    """(v, rows, columns) float32, dimensionless"""
+    """(v, rows, columns) float32, dimensionless; an array of that type is taken over, not copied, and can no more be written"""
 
     def __post_init__(self) -> None:
         expected = (len(self.geometry), *self.geometry.shape_vu)
@@ -145,6 +158,13 @@ class Projections:
         if images.shape != expected:
             raise LegsimError(f"Projections.line_integrals has shape {images.shape}; the geometry says {expected} (views, rows, columns)")
         object.__setattr__(self, "line_integrals", frozen_owned(images))
+
+    def coarser(self, factor: int) -> "Projections":
+        """Means of blocks of ``factor`` x ``factor`` pixels, on :meth:`ConeBeamGeometry.coarser`."""
+        geometry = self.geometry.coarser(factor)
+        rows, columns = geometry.shape_vu
+        whole = self.line_integrals[:, : factor * rows, : factor * columns]
+        return Projections(geometry, whole.reshape(-1, rows, factor, columns, factor).mean((2, 4)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -199,7 +219,7 @@ class Volume:
 
     grid: VolumeGrid
     attenuation: Float32Array
-    """(z, y, x) float32, 1/m"""
+    """(z, y, x) float32, 1/m; taken over as in :class:`Projections`"""
 
     def __post_init__(self) -> None:
         values = np.ascontiguousarray(self.attenuation, np.float32)

@@ -80,7 +80,7 @@ def summarize(geometry: ConeBeamGeometry, phantom: Phantom | None = None) -> Geo
     sources = geometry.sources()
     axis, turned = _turning(sources - center)
     distances = geometry.matrices[:, 2, :3] @ center + geometry.matrices[:, 2, 3]
-    focal = _focal_lengths(geometry.matrices)
+    focal = geometry.focal_lengths()
     detector = focal * geometry.pixel_pitch
     rows, columns = geometry.shape_vu
     steps = np.abs(np.diff(turned))
@@ -129,12 +129,6 @@ def _turning(arms: FloatArray) -> tuple[FloatArray, FloatArray]:
     first = arms[0] - axis * (axis @ arms[0])
     angles = np.arctan2(arms @ np.cross(axis, first), arms @ first)
     return axis, np.unwrap(angles)
-
-
-def _focal_lengths(matrices: FloatArray) -> FloatArray:
-    """(v,) source-detector distance in columns: length of the first row across the principal ray."""
-    across, along = matrices[:, 0, :3], matrices[:, 2, :3]
-    return np.linalg.norm(across - np.einsum("vi,vi->v", across, along)[:, None] * along, axis=1)
 
 
 def _column_planes(geometry: ConeBeamGeometry, u: float) -> FloatArray:

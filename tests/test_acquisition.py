@@ -69,6 +69,17 @@ def test_what_every_view_sees_lies_on_the_detector_and_what_lies_beyond_does_not
     assert (seen & on_detector).sum() > 0.99 * max(seen.sum(), on_detector.sum())
 
 
+def test_what_every_view_sees_by_a_margin_may_move_up_and_down_by_that_much():
+    turn = scan(views=180, increment_deg=2.0, columns=62, rows=48, pixel_mm=6.16)
+    grid = acquisition.volume_grid(config.GridConfig(voxels=40, voxel_mm=6.4), np.zeros(3))
+    whole = acquisition.seen_by_every_view(turn, grid)
+    inner = acquisition.seen_by_every_view(turn, grid, margin=6.4e-3 * 3)
+    # three voxels are cut off above and below, of columns that have so many
+    moved = [np.roll(whole, k, axis=1) for k in (-3, 3)]
+    np.testing.assert_array_equal(inner, whole & moved[0] & moved[1])
+    assert 0 < inner.sum() < whole.sum()
+
+
 def test_the_grid_surrounds_the_isocenter():
     grid = acquisition.volume_grid(config.GridConfig(voxels=20, voxel_mm=2.0), np.array([0.1, 0.5, -0.1]))
     assert (grid.shape_zyx, grid.center) == ((20, 20, 20), (0.1, 0.5, -0.1))

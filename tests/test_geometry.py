@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -119,6 +121,31 @@ def test_a_cropped_grid_keeps_its_voxels_in_place(counts, starts, lengths):
     cropped = grid.cropped(box)
     for axis, part, whole in zip(cropped.axes(), box[::-1], grid.axes(), strict=True):
         np.testing.assert_allclose(axis, whole[part], atol=1e-12)
+
+
+@given(factor=st.integers(1, 4))
+def test_a_coarser_detector_undoes_a_finer_one(factor):
+    geometry = scan()
+    back = geometry.finer(factor).coarser(factor)
+    np.testing.assert_allclose(back.matrices, geometry.matrices, atol=1e-12 * np.abs(geometry.matrices).max())
+    assert (back.shape_vu, back.pixel_pitch) == (geometry.shape_vu, pytest.approx(geometry.pixel_pitch))
+
+
+def test_a_coarser_image_holds_the_means_of_whole_blocks(rng):
+    geometry = replace(scan(), shape_vu=(47, 64))
+    fine = Projections(geometry, rng.random((len(geometry), 47, 64), np.float32))
+    coarse = fine.coarser(3)  # two rows and a column are left over
+    assert coarse.geometry.shape_vu == (15, 21)
+    np.testing.assert_allclose(coarse.line_integrals[2, 4, 5], fine.line_integrals[2, 12:15, 15:18].mean(), rtol=1e-6)
+    np.testing.assert_allclose(coarse.line_integrals[2, 14, 20], fine.line_integrals[2, 42:45, 60:63].mean(), rtol=1e-6)
+    point = geometry.rotation_center()[None]
+    np.testing.assert_allclose(coarse.geometry.project(point)[0], (geometry.project(point)[0] - 1) / 3, atol=1e-9)
+
+
+def test_the_focal_length_is_the_source_detector_distance_in_pixels():
+    geometry = scan()
+    np.testing.assert_allclose(geometry.focal_lengths() * geometry.pixel_pitch, 1.198, rtol=1e-12)
+    np.testing.assert_allclose(geometry.finer(2).focal_lengths(), 2 * geometry.focal_lengths(), rtol=1e-12)
 
 
 @given(factor=st.integers(1, 5), u=st.floats(-0.5, 39.49), v=st.floats(-0.5, 29.49))

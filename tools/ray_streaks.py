@@ -51,6 +51,8 @@ from legsim.signals import RigidMotion, SegmentPoses
 SMALL = ("scan.columns=124", "scan.rows=96", "scan.pixel_mm=3.08", "grid.voxels=96", "grid.voxel_mm=2.6")
 SECONDS, SHORT, FULL = 7.968, 197.6, 360.0
 FINER = 3
+MARGIN = 5e-3
+"""m above and below what every view sees, for the motion"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -147,18 +149,9 @@ def scene(case: Case, motion_file: str, device: Device) -> Scene:
     truth = values.reshape(n, FINER, n, FINER, n, FINER).mean((1, 3, 5), dtype=np.float32)
     labels = voxelizer.labels(phantom.phantom.only(left), grid, device, posed=[vertices[k] for k in left])
     leg = evaluation.leg_regions(labels, grid, float(knee[1]), acquisition.seen_by_every_view(settings.scan, grid))[0]
-    seen = Region("seen", leg.mask & in_every_view(settings, grid))
+    seen = Region("seen", leg.mask & acquisition.seen_by_every_view(settings.scan, grid, margin=MARGIN))
     even = np.asarray(maximum_filter(truth, 5) - minimum_filter(truth, 5) < 1e-3) & seen.mask & (truth > 0)
     return Scene(phantom, poses, geometry, grid, truth, leg, seen, even, parts, case.rays, device)
-
-
-def in_every_view(settings: RunConfig, grid: VolumeGrid, margin: float = 5e-3) -> np.ndarray:
-    """(z, y, x) voxels that the cone holds from wherever on the circle it comes, less a margin (m) for the motion."""
-    scan = settings.scan
-    x, y, z = (axis - center for axis, center in zip(grid.axes(), grid.center, strict=True))
-    nearest = 1e-3 * scan.source_isocenter_mm - np.hypot(x[None, :], z[:, None])
-    height = 0.5e-3 * scan.rows * scan.pixel_mm * nearest / (1e-3 * scan.source_detector_mm) - margin
-    return np.abs(y)[None, :, None] < height[:, None, :]
 
 
 def as_one(poses: SegmentPoses) -> SegmentPoses:

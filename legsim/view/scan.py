@@ -18,7 +18,8 @@ SURFACE_VERTICES = 6_000
 
 def log_c_arm(recorder: Recorder, projections: Projections) -> None:
     """Source, its path, and the detector with what it sees, turning with the views."""
-    binned = downsized(projections)
+    rows, columns = projections.geometry.shape_vu
+    binned = projections.coarser(max(1, min(columns // IMAGE_COLUMNS, rows)))
     geometry = binned.geometry
     intrinsics, world_from_camera, mirrored = cameras(geometry)
     times, rows = recorder.from_start(geometry.times)
@@ -36,20 +37,6 @@ def log_c_arm(recorder: Recorder, projections: Projections) -> None:
     _log_images(recorder, "world/c_arm/detector/projection", times, _grey(upright, float(np.percentile(upright, 99.9)))[rows])
     recorder.static("world/source_path", rr.LineStrips3D([geometry.sources()], radii=rr.Radius.ui_points(1.0), colors=PATH))
     recorder.static("world/c_arm", rr.Points3D([[0, 0, 0]], radii=0.02, colors=(255, 220, 80), labels="source", show_labels=False))
-
-
-def downsized(projections: Projections) -> Projections:
-    """Means of square blocks of pixels, with the geometry of the coarser detector; an incomplete block at the edge is left out."""
-    geometry = projections.geometry
-    rows, columns = geometry.shape_vu
-    factor = max(1, min(columns // IMAGE_COLUMNS, rows))
-    shape_vu = (rows // factor, columns // factor)
-    whole = projections.line_integrals[:, : shape_vu[0] * factor, : shape_vu[1] * factor]
-    images = whole.reshape(len(whole), shape_vu[0], factor, shape_vu[1], factor).mean((2, 4))
-    # the middle of the first block, fine pixel (factor - 1) / 2, is coarse pixel 0
-    offset = (1 - factor) / (2 * factor)
-    coarser = np.array([[1 / factor, 0, offset], [0, 1 / factor, offset], [0, 0, 1.0]])
-    return Projections(ConeBeamGeometry(geometry.times, coarser @ geometry.matrices, shape_vu, factor * geometry.pixel_pitch), images)
 
 
 def cameras(geometry: ConeBeamGeometry) -> tuple[FloatArray, FloatArray, bool]:
