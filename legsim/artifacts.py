@@ -23,6 +23,7 @@ from legsim import memory
 from legsim.arrays import FloatArray
 from legsim.errors import LegsimError, at
 from legsim.geometry import VolumeGrid
+from legsim.motion_paths import Motion
 from legsim.motions import ControlPointMotion, FieldMotion
 from legsim.signals import ImuSignals, RigidMotion, SegmentPoses
 from legsim.stage_store import StageStore
@@ -31,8 +32,6 @@ from legsim.whole_files import PREFIX, whole, write_text
 SCHEMA = 2
 _ABANDONED_S = 3600.0
 """after which a partial file that nobody writes to is taken for left behind"""
-
-Motion = RigidMotion | ControlPointMotion | FieldMotion
 
 
 def sha256(path: Path) -> str:

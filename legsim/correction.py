@@ -15,7 +15,8 @@ from legsim import transforms
 from legsim.arrays import FloatArray, frozen, increasing_times
 from legsim.errors import LegsimError
 from legsim.geometry import Projections
-from legsim.motions import ControlPointMotion, FieldMotion
+from legsim.motion_paths import Motion
+from legsim.motions import ControlPointMotion
 from legsim.signals import ImuSignals, RigidMotion, SensorStart
 
 Order = Literal["pose", "printed"]
@@ -85,7 +86,7 @@ class Correction:
     method: str
     projections: Projections
     """images, warped or as recorded, under the scanner's own geometry: the motion is told apart from it"""
-    motion: RigidMotion | ControlPointMotion | FieldMotion | None
+    motion: Motion | None
     """how the object moved against its reference pose, for the back-projection to follow: M(i) in P(i) M(i), moving least
     squares, or displacements; None where voxels stay (uncorrected scans and warped images)"""
     warped_by: ControlPointMotion | None = None
@@ -100,7 +101,7 @@ class Correction:
             raise LegsimError("the corrected projections hold values that are not numbers; leave such pixels as they were recorded")
         if self.motion is None:
             return
-        if not isinstance(self.motion, RigidMotion | ControlPointMotion | FieldMotion):
+        if not isinstance(self.motion, Motion):
             raise LegsimError(
                 f"a Correction's motion is None, a RigidMotion, a ControlPointMotion or a FieldMotion, not {type(self.motion).__name__}"
             )

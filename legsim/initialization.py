@@ -21,7 +21,7 @@ from legsim.geometry import ConeBeamGeometry
 
 FIDUCIAL_NAMES = ("origin", "x", "y", "z")
 
-Detector = Literal["bounded", "unbounded"]
+DetectorBounds = Literal["bounded", "unbounded"]
 
 _PERSPECTIVE_ROUNDS = 50
 _REFINEMENT_ROUNDS = 50
@@ -86,7 +86,7 @@ def on_detector(geometry: ConeBeamGeometry, world_from_sensor: ArrayLike, fiduci
 
 
 def pose_from_fiducials(
-    geometry: ConeBeamGeometry, view: int, pixels: ArrayLike, fiducials: Fiducials, *, detector: Detector = "bounded"
+    geometry: ConeBeamGeometry, view: int, pixels: ArrayLike, fiducials: Fiducials, *, detector: DetectorBounds = "bounded"
 ) -> PoseFit:
     """The sensor's pose in one view from its four projected points (4, 2), NaN where one is hidden.
 
@@ -120,7 +120,7 @@ def _matrix(geometry: ConeBeamGeometry, view: int) -> FloatArray:
     return geometry.matrices[view]
 
 
-def _check_seen(pixels: FloatArray, geometry: ConeBeamGeometry, view: int, detector: Detector) -> None:
+def _check_seen(pixels: FloatArray, geometry: ConeBeamGeometry, view: int, detector: DetectorBounds) -> None:
     hidden = [name for name, pixel in zip(FIDUCIAL_NAMES, pixels, strict=True) if not np.isfinite(pixel).all()]
     if hidden:
         raise LegsimError(f"view {view}: fiducial {', '.join(hidden)} is hidden; a pose needs all four, take another view or placement")
@@ -207,10 +207,6 @@ class VelocityFit:
     def __post_init__(self) -> None:
         object.__setattr__(self, "velocity", frozen("VelocityFit.velocity", self.velocity, (3,)))
         object.__setattr__(self, "start_shift", frozen("VelocityFit.start_shift", self.start_shift, (3,)))
-
-    def drift(self, position_error: float, duration: float) -> float:
-        """m: how far the velocity's error carries a sensor in ``duration`` seconds, each component's standard deviation."""
-        return self.error_per_position_error * position_error * duration
 
 
 def velocity_from_views(view_times: ArrayLike, seen_positions: ArrayLike, free_positions: ArrayLike) -> VelocityFit:

@@ -80,10 +80,9 @@ class Leg:
     Arrays named ``values`` hold the 20 coordinates in the order of ``coordinate_names``: radians, and meters for pelvis_tx, _ty, _tz.
     """
 
-    __slots__ = ("_address", "_couplings", "_model", "coordinate_ranges", "default_coordinates", "moves", "scales", "segment_parents")
+    __slots__ = ("_address", "_couplings", "_model", "coordinate_ranges", "default_coordinates", "moves", "scales")
 
     coordinate_names = COORDINATES
-    segment_names = SEGMENTS
 
     def __init__(self, model: mujoco.MjModel, couplings: list[_Coupling], scales: SegmentScales) -> None:
         self._model, self._couplings, self.scales = model, couplings, scales
@@ -93,14 +92,11 @@ class Leg:
         """(20, 2) lowest and highest value of each coordinate in gait2392"""
         self.default_coordinates = frozen("default_coordinates", model.qpos0[joints], (20,))
         """(20,) the standing pose: zero but for pelvis_ty"""
-        parents = [model.body(model.body(name).parentid[0]).name for name in SEGMENTS]
-        self.segment_parents: tuple[str | None, ...] = tuple(p if p in SEGMENTS else None for p in parents)
-        """Parent of each segment, None for the pelvis"""
         self.moves = _moves(model, joints)
         """(20, 13) whether a coordinate moves a segment by its :class:`Kinematics`; False for knee and patella, which glides on its own"""
 
     @classmethod
-    def load(cls, scale: SegmentScales | None = None) -> "Leg":
+    def load(cls, scales: SegmentScales | None = None) -> "Leg":
         """The generic model, or one scaled by OpenSim's rules.
 
         Offsets of joints scale with the parent segment, mass centers with their own, knee and patella splines with the femur; masses and
@@ -109,7 +105,7 @@ class Leg:
         Raises:
             LegsimError: the model's files are missing from this installation.
         """
-        scales = SegmentScales.uniform() if scale is None else scale
+        scales = SegmentScales.uniform() if scales is None else scales
         model = mujoco.MjModel.from_xml_path(str(resources.model_file("lower_body/lower_body.xml")))
         # a constraint would not change kinematics, only cost time
         model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONSTRAINT

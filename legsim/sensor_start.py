@@ -12,7 +12,7 @@ from legsim import initialization, pose_estimation
 from legsim.arrays import frozen
 from legsim.errors import LegsimError
 from legsim.geometry import ConeBeamGeometry
-from legsim.initialization import Detector, Fiducials, PoseFit, VelocityFit
+from legsim.initialization import DetectorBounds, Fiducials, PoseFit, VelocityFit
 from legsim.pose_estimation import Scheme
 from legsim.signals import ImuSignals, SensorStart
 
@@ -35,7 +35,7 @@ def from_fiducials(
     fiducials: Fiducials,
     *,
     scheme: Scheme = "accurate",
-    detector: Detector = "bounded",
+    detector: DetectorBounds = "bounded",
 ) -> FoundStart:
     """Pose and velocity of a sensor at the first view.
 

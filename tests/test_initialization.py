@@ -51,7 +51,7 @@ def test_exact_points_give_the_pose_back_for_any_pose(rng: np.random.Generator, 
         assert fit.residual_px < 1e-7
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(seed=st.integers(0, 10**6), axis_length=st.floats(0.003, 0.15), distance=st.floats(0.4, 3.0))
 def test_any_scanner_and_any_size(seed: int, axis_length: float, distance: float):
     rng = np.random.default_rng(seed)
@@ -198,13 +198,12 @@ def test_more_views_average_the_errors_as_reported(rng: np.random.Generator):
             found.append(initialization.velocity_from_views(at, seen + noise, free + noise[0]))
         deviation = np.array([fit.velocity for fit in found]) - sway.velocities(at[:1])[0]
         assert deviation.std() == pytest.approx(found[0].error_per_position_error * sigma, rel=0.1)
-        assert found[0].drift(sigma, 8) == pytest.approx(deviation.std() * 8, rel=0.1)
 
 
 def test_two_views_are_ill_conditioned_as_computed():
-    # 0.1 mm over one view interval is 3 mm/s (times sqrt 2, both views being wrong), 24 mm (times sqrt 2) after 8 s
+    # 0.1 mm over one view interval is 3.1 mm/s (times sqrt 2, both views being wrong)
     fit = initialization.velocity_from_views(VIEWS[:2], np.zeros((2, 3)), np.zeros((2, 3)))
-    assert fit.drift(1e-4, 8) == pytest.approx(np.sqrt(2) * 0.0248, rel=1e-6)
+    assert fit.error_per_position_error * 1e-4 == pytest.approx(np.sqrt(2) * 3.1e-3, rel=1e-6)
 
 
 def test_start_shift_is_found_from_many_views():

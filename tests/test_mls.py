@@ -148,7 +148,7 @@ def test_leg_that_is_straight_in_one_view_stays_smooth(device: Device, rng: np.r
     assert np.linalg.norm(steps, axis=-1).max() < 3 * 0.001
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(
     reference=hnp.arrays(float, (3, 3), elements=st.integers(-2, 2).map(float)),
     moved=hnp.arrays(float, (3, 3), elements=st.integers(-2, 2).map(float)),
