@@ -21,7 +21,7 @@ from scipy.ndimage import maximum_filter
 from skimage.metrics import structural_similarity
 
 from legsim import transforms
-from legsim.arrays import Float32Array, FloatArray
+from legsim.arrays import Float32Array, FloatArray, frozen_owned
 from legsim.errors import LegsimError
 from legsim.geometry import Volume, VolumeGrid
 
@@ -49,7 +49,12 @@ class Region:
 
     name: str
     mask: NDArray[np.bool_]
-    """(z, y, x)"""
+    """(z, y, x); taken over, not copied, and can no more be written"""
+
+    def __post_init__(self) -> None:
+        if self.mask.ndim != 3 or self.mask.dtype != np.bool_:
+            raise LegsimError(f"region {self.name!r} is {self.mask.dtype} of shape {self.mask.shape}; expected bool (z, y, x)")
+        frozen_owned(self.mask)
 
 
 @dataclass(frozen=True, slots=True)
@@ -316,9 +321,3 @@ def _correlation(a: Float32Array, b: Float32Array, mask: NDArray[np.bool_]) -> f
     y -= y.mean()
     # sums, not BLAS products, whose last digits hang on the number of threads
     return float(np.sum(x * y) / np.sqrt(np.sum(x * x) * np.sum(y * y)))
-
-
-def residual_displacement(estimated: FloatArray, true: FloatArray, points: FloatArray) -> FloatArray:
-    """Distances (v, p) in m that remain at reference ``points`` (p, 3) when motion ``true`` is undone by ``estimated``, both (v, 4, 4)."""
-    remaining = transforms.inverse(estimated) @ true
-    return np.linalg.norm(transforms.apply(remaining, points) - points, axis=-1)
