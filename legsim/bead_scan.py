@@ -9,7 +9,7 @@ import numpy as np
 
 from legsim import materials, projector
 from legsim.anatomy import SEGMENTS
-from legsim.arrays import FloatArray
+from legsim.arrays import FloatArray, frozen
 from legsim.config import BeadsConfig
 from legsim.geometry import Projections
 from legsim.leg_phantom import LegPhantom
@@ -35,6 +35,9 @@ class BeadScan:
     """(b, 3) m in world, roughly where the beads are at the first view, as clicks in two views would give them"""
     radius: float
     """m"""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "guesses", frozen("BeadScan.guesses", self.guesses, (None, 3)))
 
 
 def places(phantom: LegPhantom, settings: BeadsConfig) -> FloatArray:

@@ -96,6 +96,11 @@ class BeadMotion:
     residual_px: float
     """RMS distance of these to the projected beads"""
 
+    def __post_init__(self) -> None:
+        shape = (len(self.motion.times), len(self.positions))
+        object.__setattr__(self, "positions", frozen("BeadMotion.positions", self.positions, (None, 3)))
+        object.__setattr__(self, "used", frozen("BeadMotion.used", self.used, shape, np.bool_))
+
 
 def estimate(geometry: ConeBeamGeometry, pixels: ArrayLike) -> BeadMotion:
     """Places of the beads and their rigid motion from shadows (v, b, 2), NaN where unseen: bundle adjustment, outliers rejected.

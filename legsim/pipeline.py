@@ -183,7 +183,7 @@ def _body(settings: RunConfig, folder: RunFolder, on_progress: OnProgress) -> Sc
     )
     phantom = phantom.one_leg("l") if wanted.legs == "left" else phantom
     on_progress("joint angles", 1, 1)
-    return ScannedLeg(recovered, splines, sensors(settings.imu), times, poses, phantom, geometry)
+    return ScannedLeg(recovered, splines, sensors(settings.imu), poses, phantom, geometry)
 
 
 def sensors(settings: config.ImuConfig) -> tuple[Sensor, ...]:

@@ -15,7 +15,7 @@ from scipy.interpolate import CubicSpline
 
 from legsim import transforms
 from legsim.anatomy import MarkerSites, segment_index
-from legsim.arrays import FloatArray, frozen
+from legsim.arrays import FloatArray, frozen, frozen_owned
 from legsim.errors import LegsimError
 from legsim.leg import COORDINATES, Kinematics, Leg, marker_rows
 from legsim.signals import JointTrajectories, Motion
@@ -406,14 +406,14 @@ def _report(problem: _Problem, values: FloatArray, trace: _Trace, measured: Floa
         marker_names=problem.sites.names,
         marker_rms=frozen("marker_rms", rms, (None,)),
         marker_worst=frozen("marker_worst", np.where(count > 0, shown.max(0), np.nan), (None,)),
-        marker_worst_frame=shown.argmax(0),
-        marker_seen=count,
+        marker_worst_frame=frozen_owned(shown.argmax(0)),
+        marker_seen=frozen_owned(count),
         coordinate_names=COORDINATES,
         coordinate_share=_marker_share(problem, values, seen),
-        coordinate_at_limit=at_limit.sum(0),
+        coordinate_at_limit=frozen_owned(at_limit.sum(0)),
         frames=len(values),
-        frames_unseen=np.flatnonzero(~seen.any(1)),
-        frames_unconverged=np.flatnonzero(~trace.converged & seen.any(1)),
+        frames_unseen=frozen_owned(np.flatnonzero(~seen.any(1))),
+        frames_unconverged=frozen_owned(np.flatnonzero(~trace.converged & seen.any(1))),
         iterations=float(trace.iterations.mean()),
     )
 

@@ -5,8 +5,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from legsim.arrays import FloatArray
 from legsim.artifacts import RunFolder
 from legsim.config import RunConfig
+from legsim.errors import LegsimError
 from legsim.geometry import ConeBeamGeometry
 from legsim.imu import JointSplines, Sensor
 from legsim.leg_phantom import LegPhantom
@@ -24,12 +26,19 @@ class ScannedLeg:
     recovery: Recovery
     splines: JointSplines
     sensors: tuple[Sensor, ...]
-    times: np.ndarray
-    """(v,) s of the views"""
     poses: SegmentPoses
     """of the segments at the views"""
     phantom: LegPhantom
     geometry: ConeBeamGeometry
+
+    def __post_init__(self) -> None:
+        if not np.array_equal(self.poses.times, self.geometry.times):
+            raise LegsimError("a scanned leg's poses are those at the views: give them at the times of the geometry")
+
+    @property
+    def times(self) -> FloatArray:
+        """(v,) s of the views."""
+        return self.geometry.times
 
 
 @dataclass(frozen=True, slots=True, eq=False)

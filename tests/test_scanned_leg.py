@@ -1,12 +1,27 @@
-from pathlib import Path
+import numpy as np
+import pytest
 
-from legsim import opencl
-from legsim.artifacts import RunFolder
-from legsim.config import RunConfig
-from legsim.scanned_leg import Stage
+from legsim.errors import LegsimError
+from legsim.geometry import ConeBeamGeometry
+from legsim.scanned_leg import ScannedLeg
+from legsim.signals import SegmentPoses
+
+TIMES = np.arange(3) / 31
+GEOMETRY = ConeBeamGeometry.circular(
+    times=TIMES, angles=TIMES, source_isocenter=0.78, source_detector=1.198, shape_vu=(48, 62), pixel_pitch=6e-3
+)
 
 
-def test_a_stage_knows_where_it_works(tmp_path: Path):
-    stage = Stage(RunConfig(), RunFolder(tmp_path, {}), opencl.open_device(), "key", lambda *_: None)
-    assert stage.folder.path == tmp_path
-    assert stage.settings.seed == 0
+def scanned(times: np.ndarray) -> ScannedLeg:
+    poses = SegmentPoses(times, ("tibia_l",), np.tile(np.eye(4), (len(times), 1, 1, 1)))
+    return ScannedLeg(None, None, (), poses, None, GEOMETRY)
+
+
+def test_its_times_are_those_of_the_views():
+    np.testing.assert_array_equal(scanned(TIMES).times, TIMES)
+
+
+@pytest.mark.parametrize("times", [TIMES + 1e-3, TIMES[:2]])
+def test_poses_at_other_times_are_refused(times):
+    with pytest.raises(LegsimError, match="at the times of the geometry"):
+        scanned(times)
