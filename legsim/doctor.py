@@ -8,22 +8,11 @@ import sys
 from dataclasses import dataclass
 from pathlib import Path
 
+from packaging.requirements import Requirement
+
 from legsim import opencl, resources
 from legsim.errors import LegsimError
 
-_PACKAGES = (
-    "legsim",
-    "numpy",
-    "scipy",
-    "mujoco",
-    "trimesh",
-    "pyopencl",
-    "scikit-image",
-    "SimpleITK",
-    "ezc3d",
-    "rerun-sdk",
-    "intel-opencl-rt",
-)
 _NEEDED_MEMORY = 8 * 2**30
 _NEEDED_DISK = 4 * 2**30
 
@@ -54,14 +43,19 @@ def _python() -> Finding:
 
 
 def _packages() -> list[Finding]:
-    findings = []
-    for name in _PACKAGES:
-        try:
-            findings.append(Finding(f"package {name}", True, importlib.metadata.version(name)))
-        except importlib.metadata.PackageNotFoundError:
-            optional = name == "intel-opencl-rt" and platform.machine() not in ("x86_64", "AMD64")
-            findings.append(Finding(f"package {name}", optional, "not installed", f"pip install {name}"))
-    return findings
+    """Legsim and what its installation asks for on this machine, extras left out."""
+    needed = [Requirement(text) for text in ("legsim", *(importlib.metadata.requires("legsim") or ()))]
+    return [_package(one) for one in needed if one.marker is None or one.marker.evaluate({"extra": ""})]
+
+
+def _package(needed: Requirement) -> Finding:
+    topic, cure = f"package {needed.name}", f"pip install '{needed.name}{needed.specifier}'"
+    try:
+        version = importlib.metadata.version(needed.name)
+    except importlib.metadata.PackageNotFoundError:
+        return Finding(topic, False, "not installed", cure)
+    fits = needed.specifier.contains(version, prereleases=True)
+    return Finding(topic, fits, version if fits else f"{version}, but {needed.specifier} is needed", cure)
 
 
 def _devices() -> list[Finding]:

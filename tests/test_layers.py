@@ -15,7 +15,6 @@ HOMES = {
     "xraylib": {"materials"},
     "spekpy": {"spectra"},
     "mujoco": {"leg"},
-    "ezc3d": {"c3d"},
     "rerun": {"view"},
     "matplotlib": {"figures"},
     "typer": {"cli"},
