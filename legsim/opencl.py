@@ -138,7 +138,9 @@ def _register_runtimes() -> str:
     system = sorted(Path("/etc/OpenCL/vendors").glob("*.icd"))
     if not libraries:
         return ""
-    folder = Path(tempfile.gettempdir(), f"legsim-icd-{os.getuid()}-{hashlib.sha256(str(libraries).encode()).hexdigest()[:12]}")
+    # on Windows the folder of temporary files is the user's own
+    owner = os.getuid() if hasattr(os, "getuid") else "own"
+    folder = Path(tempfile.gettempdir(), f"legsim-icd-{owner}-{hashlib.sha256(str(libraries).encode()).hexdigest()[:12]}")
     folder.mkdir(mode=0o700, exist_ok=True)
     entries = {f"env-{k}.icd": f"{library}\n" for k, library in enumerate(libraries)}
     entries |= {path.name: path.read_text() for path in system}
