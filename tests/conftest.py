@@ -8,10 +8,15 @@ from pathlib import Path
 import example_study
 import numpy as np
 import pytest
+from hypothesis import settings
 
 from legsim import config, opencl, pipeline, study_report
 from legsim.redundancy import ShortScanWarning
 from legsim.report import Picture, ReportContent
+
+# the same examples on every machine, however busy it is
+settings.register_profile("legsim", deadline=None, derandomize=True)
+settings.load_profile("legsim")
 
 SHARED = Path(os.environ.get("LEGSIM_SHARED", Path(__file__).parents[2] / "shared"))
 
