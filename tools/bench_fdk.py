@@ -8,7 +8,9 @@ import time
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 
@@ -19,6 +21,7 @@ from legsim.geometry import ConeBeamGeometry, Projections, VolumeGrid
 from legsim.motions import ControlPointMotion
 from legsim.signals import RigidMotion
 
+_Result = TypeVar("_Result")
 SOURCE_ISOCENTER, SOURCE_DETECTOR, PITCH, STEP_DEG, SIDE = 0.78, 1.198, 0.616e-3, 0.8, 0.256
 """m; the volume is a cube of SIDE"""
 # a leg with two bones, a marrow cavity and a dense insert: center (mm), radii (mm), added attenuation (1/m)
@@ -85,7 +88,7 @@ def truth(grid: VolumeGrid) -> tuple[np.ndarray, np.ndarray]:
     return values, counts
 
 
-def timed(work: Callable[[], np.ndarray]) -> tuple[np.ndarray, float, float]:
+def timed(work: Callable[[], _Result]) -> tuple[_Result, float, float]:
     """(result, seconds, seconds of all cores)."""
     begin, used = time.perf_counter(), resource.getrusage(resource.RUSAGE_SELF)
     result = work()
@@ -132,9 +135,9 @@ def measure(views: int, count: int, binning: int, device: opencl.Device, rtk_pyt
         warnings.simplefilter("ignore", ShortScanWarning)
         for name, motion, options in motions:
             fdk.reconstruct(projections, warm_up(count), device, motion=motion, options=options)
-            call = lambda motion=motion, options=options: fdk.reconstruct(projections, grid, device, motion=motion, options=options)  # noqa: E731
-            volume, seconds, cpu = timed(lambda call=call: call().attenuation)
-            rows.append(Row(name, seconds, cpu, _rmse(volume, expected, counts, contrast) if motion is None else None))
+            found, seconds, cpu = timed(partial(fdk.reconstruct, projections, grid, device, motion=motion, options=options))
+            error = _rmse(found.attenuation, expected, counts, contrast) if motion is None else None
+            rows.append(Row(name, seconds, cpu, error))
     if rtk_python is not None:
         volume, seconds, cpu = _rtk(projections, count, rtk_python)
         rows.append(Row("RTK", seconds, cpu, _rmse(volume, expected, counts, contrast)))

@@ -8,6 +8,7 @@ import warnings
 from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any
 from unittest import mock
 
@@ -114,15 +115,12 @@ def peaks(device: Device) -> dict[str, float]:
     vectors = (np.full(8, 0.999, np.float32), np.full(8, 1e-3, np.float32))
     found = {}
     for name in ("multiply_add", "mixed"):
-        kernel = getattr(program, name)
-        call = lambda kernel=kernel: kernel(device.queue, (units,), (1,), *vectors, np.int32(steps), out)  # noqa: E731
+        call = partial(getattr(program, name), device.queue, (units,), (1,), *vectors, np.int32(steps), out)
         found[name] = rate(device, call, 12 * steps * units)
     kernel = program.triad
     for name, count, repeats in (("L2", 2048, 4000), ("memory", (1 << 23) // units, 1)):
         arrays = [device.zeros(8 * count * units) for _ in range(3)]
-        call = lambda arrays=arrays, count=count, repeats=repeats: kernel(  # noqa: E731
-            device.queue, (units,), (1,), *arrays, np.int32(count), np.int32(repeats)
-        )
+        call = partial(kernel, device.queue, (units,), (1,), *arrays, np.int32(count), np.int32(repeats))
         found[name] = rate(device, call, 96 * count * units * repeats)
     return found
 

@@ -10,6 +10,7 @@ import numpy as np
 from legsim import marker_sets, marker_sites, markers, motion_files, replay, scaling
 from legsim.anatomy import MarkerSites
 from legsim.leg import COORDINATES, Leg
+from legsim.marker_maps import PAPER_ROLES
 from legsim.replay import CoordinatePrior, ReplayConfig
 from legsim.signals import Motion
 
@@ -26,10 +27,9 @@ class Trial:
     """roles to keep; empty: all"""
 
 
-PAPER = ("sacrum", *(f"{part}_{side}" for part in ("asis", "epicondyle_lateral", "malleolus_lateral") for side in "rl"))
 TRIALS = (
     Trial("squats, full set", "squats_subject4/squats1.trc", "squats_subject4/static1.trc", "opencap"),
-    Trial("squats, seven markers", "squats_subject4/squats1.trc", "squats_subject4/squats1.trc", "opencap", PAPER),
+    Trial("squats, seven markers", "squats_subject4/squats1.trc", "squats_subject4/squats1.trc", "opencap", PAPER_ROLES),
     Trial("walking, full set", "walk_opensim/subject01_walk1.trc", "walk_opensim/subject01_static.trc", "gait2392"),
 )
 OPENSIM_FRAMES = 80
@@ -68,7 +68,6 @@ class Comparison:
     """of processor time, so that other work on the machine does not count; legsim's includes starting from scratch"""
     opensim_loose_per_second: float
     """at the accuracy of OpenSim's example set-up, 1e-5"""
-    unconverged: int
 
     @property
     def ratio(self) -> float:
@@ -119,7 +118,6 @@ def compare(name: str, problem: Problem, model_file: Path) -> Comparison:
         cost=(float((squares[0] @ problem.sites.weights).mean()), float((squares[1] @ problem.sites.weights).mean())),
         frames_per_second=(len(problem.motion.times) / seconds, n / theirs.seconds),
         opensim_loose_per_second=n / loose.seconds,
-        unconverged=len(ours.report.frames_unconverged),
     )
 
 

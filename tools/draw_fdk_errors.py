@@ -18,6 +18,7 @@ from legsim.geometry import VolumeGrid
 
 
 def main() -> None:
+    """Writes fdk_errors.png."""
     geometry, device = bench_fdk.scan(248, 2), opencl.open_device()
     motion = bench_fdk.sway(len(geometry))
     still = bench_fdk.projected(geometry)

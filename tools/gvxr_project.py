@@ -24,6 +24,7 @@ def place(view: dict) -> None:
 
 
 def main(folder: Path) -> None:
+    """Projects the scene in ``folder``."""
     scene = json.loads((folder / "scene.json").read_text())
     gvxr.createOpenGLContext()
     place(scene["views"][0])

@@ -7,8 +7,10 @@ condyles are the envelope of the tibial plateau as it moves with the knee angle,
 from functools import cache
 
 import numpy as np
-from leg_anatomy_fields import Array, Field, Outline, cone, ellipsoid, loft, rounded_slab, smooth_intersection, smooth_step, smooth_union
+from leg_anatomy_fields import Array, Field, Outline, cone, ellipsoid, loft, rounded_slab, smooth_intersection, smooth_union
 from leg_anatomy_motion import femur_from_patella, plateau_contact
+
+from legsim.skinning import smooth_step
 
 PLATEAU = -0.032
 """y in the tibia frame of the cartilage faces of the plateau"""

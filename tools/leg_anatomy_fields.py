@@ -28,12 +28,6 @@ def smooth_intersection(a: Array, b: Array, width: float) -> Array:
     return -smooth_union(-a, -b, width)
 
 
-def smooth_step(t: Array) -> Array:
-    """0 below 0, 1 above 1, twice differentiable between."""
-    t = np.clip(t, 0, 1)
-    return t * t * t * (t * (6 * t - 15) + 10)
-
-
 def ellipsoid(center: Sequence[float], radii: Sequence[float]) -> Field:
     """Ellipsoid along the axes; first-order distance, exact on the surface."""
 

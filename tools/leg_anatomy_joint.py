@@ -18,8 +18,10 @@ from leg_anatomy_bones import (
     talus,
     tibia_bone,
 )
-from leg_anatomy_fields import Array, Field, normalized, smooth_intersection, smooth_step
+from leg_anatomy_fields import Array, Field, normalized, smooth_intersection
 from leg_anatomy_motion import femur_from_tibia
+
+from legsim.skinning import smooth_step
 
 JOINT_GAP = 0.0002
 """m that stay free between the femoral cartilage and all that the tibia carries, over the whole range of flexion"""

@@ -3,7 +3,9 @@
 from functools import cache
 
 import numpy as np
-from leg_anatomy_fields import Array, Field, cone, ellipsoid, loft, smooth_step, smooth_union
+from leg_anatomy_fields import Array, Field, cone, ellipsoid, loft, smooth_union
+
+from legsim.skinning import smooth_step
 
 SKIN_THICKNESS = 0.0018
 

@@ -18,10 +18,10 @@ from legsim.imu_noise import Convention, ImuNoise
 from legsim.leg import Leg
 from legsim.noise_ladder import Deviation
 from legsim.pose_estimation import Scheme
+from legsim.published import EXPONENTS
 from legsim.signals import ImuSignals, JointTrajectories, SensorStart
 
 RATE_HZ, VIEW_RATE_HZ, VIEWS = 120.0, 31.0, 248
-EXPONENTS = (0.0, 1.0, 2.0, 3.0, 4.0, 5.0, None)
 
 
 def standing(leg: Leg, times: FloatArray, rng: np.random.Generator) -> JointTrajectories:
@@ -84,6 +84,7 @@ def drift_lines(leg: Leg, splines: JointSplines, views: FloatArray) -> list[str]
 
 
 def main() -> None:
+    """Prints all tables."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--repeats", type=int, default=5)
     parser.add_argument("--scheme", choices=("accurate", "printed"), default="accurate")

@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import numpy as np
+from posture_plan import RATE
 from posture_statistics import Sway, count_squats, knee_flexion_deg, load_truth, sway
 from posture_subjects import SUBJECTS
 
@@ -71,6 +72,6 @@ def squat_table(folder: Path) -> list[str]:
     rows = ["| recording | squats | knee flexion, least and most (deg) | fastest (deg/s) |", "|---|---|---|---|"]
     for subject in SUBJECTS:
         flexion = knee_flexion_deg(load_truth(str(folder / subject.name / "squats_truth.npz")))
-        fastest = np.abs(np.gradient(flexion, 1 / 120)).max()
+        fastest = np.abs(np.gradient(flexion, 1 / RATE)).max()
         rows.append(f"| {subject.name}/squats | {count_squats(flexion)} | {flexion.min():.0f}, {flexion.max():.0f} | {fastest:.0f} |")
     return rows

@@ -15,6 +15,7 @@ from itk import RTK as rtk  # pyright: ignore[reportMissingImports]
 
 
 def main(folder: Path) -> None:
+    """Reconstructs the scan in ``folder`` and prints how long it took."""
     scan = json.loads((folder / "scan.json").read_text())
     image = itk.Image[itk.F, 3]
     geometry = rtk.ThreeDCircularProjectionGeometry.New()
@@ -46,4 +47,5 @@ def main(folder: Path) -> None:
     print(json.dumps({"seconds": seconds, "cpu_seconds": cpu}))
 
 
-main(Path(sys.argv[1]))
+if __name__ == "__main__":
+    main(Path(sys.argv[1]))
