@@ -76,10 +76,10 @@ class NoiseConfig(Section):
 
 
 class SoftTissueConfig(Section):
-    """How the sensors swing on the skin; the truth stays that of sensors fixed to the bone."""
+    """A damped oscillator between a bone and what rides on it."""
 
     amplitude: float = Field(default=0.0, ge=0)
-    """part of the oscillator's swing that the sensors make: 0 is fixed to the bone, 1 hangs on the spring alone"""
+    """part of the oscillator's swing that is made: 0 is fixed to the bone, 1 hangs on the spring alone"""
     frequency_hz: float = Field(default=10.0, gt=0)
     damping: float = Field(default=0.25, gt=0)
     """of critical"""
@@ -92,6 +92,7 @@ class ImuConfig(Section):
     clock_offset_s: float = 0.0
     """the sensors' clock less the C-arm's: what happens at t is stamped t plus this; no method is told"""
     soft_tissue: SoftTissueConfig = SoftTissueConfig()
+    """how the sensors swing on the skin; the truth stays that of sensors fixed to the bone"""
     noise: NoiseConfig = NoiseConfig()
     sensors: tuple[SensorConfig, ...] = Field(
         default=(
@@ -102,16 +103,6 @@ class ImuConfig(Section):
     )
 
 
-class WobbleConfig(Section):
-    """How the phantom's soft tissue swings on its bones; images and truth both show it, the sensors have imu.soft_tissue."""
-
-    amplitude: float = Field(default=0.0, ge=0)
-    """part of the oscillator's swing that is made: 0 is fixed to the bones, 1 hangs on the spring alone"""
-    frequency_hz: float = Field(default=10.0, gt=0)
-    damping: float = Field(default=0.25, gt=0)
-    """of critical"""
-
-
 class PhantomConfig(Section):
     """The scanned legs."""
 
@@ -119,7 +110,8 @@ class PhantomConfig(Section):
     """left: the scanned one alone, as if the other stood far off; the other one's edges leave streaks wherever the views are few"""
     detail: Literal["coarse", "fine"] = "coarse"
     energy_kev: float = Field(default=60.0, gt=10, le=500)
-    wobble: WobbleConfig = WobbleConfig()
+    wobble: SoftTissueConfig = SoftTissueConfig()
+    """how its soft tissue swings on its bones; images and truth both show it, the sensors have imu.soft_tissue"""
 
 
 class SpectrumConfig(Section):

@@ -176,8 +176,7 @@ def _body(settings: RunConfig, folder: RunFolder, on_progress: OnProgress) -> Sc
     geometry = acquisition.c_arm(settings.scan, times, isocenter)
     wanted = settings.phantom
     if wanted.wobble.amplitude > 0:
-        tissue = SoftTissue(wanted.wobble.frequency_hz, wanted.wobble.damping, wanted.wobble.amplitude)
-        poses = wobble.swinging(poses, recovered.leg, splines, tissue)
+        poses = wobble.swinging(poses, recovered.leg, splines, _tissue(wanted.wobble))
     phantom = leg_phantom.load(
         scales=recovered.leg.scales, detail=wanted.detail, energy_kev=wanted.energy_kev, swinging=wanted.wobble.amplitude > 0
     )
@@ -198,6 +197,10 @@ def sensors(settings: config.ImuConfig) -> tuple[Sensor, ...]:
         )
         for s in settings.sensors
     )
+
+
+def _tissue(settings: config.SoftTissueConfig) -> SoftTissue:
+    return SoftTissue(settings.frequency_hz, settings.damping, settings.amplitude)
 
 
 def _write_kinematics(recovered: Recovery, folder: RunFolder, key: str) -> None:
@@ -238,9 +241,8 @@ def sense(recovered: Recovery, splines: JointSplines, placed: tuple[Sensor, ...]
     first, last = recovered.trajectories.times[[0, -1]]
     times = first + np.arange(int(np.floor((last - first) * settings.rate_hz + 1e-6)) + 1) / settings.rate_hz
     signals = imu.simulate(recovered.leg, splines, placed, np.minimum(times, last))
-    tissue = settings.soft_tissue
-    if tissue.amplitude > 0:
-        signals = soft_tissue.swing(signals, SoftTissue(tissue.frequency_hz, tissue.damping, tissue.amplitude)).signals
+    if settings.soft_tissue.amplitude > 0:
+        signals = soft_tissue.swing(signals, _tissue(settings.soft_tissue)).signals
     return replace(signals, times=signals.times + settings.clock_offset_s)
 
 
@@ -333,7 +335,7 @@ def _present(
             ("command", f"legsim run config.toml --out {folder.path.name}")
         ]
         summary = _summary(settings, results, (*starts.notes, *(note for c in corrected for note in c.notes)))
-        content = presentation.scan_report(body.recovery, results, pictures, summary, provenance, ())
+        content = presentation.scan_report(body.recovery, results, pictures, summary, provenance)
         whole_files.write_text(folder.path / "report.html", report.render(content))
         on_progress("recording and report", 2, 2)
 

@@ -195,7 +195,6 @@ def scan_report(
     pictures: Sequence[Picture],
     summary: Sequence[str],
     provenance: Sequence[tuple[str, str]],
-    warnings: Sequence[str],
 ) -> ReportContent:
     """The page of a run."""
     condition = _condition(recovered)
@@ -216,7 +215,6 @@ def scan_report(
             FileNote("metrics.json", "the numbers of the tables"),
             *(FileNote(f"volume-{r.method}.mha", "attenuation, 1/mm") for r in results),
         ),
-        warnings=tuple(warnings),
     )
 
 

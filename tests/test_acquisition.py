@@ -146,7 +146,7 @@ def test_the_report_says_what_the_projections_are_of():
     plain = acquisition.sentence(scan(), config.PhantomConfig())
     assert plain == "Projections are of one energy, 60 keV; a pixel is the mean of 2x2 rays; the detector is perfect."
     read = with_detector(photons=2e4, lag_fractions=(0.01, 0.005), lag_times_s=(1.0, 2.0))
-    said = acquisition.sentence(read, config.PhantomConfig(wobble=config.WobbleConfig(amplitude=1)))
+    said = acquisition.sentence(read, config.PhantomConfig(wobble=config.SoftTissueConfig(amplitude=1)))
     assert "has 20000 photons a pixel of the open beam, with 0 of readout noise, lag of 1.5 %." in said
     assert "swings at 10 Hz" in said
 
