@@ -133,21 +133,6 @@ class LegPhantom:
                 vertices[part] = piece
         return tuple(vertices)
 
-    def displaced(
-        self,
-        points_world: ArrayLike,
-        segment: str,
-        *,
-        start: ArrayLike,
-        end: ArrayLike,
-        segment_names: Sequence[str],
-    ) -> FloatArray:
-        """Where material points (p, 3), in world at pose ``start``, are at pose ``end`` (each (s, 4, 4)): the truth of motion.
-
-        ``segment`` says what carries them: a bone (``tibia_l``) or ``soft_l``, ``soft_r``, as in :attr:`segments`.
-        """
-        return self.paths(points_world, segment, start=start, poses=np.asarray(end, float)[None], segment_names=segment_names)[0]
-
     def paths(
         self,
         points_world: ArrayLike,
@@ -157,9 +142,12 @@ class LegPhantom:
         poses: ArrayLike,
         segment_names: Sequence[str],
     ) -> FloatArray:
-        """(v, p, 3) where material points (p, 3), in world at pose ``start`` (s, 4, 4), are at each of ``poses`` (v, s, 4, 4).
+        """(v, p, 3) where material points (p, 3), in world at pose ``start`` (s, 4, 4), are at each of ``poses`` (v, s, 4, 4): the truth.
 
-        As :meth:`displaced`, but the points are led back to the straight leg only once.
+        ``segment`` says what carries them: a bone (``tibia_l``) or ``soft_l``, ``soft_r``, as in :attr:`segments`.
+
+        Raises:
+            LegsimError: no part moves with ``segment``, or a segment that carries it has no pose.
         """
         before, points = _Poses.of(start, segment_names), np.asarray(points_world, float)
         after = [_Poses.of(pose, segment_names) for pose in np.asarray(poses, float)]

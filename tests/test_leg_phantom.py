@@ -222,7 +222,7 @@ def test_material_points_go_where_the_surfaces_go(legs, rng):
     for name in ("skin_r", "muscle_soleus_r", "femur_cortex_r", "patella_cartilage_l", "skin_l"):
         k = legs.part_index(name)
         chosen = rng.choice(len(before[k]), min(300, len(before[k])), replace=False)
-        moved = legs.displaced(before[k][chosen], legs.segments[k], start=start, end=end, segment_names=SEGMENTS)
+        (moved,) = legs.paths(before[k][chosen], legs.segments[k], start=start, poses=[end], segment_names=SEGMENTS)
         np.testing.assert_allclose(moved, after[k][chosen], atol=1e-7)
 
 
