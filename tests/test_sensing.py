@@ -40,7 +40,8 @@ def test_noise_is_as_large_as_it_says(settings: NoiseConfig, force_rms: float, t
 
 
 def test_clean_sensors_are_left_and_one_seed_gives_one_noise():
-    assert sensing.noisy(signals(), ImuConfig(), view_rate_hz=31.0, rng=np.random.default_rng(0)) is not None
+    given = signals()
+    assert sensing.noisy(given, ImuConfig(), view_rate_hz=31.0, rng=np.random.default_rng(0)) is given
     settings = ImuConfig(noise=NoiseConfig(kind="rms", acceleration_bias_mg=3))
     first, again = (sensing.noisy(signals(), settings, view_rate_hz=31.0, rng=np.random.default_rng(5)) for _ in range(2))
     np.testing.assert_array_equal(first.specific_force, again.specific_force)
@@ -92,7 +93,7 @@ def test_exact_fiducials_give_the_true_start():
     truth = resting_leg(NEAR)[2].of("shank_l")[0]
     np.testing.assert_allclose(starts.starts[0].world_from_sensor, truth, atol=1e-8)
     np.testing.assert_allclose(starts.starts[0].velocity, 0, atol=1e-6)
-    assert "exact" not in starts.notes[0]
+    assert "projected with 0 px of error" in starts.notes[0]
     assert starts.notes[1] == "Sensor shank_l: fiducials off the real detector: none."
 
 
