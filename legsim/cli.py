@@ -300,7 +300,7 @@ def study(
     command = shlex.join(["legsim", "study", study_file, *options, "--out", str(out)])
     with progress.of_study(_err) as (runs, stages):
         results = studies.run(
-            asked, planned, out.resolve(), command=command, workers=workers, scheduler=scheduler, on_done=runs, on_progress=stages
+            asked, planned, out.resolve(), command=command, workers=workers, scheduler=scheduler, on_step=runs, on_progress=stages
         )
     for line in studies.lines(results, out):
         _out.print(line, markup=False)

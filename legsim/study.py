@@ -3,7 +3,7 @@
 import json
 import math
 import shutil
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -36,7 +36,7 @@ from legsim.report import Picture
 from legsim.scanned_leg import OnProgress
 from legsim.scene import NamedVolume
 from legsim.study_config import Ladder, StudyConfig
-from legsim.study_engine import Outcome, Task
+from legsim.study_engine import OnStep, Outcome, Task
 from legsim.study_results import NoiseLevel, StageCost, StudyResults
 from legsim.study_tasks import LadderJob, ScanJob
 
@@ -204,7 +204,7 @@ def run(
     command: str,
     workers: int = 1,
     scheduler: str | None = None,
-    on_done: Callable[[str, int, int], None],
+    on_step: OnStep,
     on_progress: OnProgress,
 ) -> StudyResults:
     """Runs what is missing, and writes results.json and the report.
@@ -214,9 +214,9 @@ def run(
     whole_files.write_text(out / "study.toml", tomli_w.dumps(study.model_dump(mode="json", exclude_none=True)))
     tasks = planned.tasks()
     if scheduler is None and workers == 1:
-        outcome = study_engine.run_here(tasks, on_done, on_progress=on_progress)
+        outcome = study_engine.run_here(tasks, on_step, on_progress=on_progress)
     else:
-        outcome = study_engine.run_on_cluster(tasks, on_done, scheduler=scheduler, workers=workers, shared_folder=out)
+        outcome = study_engine.run_on_cluster(tasks, on_step, scheduler=scheduler, workers=workers, shared_folder=out)
     results = gathered(study, planned, outcome, out, command)
     study_results.save(out / study_results.RESULTS_FILE, results)
     ended = [job for job in planned.scans if job.name in outcome.results]
