@@ -284,19 +284,28 @@ def study(
     scheduler: Annotated[
         str | None, typer.Option(metavar="tcp://...", help="A Dask scheduler; its workers must see --out. Default: this machine.")
     ] = None,
+    store: Annotated[
+        Path | None,
+        typer.Option(
+            help="Folder of finished stages to share with other studies, as OTHER/store; on the file system of --out. Default: OUT/store."
+        ),
+    ] = None,
     device: DeviceOption = None,
 ) -> None:
     """Subjects x postures x methods x noise levels, with tables and figures beside the printed ones."""
+    from legsim import stage_store, study_config
     from legsim import study as studies
-    from legsim import study_config
 
     if scheduler is not None and workers > 1:
         raise LegsimError("--workers are of this machine, --scheduler has its own: give one of the two")
     overrides = tuple(settings or ())
     asked, base = study_config.load(study_file, preset=None if preset is None else preset.value, overrides=overrides)
-    planned = studies.plan(asked, base, out.resolve(), device=device)
+    if store is not None:
+        stage_store.check_shared(store.resolve(), out.resolve())
+    planned = studies.plan(asked, base, out.resolve(), device=device, store=store and store.resolve())
     _err.print(studies.needs(planned, out.resolve(), 0 if scheduler else workers), markup=False)
     options = ([] if preset is None else ["--preset", preset.value]) + [word for setting in overrides for word in ("--set", setting)]
+    options += [] if store is None else ["--store", str(store)]
     command = shlex.join(["legsim", "study", study_file, *options, "--out", str(out)])
     with progress.of_study(_err) as (runs, stages):
         results = studies.run(

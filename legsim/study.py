@@ -23,6 +23,7 @@ from legsim import (
     presentation,
     reconstruction,
     recovery,
+    sole_use,
     study_config,
     study_engine,
     study_report,
@@ -117,13 +118,19 @@ def _shared_bytes(job: ScanJob) -> int:
     return images + (_TABLES_BYTES if own else 0)
 
 
-def plan(study: StudyConfig, base: Path, out: Path, *, device: str | None = None) -> Plan:
+def plan(study: StudyConfig, base: Path, out: Path, *, device: str | None = None, store: Path | None = None) -> Plan:
     """Every run of the study; nothing is computed, but every setting, recording and method is looked up.
+
+    Args:
+        store: folder of finished stages, of this and of other studies; None for the study's own.
 
     Raises:
         LegsimError: a recording, a method, a sensor or a setting is not there.
     """
-    found = Plan(_scans(study, base, out, device), () if study.ladder is None else _ladders(study, study.ladder, base, out))
+    found = Plan(
+        _scans(study, base, out, device, out / "store" if store is None else store),
+        () if study.ladder is None else _ladders(study, study.ladder, base, out),
+    )
     called = [task.name for task in found.tasks()]
     twice = next((name for name in called if called.count(name) > 1), None)
     if twice is not None:
@@ -138,7 +145,7 @@ def plan(study: StudyConfig, base: Path, out: Path, *, device: str | None = None
     return found
 
 
-def _scans(study: StudyConfig, base: Path, out: Path, device: str | None) -> tuple[ScanJob, ...]:
+def _scans(study: StudyConfig, base: Path, out: Path, device: str | None, store: Path) -> tuple[ScanJob, ...]:
     """The clean run of every scan, followed by its noisy ones."""
     levels: list[tuple[NoiseLevel | None, int]] = [(None, 0)] if study.methods else []
     levels += [(level, r) for n in study.noise for level in n.noise() for r in range(n.repetitions)]
@@ -148,7 +155,7 @@ def _scans(study: StudyConfig, base: Path, out: Path, device: str | None) -> tup
             for noise, repetition in levels:
                 seed = None if noise is None else study_tasks.seed_of(subject, posture, repetition)
                 settings = study_config.run_settings(study, base, subject, posture, noise, seed)
-                jobs.append(ScanJob(out, subject, posture, noise, repetition, settings, device))
+                jobs.append(ScanJob(out, subject, posture, noise, repetition, settings, device, store))
     return tuple(jobs)
 
 
@@ -210,7 +217,24 @@ def run(
     """Runs what is missing, and writes results.json and the report.
 
     With one worker and no scheduler the runs are made here, one after the other; else on a Dask cluster.
+
+    Raises:
+        LegsimError: another study runs into the same folder.
     """
+    with sole_use.of_folder(out):
+        return _run(study, planned, out, command, workers, scheduler, on_step, on_progress)
+
+
+def _run(
+    study: StudyConfig,
+    planned: Plan,
+    out: Path,
+    command: str,
+    workers: int,
+    scheduler: str | None,
+    on_step: OnStep,
+    on_progress: OnProgress,
+) -> StudyResults:
     whole_files.write_text(out / "study.toml", tomli_w.dumps(study.model_dump(mode="json", exclude_none=True)))
     tasks = planned.tasks()
     if scheduler is None and workers == 1:

@@ -2,6 +2,8 @@
 
 import os
 import signal
+import subprocess
+import sys
 import time
 import warnings
 from pathlib import Path
@@ -144,3 +146,33 @@ def test_workers_that_do_not_see_the_folder_are_told(tmp_path):
                 study_engine.run_on_cluster([], lambda *_: None, scheduler=address, workers=1, shared_folder=tmp_path)
         finally:
             study_engine._look = original
+
+
+TERMINATED = """
+import sys, time
+from pathlib import Path
+from legsim import study_engine
+
+def doze(folder, name):
+    (folder / name).touch()
+    time.sleep(60)
+
+if __name__ == "__main__":
+    import signal
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))
+    folder = Path(sys.argv[1])
+    tasks = [study_engine.Task(name, doze, (folder, name)) for name in "ab"]
+    study_engine.run_on_cluster(tasks, print, scheduler=None, workers=2, shared_folder=folder)
+"""
+
+
+def test_workers_end_without_a_word_when_the_study_is_terminated(tmp_path):
+    pytest.importorskip("distributed")
+    (tmp_path / "terminated.py").write_text(TERMINATED)
+    process = subprocess.Popen([sys.executable, str(tmp_path / "terminated.py"), str(tmp_path)], stderr=subprocess.PIPE, text=True)
+    until = time.monotonic() + 120
+    while time.monotonic() < until and not ((tmp_path / "a").exists() and (tmp_path / "b").exists()):
+        time.sleep(0.05)
+    process.send_signal(signal.SIGTERM)
+    _, errors = process.communicate(timeout=60)
+    assert (process.returncode, errors) == (143, "")
