@@ -44,8 +44,8 @@ class Pace:
 
     def left(self, step: Step) -> str:
         """Text on what the other tasks will take, after one that ended; empty where nothing can be said."""
-        # what is found finished takes no time, and says nothing of the tasks that do
-        self._worked += step.seconds is not None and step.seconds >= _FOUND_S
+        # what is found finished, or fails, says nothing of the time that others take
+        self._worked += step.seconds is not None and step.seconds >= _FOUND_S and not step.failure
         if not self._worked or step.ended == step.total:
             return ""
         passed = self._clock() - self._begun

@@ -182,7 +182,7 @@ def needs(planned: Plan, out: Path, workers: int = 0) -> str:
     except OSError as error:
         raise at(out, f"cannot be made ({error.strerror})", "choose another folder with --out") from error
     if not planned.scans:
-        return f"{len(planned.ladders)} noise ladders; no reconstruction"
+        return f"{_many(len(planned.ladders), 'noise ladder')}; no reconstruction"
     # runs share files: each counts once
     taken = sum({status.st_ino: status.st_size for status in (p.stat() for p in out.glob("runs/*/*"))}.values())
     free = shutil.disk_usage(out).free
@@ -198,9 +198,13 @@ def needs(planned: Plan, out: Path, workers: int = 0) -> str:
             + (f"use --workers {there // held}" if there >= held else "use a smaller --preset")
         )
     return (
-        f"{len(planned.scans)} runs, {len(planned.ladders)} noise ladders; {disk / _GIB:.1f} GiB of disk, "
+        f"{_many(len(planned.scans), 'run')}, {_many(len(planned.ladders), 'noise ladder')}; {disk / _GIB:.1f} GiB of disk, "
         f"{held / _GIB:.1f} GiB of memory a worker"
     )
+
+
+def _many(count: int, what: str) -> str:
+    return f"{count} {what}" if count == 1 else f"{count} {what}s"
 
 
 def run(
@@ -309,6 +313,7 @@ def lines(results: StudyResults, out: Path) -> list[str]:
     """What to print at the end."""
     return [
         f"{len(results.scores)} scores, {len(results.ladder)} cells of the noise ladder",
+        f"report: {out / 'report.html'}",
         f"numbers: {out / study_results.RESULTS_FILE}",
     ]
 

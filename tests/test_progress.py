@@ -65,4 +65,5 @@ def test_the_time_left_is_by_what_was_computed_and_not_by_what_was_found():
     assert pace.left(Step("b", 2, 6, 100.0)) == "about 0:06:40 left"
     now = 150.0  # two at once
     assert pace.left(Step("c", 3, 6, 150.0)) == "about 0:03:45 left"
-    assert pace.left(Step("d", 6, 6, 40.0)) == ""
+    assert pace.left(Step("d", 4, 6, 90.0, "a method that raised")) == "about 0:02:30 left"
+    assert pace.left(Step("e", 6, 6, 40.0)) == ""
