@@ -1,4 +1,4 @@
-"""The `legsim` command. The only module that prints, draws progress or decides an exit code.
+"""The `legsim` command. The only module that prints or decides an exit code; `progress` draws on its console.
 
 A command imports what it runs, so that help and mistaken options are answered at once.
 """
@@ -22,10 +22,9 @@ import typer.exceptions
 from rich import box
 from rich.console import Console
 from rich.markup import escape
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.table import Table
 
-from legsim import __version__
+from legsim import __version__, progress
 from legsim.errors import LegsimError
 
 app = typer.Typer(
@@ -80,50 +79,6 @@ GeometryOption = Annotated[
 ]
 
 
-@contextmanager
-def _progress() -> Iterator[Callable[[str, int, int], None]]:
-    """A bar a stage on a terminal; where there is none, a line a stage."""
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=_err, disable=not _err.is_terminal) as bars:
-        known: dict[str, object] = {}
-
-        def update(stage: str, done: int, total: int) -> None:
-            if stage not in known:
-                known[stage] = bars.add_task(stage, total=total)
-                if not _err.is_terminal:
-                    _err.print(f"{stage} ...")
-            bars.update(known[stage], completed=done, total=total)  # pyright: ignore[reportArgumentType]
-
-        yield update
-
-
-@contextmanager
-def _study_progress() -> Iterator[tuple[Callable[[str, int, int], None], Callable[[str, int, int], None]]]:
-    """A bar for the whole study and one for what is being done; where there is no terminal, a line a run.
-
-    Yields what to call when a run begins or ends, and what to call as its stages go on.
-    """
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TimeRemainingColumn())
-    # runs take minutes: the time left is told by all that have ended, not by those of the last seconds
-    with Progress(*columns, console=_err, disable=not _err.is_terminal, speed_estimate_period=1e9) as bars:
-        whole, part = bars.add_task("runs", total=None), bars.add_task("", total=None)
-        doing = ""
-
-        def runs(name: str, done: int, total: int) -> None:
-            if not _err.is_terminal:
-                _err.print(f"{done}/{total} {name}", markup=False)
-            bars.update(whole, completed=done, total=total, description=escape(f"runs {name}"))
-
-        def stages(stage: str, done: int, total: int) -> None:
-            nonlocal doing
-            if stage != doing:
-                bars.reset(part, description=escape(f"  {stage}"), total=total)
-                doing = stage
-            bars.update(part, completed=done, total=total)
-
-        yield runs, stages
-
-
 def _table(title: str, columns: tuple[str, ...], rows: list[tuple[str, ...]]) -> None:
     table = Table(title=title, title_justify="left", box=box.SIMPLE)
     for k, column in enumerate(columns):
@@ -151,8 +106,8 @@ def run(
     from legsim import config, pipeline
 
     settings_tree = config.load(config_file, preset=preset.value, overrides=tuple(settings or ()))
-    with _progress() as progress:
-        result = pipeline.run(settings_tree, out, device=device, on_progress=progress)
+    with progress.of_stages(_err) as on_progress:
+        result = pipeline.run(settings_tree, out, device=device, on_progress=on_progress)
     _table(
         "Against the motion-free scan (volumes scaled 0 to 1, registered); residual motion; at the bones in the images",
         result.columns(),
@@ -187,9 +142,9 @@ def replay(
     overrides = [f"motion.file={motion}", *(settings or ())]
     if filter_hz is not None:
         overrides.append(f"motion.filter_hz={filter_hz}")
-    with _progress() as progress:
+    with progress.of_stages(_err) as on_progress:
         result = pipeline.replay(
-            config.load(overrides=tuple(overrides)), out, filtered=filter_hz is not None, image=image, on_progress=progress
+            config.load(overrides=tuple(overrides)), out, filtered=filter_hz is not None, image=image, on_progress=on_progress
         )
     for line in result.lines():
         _out.print(line, markup=False)
@@ -249,7 +204,7 @@ def project(
     """Line integrals of any set of closed meshes."""
     from legsim import tasks
 
-    with _progress() as progress:
+    with progress.of_stages(_err) as on_progress:
         detector = tasks.Detector(columns, rows, pixel_mm)
         lines = tasks.project(
             phantom,
@@ -259,7 +214,7 @@ def project(
             energy_kev=energy_kev,
             settings=tuple(settings or ()),
             device=device,
-            on_progress=progress,
+            on_progress=on_progress,
         )
     for line in lines:
         _out.print(line, markup=False)
@@ -282,7 +237,7 @@ def reconstruct(
     """FDK, static or motion-compensated."""
     from legsim import tasks
 
-    with _progress() as progress:
+    with progress.of_stages(_err) as on_progress:
         lines = tasks.reconstruct(
             projections,
             geometry,
@@ -293,7 +248,7 @@ def reconstruct(
             spacing_mm=spacing_mm,
             center_mm=center_mm,
             device=device,
-            on_progress=progress,
+            on_progress=on_progress,
         )
     for line in lines:
         _out.print(line, markup=False)
@@ -336,23 +291,32 @@ def study(
     scheduler: Annotated[
         str | None, typer.Option(metavar="tcp://...", help="A Dask scheduler; its workers must see --out. Default: this machine.")
     ] = None,
+    store: Annotated[
+        Path | None,
+        typer.Option(
+            help="Folder of finished stages to share with other studies, as OTHER/store; on the file system of --out. Default: OUT/store."
+        ),
+    ] = None,
     device: DeviceOption = None,
 ) -> None:
     """Subjects x postures x methods x noise levels, with tables and figures beside the printed ones."""
+    from legsim import stage_store, study_config
     from legsim import study as studies
-    from legsim import study_config
 
     if scheduler is not None and workers > 1:
         raise LegsimError("--workers are of this machine, --scheduler has its own: give one of the two")
     overrides = tuple(settings or ())
     asked, base = study_config.load(study_file, preset=None if preset is None else preset.value, overrides=overrides)
-    planned = studies.plan(asked, base, out.resolve(), device=device)
+    if store is not None:
+        stage_store.check_shared(store.resolve(), out.resolve())
+    planned = studies.plan(asked, base, out.resolve(), device=device, store=store and store.resolve())
     _err.print(studies.needs(planned, out.resolve(), 0 if scheduler else workers), markup=False)
     options = ([] if preset is None else ["--preset", preset.value]) + [word for setting in overrides for word in ("--set", setting)]
+    options += [] if store is None else ["--store", str(store)]
     command = shlex.join(["legsim", "study", study_file, *options, "--out", str(out)])
-    with _study_progress() as (runs, stages):
+    with progress.of_study(_err) as (runs, stages):
         results = studies.run(
-            asked, planned, out.resolve(), command=command, workers=workers, scheduler=scheduler, on_done=runs, on_progress=stages
+            asked, planned, out.resolve(), command=command, workers=workers, scheduler=scheduler, on_step=runs, on_progress=stages
         )
     for line in studies.lines(results, out):
         _out.print(line, markup=False)

@@ -5,12 +5,15 @@ the same file system, may fill and read one store.
 """
 
 import contextlib
+import errno
 import json
 import os
 import shutil
 import uuid
 from pathlib import Path
 from typing import Any
+
+from legsim.errors import at
 
 _ENTRY = "entry.json"
 
@@ -60,6 +63,32 @@ class StageStore:
 
     def _place(self, stage: str, key: str) -> Path:
         return self.path / stage / key
+
+
+def check_shared(store: Path, folder: Path) -> None:
+    """Sees that finished stages can go from the store into the folder and back without being copied; makes both.
+
+    Raises:
+        LegsimError: they are on two file systems, or the store is a study's own folder.
+    """
+    inside = store / "store"
+    if inside.is_dir():
+        raise at(store, "is a study's folder, not a store of finished stages", f"give {inside}")
+    trial = f".partial-{uuid.uuid4().hex}"
+    try:
+        for made in (store, folder):
+            made.mkdir(parents=True, exist_ok=True)
+        (store / trial).touch()
+        os.link(store / trial, folder / trial)
+    except OSError as error:
+        if error.errno != errno.EXDEV:
+            raise at(store, f"cannot be shared with {folder} ({error.strerror})", "choose another folder with --store") from error
+        problem = f"is on another file system than {folder}, and finished stages are shared as hard links, which need one"
+        raise at(store, problem, "choose --store and --out on the same file system") from error
+    finally:
+        for made in (store, folder):
+            with contextlib.suppress(OSError):  # it was not made
+                (made / trial).unlink()
 
 
 def _link(source: Path, target: Path) -> None:

@@ -3,7 +3,7 @@
 import json
 import math
 import shutil
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -23,6 +23,7 @@ from legsim import (
     presentation,
     reconstruction,
     recovery,
+    sole_use,
     study_config,
     study_engine,
     study_report,
@@ -36,7 +37,7 @@ from legsim.report import Picture
 from legsim.scanned_leg import OnProgress
 from legsim.scene import NamedVolume
 from legsim.study_config import Ladder, StudyConfig
-from legsim.study_engine import Outcome, Task
+from legsim.study_engine import OnStep, Outcome, Task
 from legsim.study_results import NoiseLevel, StageCost, StudyResults
 from legsim.study_tasks import LadderJob, ScanJob
 
@@ -117,13 +118,19 @@ def _shared_bytes(job: ScanJob) -> int:
     return images + (_TABLES_BYTES if own else 0)
 
 
-def plan(study: StudyConfig, base: Path, out: Path, *, device: str | None = None) -> Plan:
+def plan(study: StudyConfig, base: Path, out: Path, *, device: str | None = None, store: Path | None = None) -> Plan:
     """Every run of the study; nothing is computed, but every setting, recording and method is looked up.
+
+    Args:
+        store: folder of finished stages, of this and of other studies; None for the study's own.
 
     Raises:
         LegsimError: a recording, a method, a sensor or a setting is not there.
     """
-    found = Plan(_scans(study, base, out, device), () if study.ladder is None else _ladders(study, study.ladder, base, out))
+    found = Plan(
+        _scans(study, base, out, device, out / "store" if store is None else store),
+        () if study.ladder is None else _ladders(study, study.ladder, base, out),
+    )
     called = [task.name for task in found.tasks()]
     twice = next((name for name in called if called.count(name) > 1), None)
     if twice is not None:
@@ -138,7 +145,7 @@ def plan(study: StudyConfig, base: Path, out: Path, *, device: str | None = None
     return found
 
 
-def _scans(study: StudyConfig, base: Path, out: Path, device: str | None) -> tuple[ScanJob, ...]:
+def _scans(study: StudyConfig, base: Path, out: Path, device: str | None, store: Path) -> tuple[ScanJob, ...]:
     """The clean run of every scan, followed by its noisy ones."""
     levels: list[tuple[NoiseLevel | None, int]] = [(None, 0)] if study.methods else []
     levels += [(level, r) for n in study.noise for level in n.noise() for r in range(n.repetitions)]
@@ -148,7 +155,7 @@ def _scans(study: StudyConfig, base: Path, out: Path, device: str | None) -> tup
             for noise, repetition in levels:
                 seed = None if noise is None else study_tasks.seed_of(subject, posture, repetition)
                 settings = study_config.run_settings(study, base, subject, posture, noise, seed)
-                jobs.append(ScanJob(out, subject, posture, noise, repetition, settings, device))
+                jobs.append(ScanJob(out, subject, posture, noise, repetition, settings, device, store))
     return tuple(jobs)
 
 
@@ -175,7 +182,7 @@ def needs(planned: Plan, out: Path, workers: int = 0) -> str:
     except OSError as error:
         raise at(out, f"cannot be made ({error.strerror})", "choose another folder with --out") from error
     if not planned.scans:
-        return f"{len(planned.ladders)} noise ladders; no reconstruction"
+        return f"{_many(len(planned.ladders), 'noise ladder')}; no reconstruction"
     # runs share files: each counts once
     taken = sum({status.st_ino: status.st_size for status in (p.stat() for p in out.glob("runs/*/*"))}.values())
     free = shutil.disk_usage(out).free
@@ -191,9 +198,13 @@ def needs(planned: Plan, out: Path, workers: int = 0) -> str:
             + (f"use --workers {there // held}" if there >= held else "use a smaller --preset")
         )
     return (
-        f"{len(planned.scans)} runs, {len(planned.ladders)} noise ladders; {disk / _GIB:.1f} GiB of disk, "
+        f"{_many(len(planned.scans), 'run')}, {_many(len(planned.ladders), 'noise ladder')}; {disk / _GIB:.1f} GiB of disk, "
         f"{held / _GIB:.1f} GiB of memory a worker"
     )
+
+
+def _many(count: int, what: str) -> str:
+    return f"{count} {what}" if count == 1 else f"{count} {what}s"
 
 
 def run(
@@ -204,19 +215,36 @@ def run(
     command: str,
     workers: int = 1,
     scheduler: str | None = None,
-    on_done: Callable[[str, int, int], None],
+    on_step: OnStep,
     on_progress: OnProgress,
 ) -> StudyResults:
     """Runs what is missing, and writes results.json and the report.
 
     With one worker and no scheduler the runs are made here, one after the other; else on a Dask cluster.
+
+    Raises:
+        LegsimError: another study runs into the same folder.
     """
+    with sole_use.of_folder(out):
+        return _run(study, planned, out, command, workers, scheduler, on_step, on_progress)
+
+
+def _run(
+    study: StudyConfig,
+    planned: Plan,
+    out: Path,
+    command: str,
+    workers: int,
+    scheduler: str | None,
+    on_step: OnStep,
+    on_progress: OnProgress,
+) -> StudyResults:
     whole_files.write_text(out / "study.toml", tomli_w.dumps(study.model_dump(mode="json", exclude_none=True)))
     tasks = planned.tasks()
     if scheduler is None and workers == 1:
-        outcome = study_engine.run_here(tasks, on_done, on_progress=on_progress)
+        outcome = study_engine.run_here(tasks, on_step, on_progress=on_progress)
     else:
-        outcome = study_engine.run_on_cluster(tasks, on_done, scheduler=scheduler, workers=workers, shared_folder=out)
+        outcome = study_engine.run_on_cluster(tasks, on_step, scheduler=scheduler, workers=workers, shared_folder=out)
     results = gathered(study, planned, outcome, out, command)
     study_results.save(out / study_results.RESULTS_FILE, results)
     ended = [job for job in planned.scans if job.name in outcome.results]
@@ -285,6 +313,7 @@ def lines(results: StudyResults, out: Path) -> list[str]:
     """What to print at the end."""
     return [
         f"{len(results.scores)} scores, {len(results.ladder)} cells of the noise ladder",
+        f"report: {out / 'report.html'}",
         f"numbers: {out / study_results.RESULTS_FILE}",
     ]
 

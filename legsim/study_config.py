@@ -13,6 +13,8 @@ from legsim.study_results import NoiseLevel
 
 Exponent = float | Literal["none"]
 """of a factor of noise; "none" for no noise"""
+_FILES = ((("motion",), "marker_map"), (("motion",), "scaling_file"), (("scan", "spectrum"), "file"))
+"""settings that may name a file beside the STUDY.toml: sections, key"""
 
 
 class NoiseRuns(Section):
@@ -97,7 +99,30 @@ def load(path: str, *, preset: str | None = None, overrides: tuple[str, ...] = (
     twice = next((level for level in levels if levels.count(level) > 1), None)
     if twice is not None:
         raise at(file, f"[[noise]] has {twice.label} twice", "name each level once, with all methods that it is tried on")
-    return study, file.parent
+    return _anchored(study, file.parent), file.parent
+
+
+def _anchored(study: StudyConfig, base: Path) -> StudyConfig:
+    """The same study with its own files by their whole paths, so that it can be read from anywhere."""
+    tree = study.model_dump()
+    further = ((), ()) if study.ladder is None else (study.ladder.subjects, study.ladder.postures)
+    scans = [(s, p) for s in (*study.subjects, *further[0]) for p in (*study.postures, *further[1])]
+    found = all((base / study.recording.format(subject=s, posture=p)).is_file() for s, p in scans)
+    if found and not Path(study.recording).is_absolute():
+        tree["recording"] = f"{base}/".replace("{", "{{").replace("}", "}}") + study.recording
+    for holder in (tree, *tree["noise"]):
+        holder["methods"] = tuple(_beside(base, m, m.rpartition(":")[0]) if ".py:" in m else m for m in holder["methods"])
+    for section, key in _FILES:
+        inside = tree["settings"]
+        for name in section:
+            inside = inside.get(name, {})
+        if isinstance(inside.get(key), str):
+            inside[key] = _beside(base, inside[key], inside[key])
+    return StudyConfig.model_validate(tree)
+
+
+def _beside(base: Path, written: str, file: str) -> str:
+    return str(base / written) if file and (base / file).is_file() else written
 
 
 def _check_settings(study: StudyConfig, file: Path) -> None:
@@ -138,8 +163,7 @@ def run_settings(study: StudyConfig, base: Path, subject: str, posture: str, noi
         trees.append({"imu": {"noise": _noise_tree(noise)}})
     if seed is not None:
         trees.append({"seed": seed})
-    run = [str(base / m) if ".py:" in m and (base / m.rpartition(":")[0]).is_file() else m for m in methods]
-    trees.append({"methods": {"run": ["static", *run]}})
+    trees.append({"methods": {"run": ["static", *methods]}})
     return config.from_trees(study.preset, *trees, where=Path(study.name))
 
 

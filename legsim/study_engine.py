@@ -8,6 +8,7 @@ import contextlib
 import logging
 import os
 import signal
+import time
 import traceback
 import uuid
 import warnings
@@ -21,9 +22,9 @@ from legsim.errors import LegsimError
 
 _PATIENCE_S = 30
 """for the first worker of a scheduler"""
-
-OnDone = Callable[[str, int, int], None]
-"""name of the task that begins (here) or ended (on a cluster), tasks that ended, tasks"""
+_PRELOAD = "import logging; logging.getLogger('distributed.worker.state_machine').setLevel(logging.ERROR)"
+"""What Dask runs in each worker that it starts here. That logger's one warning is of tasks that end with their worker, which is how a study
+that is interrupted or terminated ends."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,6 +36,23 @@ class Task:
     arguments: tuple[Any, ...]
     needs: tuple[str, ...] = ()
     """names of tasks that must have ended well before"""
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """A task that begins here, or has ended somewhere."""
+
+    name: str
+    ended: int
+    """tasks, with this one if it has"""
+    total: int
+    seconds: float | None
+    """that it took; None where it begins"""
+    failure: str = ""
+    """a line; empty where it went well"""
+
+
+OnStep = Callable[[Step], None]
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,26 +72,28 @@ class _Failure:
 
 @dataclass(frozen=True, slots=True)
 class _Warned:
-    """What a task on a worker came to, and the warnings that it gave there."""
+    """What a task on a worker came to, in how many seconds, and the warnings that it gave there."""
 
     value: Any
+    seconds: float
     messages: tuple[str, ...]
 
 
-def run_here(tasks: Sequence[Task], on_done: OnDone, **options: Any) -> Outcome:
+def run_here(tasks: Sequence[Task], on_step: OnStep, **options: Any) -> Outcome:
     """One task after the other, in this process; ``tasks`` are in an order that satisfies their needs.
 
     ``options`` are given to every function besides its arguments: what cannot be sent to another process.
     """
     ended: dict[str, Any] = {}
     for task in tasks:
-        on_done(task.name, len(ended), len(tasks))
+        on_step(Step(task.name, len(ended), len(tasks), None))
+        begun = time.monotonic()
         ended[task.name] = _attempt(task, [ended[name] for name in task.needs], **options)
-    on_done("", len(ended), len(tasks))
+        on_step(_end(task.name, ended, len(tasks), time.monotonic() - begun))
     return _outcome(ended)
 
 
-def run_on_cluster(tasks: Sequence[Task], on_done: OnDone, *, scheduler: str | None, workers: int, shared_folder: Path) -> Outcome:
+def run_on_cluster(tasks: Sequence[Task], on_step: OnStep, *, scheduler: str | None, workers: int, shared_folder: Path) -> Outcome:
     """As many tasks at once as the cluster has workers.
 
     A worker that is lost costs the task that it was at, which another one starts again; three workers lost at one task fail it.
@@ -108,10 +128,16 @@ def run_on_cluster(tasks: Sequence[Task], on_done: OnDone, *, scheduler: str | N
         send()
         for future in pending if running else ():
             name = running[future.key]
-            ended[name] = _told(future.result()) if future.status == "finished" else _Failure(_lost(future))
-            on_done(name, len(ended), len(tasks))
+            came = future.result() if future.status == "finished" else _Warned(_Failure(_lost(future)), 0.0, ())
+            ended[name] = _told(came)
+            on_step(_end(name, ended, len(tasks), came.seconds))
             send()
     return _outcome({task.name: ended[task.name] for task in tasks})
+
+
+def _end(name: str, ended: dict[str, Any], total: int, seconds: float) -> Step:
+    value = ended[name]
+    return Step(name, len(ended), total, seconds, value.why if isinstance(value, _Failure) else "")
 
 
 def _key(task: Task) -> str:
@@ -144,9 +170,10 @@ def _why(error: Exception) -> str:
 
 def _attempt_elsewhere(task: Task, needed: Sequence[Any]) -> _Warned:
     """Runs on a worker, whose own warnings nobody would read."""
+    begun = time.monotonic()
     with warnings.catch_warnings(record=True) as caught:
         value = _attempt(task, needed)
-    return _Warned(value, tuple(dict.fromkeys(str(w.message) for w in caught)))
+    return _Warned(value, time.monotonic() - begun, tuple(dict.fromkeys(str(w.message) for w in caught)))
 
 
 def _told(ended: _Warned) -> Any:
@@ -176,6 +203,7 @@ def _client(distributed: Any, scheduler: str | None, workers: int) -> Iterator[A
         options: dict[str, Any] = {"threads_per_worker": 1, "processes": True, "memory_limit": 0, "dashboard_address": None}
         # without a dashboard Dask still serves HTTP, and says so where another study has its usual port
         options["scheduler_kwargs"] = {"dashboard_address": ":0"}
+        options["preload"] = [_PRELOAD]
         # Ctrl-C reaches every process of the terminal; the workers leave it to this one, which ends them
         heeded = signal.signal(signal.SIGINT, signal.SIG_IGN)
         try:

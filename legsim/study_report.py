@@ -105,26 +105,27 @@ def _many(count: int, what: str) -> str:
     return f"{count} {what}" if count == 1 else f"{count} {what}s"
 
 
-def _pool(scores: Sequence[ScanScore]) -> tuple[str, tuple[ScanScore, ...]]:
-    """The block with most to say: all squats, else the first."""
+def _pools(scores: Sequence[ScanScore]) -> dict[str, tuple[ScanScore, ...]]:
+    """The blocks that say it all: all squats together where they are there, else every condition."""
     blocks = study_statistics.blocks(scores)
-    return ("all", blocks["all"]) if "all" in blocks else next(iter(blocks.items()))
+    return {name: block for name, block in blocks.items() if "all" not in blocks or name == "all" or name not in study_statistics.POOLED}
 
 
 def _headlines(clean: Sequence[ScanScore]) -> list[str]:
     """The whole leg's means, a line a measure."""
     if not clean:
         return []
-    condition, pool = _pool(clean)
     whole = study_tables.regions(clean)[0]
     lines = []
-    for measure, printed_of in (("SSIM", published.ssim), ("RMSE", published.rmse)):
-        parts = []
-        for method in study_results.methods_of(pool):
-            ours = study_statistics.over_scans(study_statistics.of_method(pool, method), study_statistics.of_region(measure.lower(), whole))
-            printed = printed_of(method, whole, condition)
-            parts.append(f"{method} {'–' if ours is None else f'{ours.mean:.3f}'}" + (f" (printed {printed.mean:.3f})" if printed else ""))
-        lines.append(f"Mean {measure}, whole leg, {side_by_side.heading(condition)}: {', '.join(parts)}.")
+    for condition, pool in _pools(clean).items():
+        for measure, printed_of in (("SSIM", published.ssim), ("RMSE", published.rmse)):
+            take, parts = study_statistics.of_region(measure.lower(), whole), []
+            for method in study_results.methods_of(pool):
+                ours = study_statistics.over_scans(study_statistics.of_method(pool, method), take)
+                printed = printed_of(method, whole, condition)
+                beside = f" (printed {printed.mean:.3f})" if printed else ""
+                parts.append(f"{method} {'–' if ours is None else f'{ours.mean:.3f}'}{beside}")
+            lines.append(f"Mean {measure}, whole leg, {side_by_side.heading(condition)}: {', '.join(parts)}.")
     return lines
 
 
@@ -186,25 +187,36 @@ def _residuals(clean: tuple[ScanScore, ...], results: StudyResults) -> Section:
 
 
 def _tests(clean: tuple[ScanScore, ...]) -> Section:
-    condition, pool = _pool(clean)
-    whole = study_tables.regions(clean)[0]
-    tables, count = [], 0
-    for measure in ("SSIM", "RMSE"):
-        found = study_statistics.paired_tests(pool, study_statistics.of_region(measure.lower(), whole))
-        count = max((test.scans for test in found), default=0)
-        if any(test.p is not None for test in found):
-            caption = f"Paired test between methods, {measure} of the whole leg, n = {_counts(found)}"
-            tables.append(study_tables.tests(caption, found, f"test_{measure.lower()}"))
-    if len(study_results.methods_of(pool)) < 2:
-        return Section("Are the differences more than chance?")
-    if not tables:
-        few = f"Too few scans for a paired test: {count}, where {study_statistics.FEWEST_SCANS} are the fewest that can tell."
-        return Section("Are the differences more than chance?", (few,))
-    line = (
-        f"Methods are compared scan by scan over {side_by_side.heading(condition)}. Two postures of one subject count as two scans. A "
-        "small p says that the sign of a difference is no chance, not that the difference matters: see the median difference."
-    )
-    return Section("Are the differences more than chance?", (line,), tuple(tables))
+    title = "Are the differences more than chance?"
+    if len(study_results.methods_of(clean)) < 2:
+        return Section(title)
+    pools, whole = _pools(clean), study_tables.regions(clean)[0]
+    tables, few, told = [], [], []
+    for condition, pool in pools.items():
+        heading, count, made = side_by_side.heading(condition), 0, []
+        for measure in ("SSIM", "RMSE"):
+            found = study_statistics.paired_tests(pool, study_statistics.of_region(measure.lower(), whole))
+            count = max((test.scans for test in found), default=0)
+            if any(test.p is not None for test in found):
+                where, stem = ("", "") if len(pools) == 1 else (f", {heading}", f"_{condition.replace('/', '_')}")
+                caption = f"Paired test between methods, {measure} of the whole leg{where}, n = {_counts(found)}"
+                made.append(study_tables.tests(caption, found, f"test_{measure.lower()}{stem}"))
+        tables += made
+        if made:
+            told.append(heading)
+        else:
+            few.append(f"{count}" if len(pools) == 1 else f"{count} of {heading}")
+    lines = []
+    if told:
+        lines.append(
+            f"Methods are compared scan by scan over {' and over '.join(told)}. Two postures of one subject count as two scans. A "
+            "small p says that the sign of a difference is no chance, not that the difference matters: see the median difference."
+        )
+    if few:
+        lines.append(
+            f"Too few scans for a paired test: {', '.join(few)}, where {study_statistics.FEWEST_SCANS} are the fewest that can tell."
+        )
+    return Section(title, tuple(lines), tuple(tables))
 
 
 def _counts(found: Sequence[PairedTest]) -> str:

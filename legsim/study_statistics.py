@@ -17,7 +17,8 @@ FEWEST_SCANS = 6
 LIMIT_MM = 1.0
 LIMIT_DEG = 1.0
 """deviations above which the study expects images to suffer (Maier et al. 2021, section 4.2)"""
-_POOLED = ("30", "60")
+POOLED = ("30", "60")
+"""conditions that the printed study also takes together"""
 
 Scan = tuple[str, str]
 """subject and posture"""
@@ -74,8 +75,8 @@ def blocks(scores: Sequence[ScanScore]) -> dict[str, tuple[ScanScore, ...]]:
     for score in scores:
         name = study_results.condition(score.posture)
         found[name] = (*found.get(name, ()), score)
-    if all(name in found for name in _POOLED):
-        found["all"] = tuple(s for s in scores if study_results.condition(s.posture) in _POOLED)
+    if all(name in found for name in POOLED):
+        found["all"] = tuple(s for s in scores if study_results.condition(s.posture) in POOLED)
     return found
 
 

@@ -177,8 +177,9 @@ def ladder(cells: dict[NoiseLevel, LadderCell], convention: Convention) -> Table
             shift = _beside(cell.translation_mm, printed and printed.translation_mm)
             rows.append((exponent(level.f_g), *shift, *_beside(cell.rotation_deg, printed and printed.rotation_deg)))
     count = max((cells[level].translation_mm.count for level in levels), default=0)
+    over = "one draw of noise" if count == 1 else f"mean ± standard deviation of {count} draws of noise"
     note = (
-        f"RMSE over the views of noisy against noise-free motion, mean of three axes, mean ± standard deviation of {count} draws of noise. "
+        f"RMSE over the views of noisy against noise-free motion, mean of three axes, {over}. "
         f"Convention of the noise: {convention}. Printed: Maier et al. 2021, Table 2. The numbers span nine powers of ten, so their ratio "
         "stands where a difference would say nothing."
     )
@@ -218,6 +219,8 @@ def noisy_quality(scores: Sequence[ScanScore]) -> tuple[Table, Table]:
     """SSIM and RMSE of reconstructions from noisy sensors, with the clean ones of the same scans, by convention and method."""
     noisy = [s for s in scores if s.noise is not None]
     scans = {(s.subject, s.posture) for s in noisy}
+    # the printed values are of held squats, and say nothing of other recordings
+    squats = all(study_results.condition(posture) in study_statistics.POOLED for _, posture in scans)
     clean = [s for s in scores if s.noise is None and (s.subject, s.posture) in scans]
     kinds = []
     for measure, printed_of in (("ssim", published.noisy_ssim), ("rmse", published.noisy_rmse)):
@@ -236,7 +239,7 @@ def noisy_quality(scores: Sequence[ScanScore]) -> tuple[Table, Table]:
                         chosen = tuple(s for s in of_method if s.noise and (s.noise.f_a, s.noise.f_g) == (f_a, f_g))
                     for region in regions(noisy):
                         ours = study_statistics.over_scans(chosen, study_statistics.of_region(measure, region))
-                        printed: Score | None = printed_of(f_a, f_g, region) if method == "rigid" else None
+                        printed: Score | None = printed_of(f_a, f_g, region) if method == "rigid" and squats else None
                         entries.append(Entry(group, label, region, ours, printed))
         kinds.append(entries)
     note = (

@@ -34,6 +34,8 @@ class ScanJob:
     repetition: int
     settings: RunConfig
     device: str | None
+    store: Path
+    """folder of finished stages"""
 
     @property
     def name(self) -> str:
@@ -75,7 +77,7 @@ def scan(job: ScanJob, on_progress: OnProgress | None = None) -> tuple[ScanScore
     key = key_of(__version__, settings.model_dump(), recovery.fingerprint(settings.motion), names, evaluation.PROTOCOL)
 
     def run() -> list[dict[str, Any]]:
-        store = StageStore(job.study_folder / "store")
+        store = StageStore(job.store)
         clean = job.noise is None
         result = pipeline.run(settings, job.folder, device=job.device, on_progress=on_progress or _quiet, store=store, presented=clean)
         place = job.folder.relative_to(job.study_folder).as_posix()

@@ -98,7 +98,13 @@ def loaded_by(modules: str) -> set[str]:
 
 def test_the_command_line_starts_without_any_stage():
     names = loaded_by("legsim.cli")
-    assert {name for name in names if name.startswith("legsim")} == {"legsim", "legsim.cli", "legsim.errors"}
+    assert {name for name in names if name.startswith("legsim")} == {
+        "legsim",
+        "legsim.cli",
+        "legsim.errors",
+        "legsim.progress",
+        "legsim.study_engine",
+    }
     assert not {"numpy", *SLOW.values()} & names
 
 

@@ -6,7 +6,9 @@ from pathlib import Path
 
 import pytest
 
+from legsim import stage_store
 from legsim.artifacts import RunFolder, key_of
+from legsim.errors import LegsimError
 from legsim.stage_store import StageStore
 
 
@@ -104,3 +106,28 @@ def test_fetching_twice_leaves_no_partial_files(tmp_path, again):
     for _ in range(again):
         StageStore(tmp_path / "store").fetch("count", key_of(1), second.path)
     assert sorted(p.name for p in second.path.iterdir()) == ["numbers.txt"]
+
+
+def test_a_store_to_share_is_made_and_left_empty(tmp_path):
+    stage_store.check_shared(tmp_path / "a" / "store", tmp_path / "b")
+    assert list((tmp_path / "a" / "store").iterdir()) == []
+    assert list((tmp_path / "b").iterdir()) == []
+
+
+def test_a_store_on_another_file_system_is_refused(tmp_path, monkeypatch):
+    def refuse(*_: object) -> None:
+        raise OSError(errno.EXDEV, "Invalid cross-device link")
+
+    monkeypatch.setattr(os, "link", refuse)
+    with pytest.raises(LegsimError, match="hard links, which need one; choose --store and --out on the same file system"):
+        stage_store.check_shared(tmp_path / "a", tmp_path / "b")
+    assert list((tmp_path / "a").iterdir()) == []
+
+
+def test_a_studys_folder_is_no_store_and_a_file_neither(tmp_path):
+    (tmp_path / "table1" / "store").mkdir(parents=True)
+    with pytest.raises(LegsimError, match=r"is a study's folder, .*; give .*/table1/store$"):
+        stage_store.check_shared(tmp_path / "table1", tmp_path / "b")
+    (tmp_path / "file").touch()
+    with pytest.raises(LegsimError, match="cannot be shared with"):
+        stage_store.check_shared(tmp_path / "file", tmp_path / "b")

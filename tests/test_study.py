@@ -58,7 +58,7 @@ def through(tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = folder / "out"
     planned = study.plan(asked, base, out)
     study.needs(planned, out, 1)
-    study.run(asked, planned, out, command="legsim study", on_done=lambda *_: None, on_progress=lambda *_: None)
+    study.run(asked, planned, out, command="legsim study", on_step=lambda *_: None, on_progress=lambda *_: None)
     return out
 
 
@@ -116,7 +116,7 @@ def test_killed_and_resumed_on_a_cluster_it_ends_in_the_same_numbers(through, tm
 def test_a_second_run_computes_nothing(through):
     asked, base = study_config.load(str(through.parent / "STUDY.toml"))
     before = {p: p.stat().st_mtime_ns for p in through.glob("runs/*/*")}
-    study.run(asked, study.plan(asked, base, through), through, command="", on_done=lambda *_: None, on_progress=lambda *_: None)
+    study.run(asked, study.plan(asked, base, through), through, command="", on_step=lambda *_: None, on_progress=lambda *_: None)
     assert {p: p.stat().st_mtime_ns for p in through.glob("runs/*/*")} == before
 
 

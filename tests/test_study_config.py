@@ -4,6 +4,7 @@ import re
 from pathlib import Path
 
 import pytest
+import tomli_w
 
 from legsim import study, study_config
 from legsim.errors import LegsimError
@@ -53,6 +54,28 @@ def test_own_recordings_and_methods_are_found_beside_the_file(tmp_path):
     settings = study_config.run_settings(asked, base, "anna", "stand", None, None)
     assert settings.motion.file == str(tmp_path / "anna_stand.trc")
     assert settings.methods.run[-1] == f"{tmp_path / 'mine.py'}:method"
+
+
+def test_a_study_can_be_read_from_anywhere(tmp_path):
+    home = tmp_path / "with {braces}"
+    home.mkdir()
+    for name in ("anna_stand.trc", "mine.py", "map.toml", "beam.csv"):
+        (home / name).touch()
+    text = PLAIN.replace('"subject01"', '"anna"').replace('"squat_30"', '"stand"').replace('"rigid"', '"mine.py:method"')
+    text += 'recording = "{subject}_{posture}.trc"\n[[noise]]\nconvention = "SI"\nlevels = [[1, 1]]\nmethods = ["mine.py:method"]\n'
+    text += '[settings.motion]\nmarker_map = "map.toml"\n[settings.scan.spectrum]\nkind = "file"\nfile = "beam.csv"\n'
+    asked, base = load(home, text)
+    elsewhere = tmp_path / "elsewhere"
+    elsewhere.mkdir()
+    again, other = load(elsewhere, tomli_w.dumps(asked.model_dump(mode="json", exclude_none=True)))
+    assert again == asked
+    for level in (None, *asked.noise[0].noise()):
+        settings = study_config.run_settings(again, other, "anna", "stand", level, None)
+        assert settings == study_config.run_settings(asked, base, "anna", "stand", level, None)
+        assert settings.motion.file == str(home / "anna_stand.trc")
+        assert settings.motion.marker_map == str(home / "map.toml")
+        assert settings.scan.spectrum.file == str(home / "beam.csv")
+        assert settings.methods.run[-1] == f"{home / 'mine.py'}:method"
 
 
 def test_noise_goes_into_the_runs(tmp_path):

@@ -2,6 +2,8 @@
 
 import os
 import signal
+import subprocess
+import sys
 import time
 import warnings
 from pathlib import Path
@@ -10,7 +12,7 @@ import pytest
 
 from legsim import study_engine
 from legsim.errors import LegsimError
-from legsim.study_engine import Task
+from legsim.study_engine import Step, Task
 
 pytestmark = [
     # of Dask and tornado themselves, while a cluster is taken down
@@ -69,10 +71,14 @@ def check(outcome: study_engine.Outcome, folder: Path) -> None:
 
 
 def test_here_a_failure_takes_what_needs_it_and_nothing_else(tmp_path):
-    seen: list[tuple[str, int, int]] = []
-    check(study_engine.run_here(graph(tmp_path), lambda *now: seen.append(now), extra=1), tmp_path)
-    assert [name for name, _, _ in seen] == ["a", "bad", "b", "after", "last", ""]
-    assert seen[-1] == ("", 5, 5)
+    seen: list[Step] = []
+    check(study_engine.run_here(graph(tmp_path), seen.append, extra=1), tmp_path)
+    assert [step.name for step in seen if step.seconds is None] == ["a", "bad", "b", "after", "last"]
+    ends = [step for step in seen if step.seconds is not None]
+    assert [(step.name, step.ended, step.total) for step in ends] == [
+        (n, k + 1, 5) for k, n in enumerate(["a", "bad", "b", "after", "last"])
+    ]
+    assert [step.failure for step in ends][:3] == ["", "no such recording", ""]
 
 
 def stumble(*_: object, **__: object) -> str:
@@ -97,7 +103,9 @@ def test_on_a_cluster_it_is_the_same_and_a_killed_worker_costs_its_task(tmp_path
     tasks.append(Task("killed", die_once, (tmp_path, "killed"), ("b", "warned")))
     ended: list[str] = []
     with pytest.warns(UserWarning, match="^a short scan$"):
-        outcome = study_engine.run_on_cluster(tasks, lambda name, *_: ended.append(name), scheduler=None, workers=2, shared_folder=tmp_path)
+        outcome = study_engine.run_on_cluster(
+            tasks, lambda step: ended.append(step.name), scheduler=None, workers=2, shared_folder=tmp_path
+        )
     assert outcome.results.pop("warned") == "WARNED"
     assert outcome.results.pop("killed") == "KILLED"
     assert (tmp_path / "died").exists()
@@ -138,3 +146,33 @@ def test_workers_that_do_not_see_the_folder_are_told(tmp_path):
                 study_engine.run_on_cluster([], lambda *_: None, scheduler=address, workers=1, shared_folder=tmp_path)
         finally:
             study_engine._look = original
+
+
+TERMINATED = """
+import sys, time
+from pathlib import Path
+from legsim import study_engine
+
+def doze(folder, name):
+    (folder / name).touch()
+    time.sleep(60)
+
+if __name__ == "__main__":
+    import signal
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))
+    folder = Path(sys.argv[1])
+    tasks = [study_engine.Task(name, doze, (folder, name)) for name in "ab"]
+    study_engine.run_on_cluster(tasks, print, scheduler=None, workers=2, shared_folder=folder)
+"""
+
+
+def test_workers_end_without_a_word_when_the_study_is_terminated(tmp_path):
+    pytest.importorskip("distributed")
+    (tmp_path / "terminated.py").write_text(TERMINATED)
+    process = subprocess.Popen([sys.executable, str(tmp_path / "terminated.py"), str(tmp_path)], stderr=subprocess.PIPE, text=True)
+    until = time.monotonic() + 120
+    while time.monotonic() < until and not ((tmp_path / "a").exists() and (tmp_path / "b").exists()):
+        time.sleep(0.05)
+    process.send_signal(signal.SIGTERM)
+    _, errors = process.communicate(timeout=60)
+    assert (process.returncode, errors) == (143, "")

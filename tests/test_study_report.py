@@ -6,6 +6,7 @@ import io
 from dataclasses import replace
 
 import example_study
+import numpy as np
 import pytest
 from PIL import Image
 
@@ -162,6 +163,22 @@ def test_too_few_scans_are_told():
     content = study_report.content(StudyResults("s", "Two", few, (), ()))
     (section,) = [s for s in content.sections if s.title == "Are the differences more than chance?"]
     assert section.lines == ("Too few scans for a paired test: 2, where 6 are the fewest that can tell.",)
+
+
+def test_every_posture_of_ones_own_is_tested_and_told():
+    rng, scans = np.random.default_rng(3), [("standing", 7), ("stairs/up", 6), ("lunge", 2)]
+    scores = [
+        example_study.score(rng, f"p{k}", posture, method, loss)
+        for posture, count in scans
+        for k in range(count)
+        for method, loss in (("uncorrected", 0.3), ("rigid", 0.03))
+    ]
+    page = study_report.content(replace(example_study.results(), scores=tuple(scores), ladder=()))
+    assert [line.split(",")[2].split(":")[0].strip() for line in page.summary if "SSIM" in line] == ["standing", "stairs/up", "lunge"]
+    (section,) = [s for s in page.sections if s.title.startswith("Are the differences")]
+    assert [t.name for t in section.tables] == [f"test_{m}_{p}" for p in ("standing", "stairs_up") for m in ("ssim", "rmse")]
+    assert "over standing and over stairs/up" in section.lines[0]
+    assert section.lines[1] == "Too few scans for a paired test: 2 of lunge, where 6 are the fewest that can tell."
 
 
 def test_nothing_at_all_is_an_empty_page_with_its_failures(tmp_path):

@@ -139,6 +139,12 @@ def test_noisy_quality_has_the_clean_row_of_the_same_scans():
     assert "Over 4 scans" in ssim.note
 
 
+def test_noisy_scans_of_another_kind_stand_beside_nothing_printed():
+    scores = [replace(s, posture="standing") for s in example_study.results().scores if s.method == "rigid" and s.posture == "squat_30"]
+    ssim, _ = study_tables.noisy_quality(scores)
+    assert not any("printed" in column for column in ssim.columns)
+
+
 def test_every_scan_is_linked_to_its_folder():
     ssim, rmse = study_tables.every_scan(CLEAN, "scans")
     assert len(ssim.rows) == 14

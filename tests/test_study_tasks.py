@@ -52,7 +52,7 @@ def test_a_scan_is_scored_again_only_where_its_folder_was_deleted(tmp_path, monk
 
     monkeypatch.setattr(pipeline, "run", fake)
     settings = config.load(preset="demo", overrides=("motion.file=subject01/squat_30.trc",))
-    one = ScanJob(tmp_path, "subject01", "squat_30", None, 0, settings, None)
+    one = ScanJob(tmp_path, "subject01", "squat_30", None, 0, settings, None, tmp_path / "store")
     study_tasks.scan(one)
     study_tasks.scan(one)
     assert len(runs) == 1
@@ -64,7 +64,13 @@ def test_a_scan_is_scored_again_only_where_its_folder_was_deleted(tmp_path, monk
 def test_every_job_has_a_folder_of_its_own(tmp_path):
     settings = config.load(preset="demo")
     levels = [None, NoiseLevel("SI", 1.0, 1.0), NoiseLevel("per-sample", 1.0, 1.0), NoiseLevel("SI", None, 1.0)]
-    jobs = [ScanJob(tmp_path, s, p, n, r, settings, None) for s in ("a", "b") for p in ("30", "60") for n in levels for r in (0, 1)]
+    jobs = [
+        ScanJob(tmp_path, s, p, n, r, settings, None, tmp_path / "store")
+        for s in ("a", "b")
+        for p in ("30", "60")
+        for n in levels
+        for r in (0, 1)
+    ]
     folders = {j.folder for j in jobs if j.noise is not None or j.repetition == 0}
     assert len(folders) == 2 * 2 * (1 + 3 * 2)
     assert all(folder.parent == tmp_path / "runs" for folder in folders)
