@@ -34,6 +34,8 @@ SMALLEST, LARGEST = 0.5e-3, 5.0
 _SMALL_WHOLE = 10e-3
 """m: a person's part in meters, taken for mm, is below"""
 _KEYS = {"name": str, "file": str, "unit": str, "material": str, "attenuation_per_mm": (int, float), "segment": str}
+_MOST_PER_MM = 1e6
+"""beyond all matter at the energies of the tables, and far from what single precision cannot hold"""
 _LEAST_VOLUME = 1e-9
 """of the cube of a part's length: what rounding leaves of a flat one"""
 _GRAIN = 1e-6
@@ -133,8 +135,9 @@ def _check_table(path: Path, place: str, table: dict[str, Any]) -> None:
         raise at(path, f"unit = {table['unit']!r}", f"known are {', '.join(UNITS)}", place=place)
     if ("material" in table) == ("attenuation_per_mm" in table):
         raise at(path, "needs either material or attenuation_per_mm", "give exactly one of them", place=place)
-    if not 0 <= table.get("attenuation_per_mm", 0) < np.inf:
-        raise at(path, f"attenuation_per_mm = {table['attenuation_per_mm']}", "give a finite number, at least 0", place=place)
+    if not 0 <= table.get("attenuation_per_mm", 0) <= _MOST_PER_MM:
+        problem, cure = f"attenuation_per_mm = {table['attenuation_per_mm']}", f"give a number from 0 to {_MOST_PER_MM:g}"
+        raise at(path, problem, cure, place=place)
 
 
 def _part(path: Path, number: int, table: dict[str, Any], energy_kev: float, remarks: list[str]) -> Part:

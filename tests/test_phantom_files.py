@@ -220,6 +220,8 @@ def test_a_hidden_part_is_told(tmp_path):
         ("[[part]]\nname = 'a'\nfile = 'x.ply'\nunit = 'cm'\nmaterial = 'water'", "unit = 'cm'; known are mm, m"),
         ("[[part]]\nname = 'a'\nfile = 'x.ply'\nunit = 'mm'", "needs either material or attenuation_per_mm"),
         ("[[part]]\nname = 'a'\nfile = 'x.ply'\nunit = 'mm'\nattenuation_per_mm = -1", "attenuation_per_mm = -1"),
+        ("[[part]]\nname = 'a'\nfile = 'x.ply'\nunit = 'mm'\nattenuation_per_mm = 1e40", r"1e\+40; give a number from 0 to 1e\+06"),
+        ("[[part]]\nname = 'a'\nfile = 'x.ply'\nunit = 'mm'\nattenuation_per_mm = nan", "attenuation_per_mm = nan"),
         ("[[part]]\nname = 'a'\nfile = 'x.ply'\nunit = 'mm'\nmaterial = 'cheese'", r"\(part 1, 'a'\): no material named 'cheese'"),
         ("[[part]]\nname = 'a'\nfile = 'x.ply'\nunit = 'mm'\nmaterial = 'water'", r"x\.ply \(part 'a'\): no such file"),
         ("[[part]]\nname = 'a'\nfile = 'x.vtp'\nunit = 'mm'\nmaterial = 'water'", r"unknown kind of mesh '\.vtp'"),
