@@ -144,6 +144,8 @@ def _spectrum(beam: SpectrumConfig) -> Spectrum | None:
     if beam.kind == "none":
         return None
     if beam.kind == "file":
+        if not beam.file:
+            raise LegsimError('scan.spectrum.kind is "file", but no file is named: set scan.spectrum.file to a CSV of energy_kev,weight')
         return spectra.load(beam.file)
     return spectra.tube(
         kvp=beam.kvp, anode_deg=beam.anode_deg, aluminum_mm=beam.aluminum_mm, copper_mm=beam.copper_mm, response=beam.response

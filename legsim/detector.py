@@ -25,6 +25,8 @@ from legsim.geometry import Projections
 _FWHM = 2 * np.sqrt(2 * np.log(2))
 """of a Gaussian of unit standard deviation"""
 LEAST_PHOTONS = 0.5
+MOST_PHOTONS = 1e12
+"""more are free of noise to float32, and soon too many for a whole number to count"""
 _DARKEST = float(np.finfo(float).tiny)
 
 
@@ -50,6 +52,8 @@ class Detector:
         for name, value in (*named, ("scatter_to_primary", self.scatter_to_primary), ("scatter_fwhm", self.scatter_fwhm)):
             if not (np.isfinite(value) and value >= 0):
                 raise LegsimError(f"the detector's {name} must be a number, at least 0; got {value}")
+        if self.photons > MOST_PHOTONS:
+            raise LegsimError(f"{self.photons:g} photons a pixel are noise-free (at most {MOST_PHOTONS:g} are counted): set 0 for no noise")
         if self.electronic_noise > 0 and self.photons == 0:
             raise LegsimError("electronic noise is counted in photons: set the detector's photons too")
         if not all(0 <= fraction <= 1 and np.isfinite(time) and time > 0 for fraction, time in self.lag) or sum(f for f, _ in self.lag) > 1:

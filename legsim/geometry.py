@@ -83,14 +83,15 @@ class ConeBeamGeometry:
 
     def __getitem__(self, views: slice) -> "ConeBeamGeometry":
         """The geometry of a slice of the views."""
-        return replace(self, times=self.times[views], matrices=self.matrices[views])
+        return _facing(replace(self, times=self.times[views], matrices=self.matrices[views]), self.matrices[views])
 
     def finer(self, factor: int) -> "ConeBeamGeometry":
         """The same detector with every pixel parted into ``factor`` x ``factor``."""
         rows, columns = self.shape_vu
         parted = np.array([[factor, 0, 0.5 * (factor - 1)], [0, factor, 0.5 * (factor - 1)], [0, 0, 1.0]])
         shape_vu = (factor * rows, factor * columns)
-        return replace(self, matrices=parted @ self.matrices, shape_vu=shape_vu, pixel_pitch=self.pixel_pitch / factor)
+        matrices = parted @ self.matrices
+        return _facing(replace(self, matrices=matrices, shape_vu=shape_vu, pixel_pitch=self.pixel_pitch / factor), matrices)
 
     def coarser(self, factor: int) -> "ConeBeamGeometry":
         """The detector whose pixels are blocks of ``factor`` x ``factor`` of these; what is left of a block at the far edges is cut off."""
@@ -123,11 +124,19 @@ class ConeBeamGeometry:
 
     def moved(self, moved_from_reference: ArrayLike) -> "ConeBeamGeometry":
         """P(i) M(i): the scanner that sees the resting object as this one sees it moved by (v, 4, 4) or (4, 4)."""
-        return replace(self, matrices=self.matrices @ np.asarray(moved_from_reference, float))
+        matrices = self.matrices @ np.asarray(moved_from_reference, float)
+        return _facing(replace(self, matrices=matrices), matrices)
 
     def rotation_center(self) -> FloatArray:
         """(3,) point nearest to all principal rays: the isocenter of a circular scan."""
         return _nearest_point_to_principal_rays(self.matrices)
+
+
+def _facing(geometry: ConeBeamGeometry, matrices: FloatArray) -> ConeBeamGeometry:
+    """``geometry`` with depths positive where those of ``matrices`` (v, 3, 4) are: a few views of a scan may not show what was scanned."""
+    sides = np.sign(np.einsum("vi,vi->v", geometry.matrices[:, 2, :3], matrices[:, 2, :3]))
+    object.__setattr__(geometry, "matrices", frozen("matrices", geometry.matrices * sides[:, None, None], matrices.shape))
+    return geometry
 
 
 def _source_positions(matrices: FloatArray) -> FloatArray:

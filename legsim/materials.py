@@ -103,9 +103,11 @@ class Spectrum:
     def __post_init__(self) -> None:
         object.__setattr__(self, "energies_kev", frozen("Spectrum.energies_kev", self.energies_kev, (None,)))
         weights = frozen("Spectrum.weights", self.weights, (len(self.energies_kev),))
-        if not (np.isfinite(weights).all() and (weights >= 0).all() and weights.sum() > 0):
-            raise LegsimError("Spectrum.weights must be finite, not negative, and not all zero")
-        object.__setattr__(self, "weights", frozen("Spectrum.weights", weights / weights.sum(), weights.shape))
+        with np.errstate(over="ignore"):
+            total = weights.sum()
+        if not (np.isfinite(total) and (weights >= 0).all() and total > 0):
+            raise LegsimError("Spectrum.weights must be finite, their sum too, not negative, and not all zero")
+        object.__setattr__(self, "weights", frozen("Spectrum.weights", weights / total, weights.shape))
 
     def attenuations(self, name: str) -> FloatArray:
         """(e,) 1/m of a material at each energy."""

@@ -4,6 +4,7 @@ Parts stand in order of priority, outermost first where they nest: at each point
 STL, OBJ or GLB with coordinates in world, at the reference pose where a part moves with a segment.
 """
 
+import io
 import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,6 +13,9 @@ from typing import TYPE_CHECKING, Any
 
 import lazy_loader
 import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
 
 from legsim import materials, transforms
 from legsim.arrays import FloatArray
@@ -30,8 +34,12 @@ SMALLEST, LARGEST = 0.5e-3, 5.0
 _SMALL_WHOLE = 10e-3
 """m: a person's part in meters, taken for mm, is below"""
 _KEYS = {"name": str, "file": str, "unit": str, "material": str, "attenuation_per_mm": (int, float), "segment": str}
+_MOST_PER_MM = 1e6
+"""beyond all matter at the energies of the tables, and far from what single precision cannot hold"""
 _LEAST_VOLUME = 1e-9
 """of the cube of a part's length: what rounding leaves of a flat one"""
+_GRAIN = 1e-6
+"""of a part's length: how far apart text formats and single precision may have put the copies of a vertex"""
 _SAMPLES, _MORE_SAMPLES = 12, 100
 
 
@@ -127,8 +135,9 @@ def _check_table(path: Path, place: str, table: dict[str, Any]) -> None:
         raise at(path, f"unit = {table['unit']!r}", f"known are {', '.join(UNITS)}", place=place)
     if ("material" in table) == ("attenuation_per_mm" in table):
         raise at(path, "needs either material or attenuation_per_mm", "give exactly one of them", place=place)
-    if not 0 <= table.get("attenuation_per_mm", 0) < np.inf:
-        raise at(path, f"attenuation_per_mm = {table['attenuation_per_mm']}", "give a finite number, at least 0", place=place)
+    if not 0 <= table.get("attenuation_per_mm", 0) <= _MOST_PER_MM:
+        problem, cure = f"attenuation_per_mm = {table['attenuation_per_mm']}", f"give a number from 0 to {_MOST_PER_MM:g}"
+        raise at(path, problem, cure, place=place)
 
 
 def _part(path: Path, number: int, table: dict[str, Any], energy_kev: float, remarks: list[str]) -> Part:
@@ -161,13 +170,18 @@ def _mesh(file: Path, name: str) -> tuple[FloatArray, np.ndarray]:
     if not file.is_file():
         raise at(file, "no such file", "paths are relative to the TOML", place=place)
     try:
-        mesh = trimesh.load_mesh(file, process=False)
+        if file.suffix.lower() == ".obj":
+            mesh = trimesh.load_mesh(io.StringIO(_plain_obj(file.read_text("utf-8", "replace"))), file_type="obj", process=False)
+        else:
+            mesh = trimesh.load_mesh(file, process=False)
     except Exception as error:  # trimesh's readers raise whatever a malformed file makes them stumble over
         # a binary STL that was cut short is tried as text, for which a reader is missing
         known = "" if isinstance(error, ImportError) or not str(error) else f" ({type(error).__name__}: {str(error).splitlines()[0]})"
-        raise at(
-            file, f"cannot be read as a mesh{known}", "it may be cut short or of another kind: export it again", place=place
-        ) from error
+        mixed = (
+            ", or a binary PLY whose faces are not all triangles: export it again, in triangles" if file.suffix.lower() == ".ply" else ""
+        )
+        cure = f"it may be cut short or of another kind{mixed or ': export it again'}"
+        raise at(file, f"cannot be read as a mesh{known}", cure, place=place) from error
     if not isinstance(mesh, trimesh.Trimesh) or len(mesh.faces) == 0:
         raise at(file, "holds no triangles", "export a triangle mesh", place=place)
     vertices, triangles = np.asarray(mesh.vertices, float), np.asarray(mesh.faces)
@@ -175,7 +189,33 @@ def _mesh(file: Path, name: str) -> tuple[FloatArray, np.ndarray]:
         raise at(file, f"a triangle names a vertex beyond the {len(vertices)} there are", "export it again", place=place)
     if not np.isfinite(vertices[triangles]).all():
         raise at(file, "a vertex is not a finite number", "export it again", place=place)
-    return vertices, triangles
+    used, corners = np.unique(triangles, return_inverse=True)
+    return vertices[used], corners.reshape(-1, 3)
+
+
+def _plain_obj(text: str) -> str:
+    """OBJ text without comments, its faces counting vertices from the first one of the file: trimesh stumbles over comments behind a face,
+    and takes the numbers below 0, which count back from the vertex before the face, from the end of the file.
+
+    Raises:
+        ValueError: a face names vertex 0, or no number.
+    """
+    lines, so_far = [], 0
+    for line in text.replace("\\\n", " ").splitlines():
+        words = line.partition("#")[0].split()
+        if words[:1] == ["v"]:
+            so_far += 1
+        if words[:1] == ["f"]:
+            words[1:] = [str(_counted(word.partition("/")[0], so_far)) for word in words[1:]]
+        if words[:1] in (["v"], ["f"]):
+            lines.append(" ".join(words))
+    return "\n".join(lines)
+
+
+def _counted(number: str, so_far: int) -> int:
+    if int(number) == 0:
+        raise ValueError("a face names vertex 0, but OBJ counts from 1")
+    return int(number) if int(number) > 0 else so_far + 1 + int(number)
 
 
 def _closed(file: Path, name: str, vertices: FloatArray, triangles: np.ndarray) -> tuple[FloatArray, np.ndarray]:
@@ -186,8 +226,7 @@ def _closed(file: Path, name: str, vertices: FloatArray, triangles: np.ndarray) 
         vertices, triangles = _merged(vertices, triangles, vertices)
         open_edges = _unpaired(triangles)
     if len(open_edges):
-        grain = 1e-6 * np.ptp(vertices, axis=0).max()
-        rounded = _merged(vertices, triangles, np.rint(vertices / grain))
+        rounded = _merged(vertices, triangles, _clusters(vertices, _GRAIN * float(np.ptp(vertices, axis=0).max())))
         if len(_unpaired(rounded[1])) == 0:
             return rounded
     if len(open_edges):
@@ -205,7 +244,14 @@ def _closed(file: Path, name: str, vertices: FloatArray, triangles: np.ndarray) 
     return vertices, triangles
 
 
-def _merged(vertices: FloatArray, triangles: np.ndarray, keys: FloatArray) -> tuple[FloatArray, np.ndarray]:
+def _clusters(points: FloatArray, distance: float) -> np.ndarray:
+    """(p, 1) a number for each point (p, 3), the same for those a chain of steps of at most ``distance`` apart."""
+    near = cKDTree(points).query_pairs(distance, output_type="ndarray")
+    linked = coo_array((np.ones(len(near), np.int8), near.T), shape=(len(points), len(points)))
+    return connected_components(linked, directed=False)[1][:, None]
+
+
+def _merged(vertices: FloatArray, triangles: np.ndarray, keys: np.ndarray) -> tuple[FloatArray, np.ndarray]:
     """One vertex for equal rows of ``keys``; triangles that lose a corner by it are dropped."""
     _, first, inverse = np.unique(keys + 0.0, axis=0, return_index=True, return_inverse=True)
     merged = inverse.reshape(-1)[triangles]

@@ -49,18 +49,20 @@ def load(path: Path | str) -> Spectrum:
         LegsimError: not such a table, or an energy where no cross sections are.
     """
     path = Path(path)
-    rows = [[cell.strip() for cell in row] for row in csv.reader(text_lines.read(path, "CSV")) if row]
-    if rows[0] != _HEADER:
-        raise at(path, f"the header is {','.join(rows[0])!r}", f"start the table with {','.join(_HEADER)}", place="line 1")
+    reader = csv.reader(text_lines.read(path, "CSV"))
+    rows = [(f"line {reader.line_num}", [cell.strip() for cell in row]) for row in reader if row]
+    place, header = rows[0]
+    if header != _HEADER:
+        raise at(path, f"the header is {','.join(header)!r}", f"start the table with {','.join(_HEADER)}", place=place)
     table = []
-    for line, row in enumerate(rows[1:], start=2):
+    for place, row in rows[1:]:
         try:
             energy, weight = (float(cell) for cell in row)
         except ValueError:
-            raise at(path, f"{','.join(row)!r} is not two numbers", "write an energy in keV and a weight", place=f"row {line}") from None
+            raise at(path, f"{','.join(row)!r} is not two numbers", "write an energy in keV and a weight", place=place) from None
         low, high = ENERGY_RANGE_KEV
         if not (low <= energy <= high and 0 <= weight < np.inf):
-            raise at(path, f"{','.join(row)!r}", f"give energies of {low:g} to {high:g} keV and weights from 0", place=f"row {line}")
+            raise at(path, f"{','.join(row)!r}", f"give energies of {low:g} to {high:g} keV and weights from 0", place=place)
         table.append((energy, weight))
     try:
         energies, weights = np.array(table, float).reshape(-1, 2).T

@@ -158,6 +158,8 @@ def test_detectors_and_beams_that_cannot_be_are_refused(tmp_path):
         acquisition.imaging(with_detector(electronic_noise_photons=3.0))
     with pytest.raises(LegsimError, match="nothing to correct at one energy"):
         acquisition.imaging(scan(spectrum=config.SpectrumConfig(water_precorrection=True)))
+    with pytest.raises(LegsimError, match=r"no file is named: set scan\.spectrum\.file"):
+        acquisition.imaging(scan(spectrum=config.SpectrumConfig(kind="file")))
     with pytest.raises(LegsimError, match=r"no\.csv"):
         acquisition.imaging(scan(spectrum=config.SpectrumConfig(kind="file", file=str(tmp_path / "no.csv"))))
 

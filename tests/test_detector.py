@@ -64,6 +64,12 @@ def test_few_photons_are_poisson_and_starved_pixels_have_the_stated_floor():
     assert np.isfinite(detected(np.full((1, 50, 50), 30.0), Detector(5.0, 4.0))).all()
 
 
+def test_the_most_photons_are_still_counted_and_leave_no_noise():
+    images = np.linspace(0, 5, 12).reshape(1, 3, 4)
+    noisy, exact = (detected(images, Detector(photons=photons, scatter_to_primary=10.0)) for photons in (detector.MOST_PHOTONS, 0.0))
+    np.testing.assert_allclose(noisy, exact, atol=1e-4)
+
+
 def test_views_of_one_scan_are_independent_and_their_noise_hangs_on_seed_and_number_alone():
     images = np.stack([lump(height=h) for h in (1.0, 2.0, 2.0, 0.5)])
     noisy = Detector(photons=1e4, electronic_noise=5.0)
@@ -134,6 +140,7 @@ def test_scatter_is_the_stated_part_of_the_primary_within_the_shadow_and_smooth(
     ("values", "message"),
     [
         ({"photons": -1.0}, "photons must be a number, at least 0"),
+        ({"photons": 1e19}, "1e\\+19 photons a pixel are noise-free .*: set 0 for no noise"),
         ({"blur_fwhm": np.nan}, "blur_fwhm must be a number"),
         ({"electronic_noise": 3.0}, "set the detector's photons too"),
         ({"lag": ((0.7, 1.0), (0.5, 1.0))}, "fractions of at most 1 in all"),

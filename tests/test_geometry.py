@@ -77,6 +77,26 @@ def test_a_slice_of_views_is_a_geometry_of_those_views():
     np.testing.assert_array_equal(part.matrices, scan().matrices[3:6])
 
 
+def test_one_view_of_a_scan_far_from_the_origin_still_looks_at_what_was_scanned():
+    """By itself such a view does not say on which side of the source that is."""
+    times, center = np.arange(8) / 31.0, np.array([3.0, 0.5, 2.0])
+    geometry = ConeBeamGeometry.circular(
+        times=times,
+        angles=np.linspace(0, 2 * np.pi, 8),
+        source_isocenter=0.8,
+        source_detector=1.2,
+        shape_vu=(4, 6),
+        pixel_pitch=0.1,
+        isocenter=center,
+    )
+    shifts = transforms.translation(np.array([0.0, 0.1, 0.0]))
+    for k in range(8):
+        view = geometry[k : k + 1]
+        np.testing.assert_array_equal(view.matrices, geometry.matrices[k : k + 1])
+        for derived in (view, view.finer(2), view.moved(shifts), geometry.finer(2)[k : k + 1]):
+            assert derived.project(center[None])[1] == pytest.approx(0.8)
+
+
 def test_arrays_inside_values_are_read_only():
     with pytest.raises(ValueError, match="read-only"):
         scan().matrices[0, 0, 0] = 1

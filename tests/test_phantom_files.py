@@ -55,10 +55,69 @@ def test_vertices_split_by_normals_are_merged(tmp_path):
 
 
 def test_vertices_rounded_apart_are_merged(tmp_path, rng):
+    """Wherever the copies lie: a grid of roundings would part those beside its borders."""
     mesh = ball(30)
-    corners = mesh.vertices[mesh.faces].reshape(-1, 3) + rng.uniform(-1e-7, 1e-7, (960, 3))
+    corners = mesh.vertices[mesh.faces].reshape(-1, 3) + rng.uniform(-4e-6, 4e-6, (960, 3))
     path = write(tmp_path, entry("ball", "ball.ply"), ball_ply=trimesh.Trimesh(corners, np.arange(960).reshape(-1, 3), process=False))
-    assert len(phantom_files.load(path).parts[0].triangles) == 320
+    part = phantom_files.load(path).parts[0]
+    assert (len(part.vertices), len(part.triangles)) == (162, 320)
+
+
+def test_a_gap_is_not_merged_away(tmp_path):
+    mesh = ball(30)
+    corners = mesh.vertices[mesh.faces].reshape(-1, 3)
+    corners[7] += 1e-3
+    path = write(tmp_path, entry("ball", "ball.ply"), ball_ply=trimesh.Trimesh(corners, np.arange(960).reshape(-1, 3), process=False))
+    refuse(path, "the surface is open: 4 edges")
+
+
+def test_vertices_of_no_triangle_do_not_count(tmp_path):
+    mesh = ball(30)
+    for stray in ((1e6, 0, 0), (np.nan, 0, 0)):
+        strayed = trimesh.Trimesh([stray, *mesh.vertices], mesh.faces + 1, process=False)
+        part = phantom_files.load(write(tmp_path, entry("ball", "ball.ply"), ball_ply=strayed)).parts[0]
+        np.testing.assert_allclose(part.vertices, mesh.vertices * 1e-3, atol=1e-8)
+
+
+def obj_text(*meshes: trimesh.Trimesh, number=lambda corner, so_far: corner) -> str:
+    """Objects one after the other, corners written as ``number`` says of their place in the file, from 1, and of the vertices so far."""
+    lines, so_far = ["mtllib gone.mtl"], 0
+    for k, mesh in enumerate(meshes):
+        lines += [f"o object {k}", *("v {} {} {}".format(*vertex) for vertex in mesh.vertices), f"usemtl {k}"]
+        so_far, before = so_far + len(mesh.vertices), so_far
+        lines += ["f " + " ".join(str(number(before + 1 + corner, so_far)) for corner in face) for face in mesh.faces]
+    return "\n".join(lines) + "\n"
+
+
+def test_objects_of_an_obj_that_count_back_lie_where_those_that_count_forth_do(tmp_path):
+    meshes = ball(30), ball(20, (80, 0, 0))
+    path = write(tmp_path, entry("balls", "balls.obj"))
+    found = []
+    for number in (lambda corner, so_far: corner, lambda corner, so_far: corner - so_far - 1, lambda corner, _: f"{corner}//3"):
+        (tmp_path / "balls.obj").write_text(obj_text(*meshes, number=number))
+        found.append(phantom_files.load(path).parts[0])
+    for part in found:
+        np.testing.assert_array_equal(part.vertices, found[0].vertices)
+        np.testing.assert_array_equal(part.triangles, found[0].triangles)
+    low, high = found[0].vertices.min(axis=0), found[0].vertices.max(axis=0)
+    np.testing.assert_allclose([low, high], [[-0.03, -0.03, -0.03], [0.1, 0.03, 0.03]], atol=1e-6)
+
+
+def test_an_obj_with_comments_anywhere_continued_lines_and_foreign_letters(tmp_path):
+    text = obj_text(ball(30)).replace("\nf ", " # caf\xe9\nf ").replace("f 1 ", "f 1 \\\n")
+    (tmp_path / "ball.obj").write_bytes(text.encode("latin-1"))
+    assert len(phantom_files.load(write(tmp_path, entry("ball", "ball.obj"))).parts[0].triangles) == 320
+    (tmp_path / "ball.obj").write_text(text.replace("\nf 1 ", "\nf 0 "))
+    refuse(tmp_path / "phantom.toml", r"ball\.obj \(part 'ball'\): cannot be read as a mesh .*a face names vertex 0")
+
+
+def test_a_binary_ply_of_triangles_and_quads_is_told_what_to_do(tmp_path):
+    header = ["ply", "format binary_little_endian 1.0", "element vertex 5", *(f"property float {axis}" for axis in "xyz")]
+    header += ["element face 5", "property list uchar int vertex_indices", "end_header"]
+    pyramid = np.array([[0, 0, 0], [30, 0, 0], [30, 30, 0], [0, 30, 0], [15, 15, 30]], "<f4").tobytes()
+    faces = b"".join(bytes([len(f)]) + np.array(f, "<i4").tobytes() for f in ([0, 3, 2, 1], [0, 1, 4], [1, 2, 4], [2, 3, 4], [3, 0, 4]))
+    (tmp_path / "mixed.ply").write_bytes("\n".join([*header, ""]).encode() + pyramid + faces)
+    refuse(write(tmp_path, entry("a", "mixed.ply")), r"a binary PLY whose faces are not all triangles: export it again, in triangles")
 
 
 def test_units_energy_and_stated_attenuation(tmp_path):
@@ -161,6 +220,8 @@ def test_a_hidden_part_is_told(tmp_path):
         ("[[part]]\nname = 'a'\nfile = 'x.ply'\nunit = 'cm'\nmaterial = 'water'", "unit = 'cm'; known are mm, m"),
         ("[[part]]\nname = 'a'\nfile = 'x.ply'\nunit = 'mm'", "needs either material or attenuation_per_mm"),
         ("[[part]]\nname = 'a'\nfile = 'x.ply'\nunit = 'mm'\nattenuation_per_mm = -1", "attenuation_per_mm = -1"),
+        ("[[part]]\nname = 'a'\nfile = 'x.ply'\nunit = 'mm'\nattenuation_per_mm = 1e40", r"1e\+40; give a number from 0 to 1e\+06"),
+        ("[[part]]\nname = 'a'\nfile = 'x.ply'\nunit = 'mm'\nattenuation_per_mm = nan", "attenuation_per_mm = nan"),
         ("[[part]]\nname = 'a'\nfile = 'x.ply'\nunit = 'mm'\nmaterial = 'cheese'", r"\(part 1, 'a'\): no material named 'cheese'"),
         ("[[part]]\nname = 'a'\nfile = 'x.ply'\nunit = 'mm'\nmaterial = 'water'", r"x\.ply \(part 'a'\): no such file"),
         ("[[part]]\nname = 'a'\nfile = 'x.vtp'\nunit = 'mm'\nmaterial = 'water'", r"unknown kind of mesh '\.vtp'"),
