@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from legsim import backprojection, backprojection_plan, filtering, motion_paths, upright
+from legsim import backprojection, backprojection_plan, displaced, filtering, motion_paths, upright
 from legsim.arrays import Float32Array
 from legsim.backprojection_plan import BackprojectionPlan, Kernel, Motion
 from legsim.filtering import FilterOptions
@@ -37,7 +37,7 @@ def plan(
         LegsimError: as :func:`reconstruct`, or the device has too little memory.
     """
     options = options if options is not None else FdkOptions()
-    stood = upright.upright(geometry)
+    stood = displaced.widened(upright.upright(geometry))
     return backprojection_plan.plan(stood, grid, device, motion=motion, kernel=options.kernel, slab_bytes=options.slab_bytes)
 
 
@@ -82,11 +82,13 @@ def reconstruct_slabs(
     options = options if options is not None else FdkOptions()
     decided = plan(projections.geometry, grid, device, motion=motion, options=options)
     projections = upright.stood_up(projections)
+    added = displaced.padding(projections.geometry)
+    projections = displaced.padded(projections)
     mirrored = np.array(decided.mirrored)
     halves = _halves(progress)
     weighted = replace(projections, geometry=seen_from_the_object(projections.geometry, grid, motion))
     batches = filtering.filtered_views(
-        weighted, options.filter, halves[0], finish=lambda images, views: backprojection.arranged(images, mirrored[views])
+        weighted, options.filter, halves[0], added=added, finish=lambda images, views: backprojection.arranged(images, mirrored[views])
     )
     yield from backprojection.slabs(batches, projections.geometry, grid, device, decided, motion=motion, progress=halves[1])
 

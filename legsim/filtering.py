@@ -163,8 +163,10 @@ class FilterPlan:
         return self.first_rays if self.rays.alike(view, 0) else self.rays.of(view, self.geometry.shape_vu, self.reach)
 
 
-def plan_filter(geometry: ConeBeamGeometry, options: FilterOptions) -> FilterPlan:
-    """Weights and filter for a scan. Warns where it is shorter than a complete short scan.
+def plan_filter(geometry: ConeBeamGeometry, options: FilterOptions, added: tuple[int, int] = (0, 0)) -> FilterPlan:
+    """Weights and filter for a scan whose first and last ``added`` columns were not measured (:mod:`legsim.displaced`).
+
+    Warns where it is shorter than a complete short scan.
 
     Raises:
         LegsimError: the sources do not run on an arc.
@@ -176,7 +178,8 @@ def plan_filter(geometry: ConeBeamGeometry, options: FilterOptions) -> FilterPla
     fans = fan_angles(geometry, arc, u)
     if options.parker:
         warn_if_short(arc, fan_angles(geometry, arc, np.array([-0.5, columns - 0.5])))
-    shares = redundancy_weights(arc, fans) if options.parker else np.full(fans.shape, 0.5)
+    edges = fan_angles(geometry, arc, np.array([added[0] - 0.5, columns - added[1] - 0.5])) if any(added) else None
+    shares = redundancy_weights(arc, fans, edges) if options.parker else np.full(fans.shape, 0.5)
     length, response = filter_response(columns + reach, options.window)
     rays = _rays(geometry, arc)
     pixel_at_axis = float(np.mean(arc.radii / rays.row_factors[:, geometry.shape_vu[0] // 2]))
@@ -202,13 +205,14 @@ def filtered_views(
     options: FilterOptions,
     progress: Callable[[int, int], None] | None = None,
     *,
+    added: tuple[int, int] = (0, 0),
     finish: Callable[[Float32Array, slice], Float32Array] = lambda filtered, _: filtered,
 ) -> Iterator[tuple[slice, Float32Array]]:
     """Yields (views, filtered (n, rows, columns)) in order; back-projected with 1 / depth^2 (m) they add up to attenuation in 1/m.
 
     Two batches per core are under way at once. ``finish`` is applied to (filtered, views) by the thread that filtered them.
     """
-    plan = plan_filter(projections.geometry, options)
+    plan = plan_filter(projections.geometry, options, added)
     views, rows, _ = projections.line_integrals.shape
     size = max(1, _BATCH_ELEMENTS // (rows * plan.length))
     slices = [slice(k, min(k + size, views)) for k in range(0, views, size)]

@@ -24,6 +24,9 @@ _RTK_PARAMETERS = (
     *("GantryAngle", "SourceToIsocenterDistance", "SourceToDetectorDistance", "SourceOffsetX", "SourceOffsetY"),
     *("ProjectionOffsetX", "ProjectionOffsetY", "InPlaneAngle", "OutOfPlaneAngle"),
 )
+_LARGEST = float(np.finfo(float).max)
+_MOST_PIXELS = 1 << 20
+"""in a row or column; more is no detector"""
 _NEEDS_DETECTOR = "give the detector's rows and columns (and its pixel_mm), which this kind of file does not hold"
 
 
@@ -104,9 +107,11 @@ def _json_text(geometry: ConeBeamGeometry) -> str:
 
 def _load_json(path: Path) -> ConeBeamGeometry:
     try:
-        content = json.loads(path.read_text("utf-8"))
+        content = json.loads(path.read_text("utf-8-sig"))
     except json.JSONDecodeError as error:
         raise at(path, f"is not JSON ({error.msg})", "correct it there", place=f"line {error.lineno}, column {error.colno}") from error
+    except RecursionError as error:
+        raise at(path, "nests lists too deeply", "give one flat list of 12 numbers a view") from error
     if not isinstance(content, dict):
         raise at(path, "holds no object", 'expected {"unit": "mm", "columns": ..., "rows": ..., "times_s": [...], "matrices": [...]}')
     missing = [key for key in ("unit", "columns", "rows", "times_s", "matrices") if key not in content]
@@ -129,12 +134,12 @@ def _load_json(path: Path) -> ConeBeamGeometry:
 
 
 def _is_number(value: Any) -> bool:
-    return isinstance(value, (int, float)) and not isinstance(value, bool) and bool(np.isfinite(value))
+    return isinstance(value, (int, float)) and not isinstance(value, bool) and abs(value) <= _LARGEST
 
 
 def _count(path: Path, content: dict[str, Any], key: str) -> int:
     value = content[key]
-    if isinstance(value, bool) or not isinstance(value, int) or value < 1:
+    if isinstance(value, bool) or not isinstance(value, int) or not 1 <= value <= _MOST_PIXELS:
         raise at(path, f"{value!r} is not a count of pixels", "give a positive whole number", place=key)
     return value
 
@@ -162,20 +167,29 @@ def _load_matrices(path: Path, shape_vu: tuple[int, int] | None, pixel_mm: float
     if shape_vu is None:
         raise at(path, "does not say how large the detector is", _NEEDS_DETECTOR)
     matrices = values.reshape(-1, 3, 4)
+    if not np.isfinite(matrices).all():
+        view = int(np.flatnonzero(~np.isfinite(matrices).all(axis=(1, 2)))[0])
+        raise at(path, "holds numbers that are not finite", "correct them there", place=f"matrix {view}")
     return _geometry(path, np.arange(len(matrices)) / view_rate_hz, matrices, shape_vu, pixel_mm)
 
 
 def _npy_values(path: Path) -> FloatArray:
+    cure = "write it with numpy.save of a (views, 3, 4) array"
     try:
-        return np.asarray(np.load(path, allow_pickle=False), float)
+        values = np.load(path, allow_pickle=False)
     except (ValueError, EOFError) as error:
-        raise at(path, "is not an .npy file of numbers", "write it with numpy.save of a (views, 3, 4) array") from error
+        raise at(path, "is not an .npy file of numbers", cure) from error
+    if not isinstance(values, np.ndarray) or values.dtype.kind not in "fiu":
+        raise at(path, "is not an .npy file of real numbers", cure)
+    if values.shape[-2:] != (3, 4) and values.shape[-1:] != (12,):
+        raise at(path, f"holds an array of shape {values.shape}", cure)
+    return values.astype(float)
 
 
 def _text_values(path: Path) -> FloatArray:
     """Numbers with any of blanks, commas, semicolons and brackets between them; # starts a comment."""
     values: list[float] = []
-    for number, line in enumerate(path.read_text("utf-8").splitlines(), 1):
+    for number, line in enumerate(path.read_text("utf-8-sig").splitlines(), 1):
         for word in re.split(r"[\s,;\[\](){}]+", line.partition("#")[0].strip()):
             try:
                 values += [float(word)] if word else []
@@ -257,7 +271,7 @@ def _load_rtk(path: Path, shape_vu: tuple[int, int] | None, pixel_mm: float | No
     if root.tag != "RTKThreeDCircularGeometry" or root.get("version") != "3":
         found = f"<{root.tag} version={root.get('version')!r}>"
         raise at(path, f"begins with {found}", 'only RTK\'s <RTKThreeDCircularGeometry version="3"> is known')
-    note = _legsim_note(root)
+    note = _legsim_note(path, root)
     times = None
     if note is not None and shape_vu is None and pixel_mm is None:
         shape_vu, pixel_mm, times = (note["rows"], note["columns"]), note["pixel_mm"], note["times_s"]
@@ -269,13 +283,21 @@ def _load_rtk(path: Path, shape_vu: tuple[int, int] | None, pixel_mm: float | No
     return _geometry(path, times, np.linalg.inv(_millimeters_from_pixels(shape_vu, pixel_mm)) @ matrices, shape_vu, pixel_mm)
 
 
-def _legsim_note(root: ElementTree.Element) -> dict[str, Any] | None:
+def _legsim_note(path: Path, root: ElementTree.Element) -> dict[str, Any] | None:
     """What legsim leaves in a comment, since RTK's format has no place for the detector and the times."""
     for element in root:
         text = (element.text or "").strip()
         if element.tag is ElementTree.Comment and text.startswith("legsim {"):
-            note = json.loads(text.removeprefix("legsim "))
-            return note if {"rows", "columns", "pixel_mm", "times_s"} <= set(note) else None
+            try:
+                note = json.loads(text.removeprefix("legsim "))
+            except json.JSONDecodeError as error:
+                raise at(path, f"legsim's comment is not JSON ({error.msg})", "restore or remove it", place="comment") from error
+            if not {"rows", "columns", "pixel_mm", "times_s"} <= set(note):
+                return None
+            counts = {key: _count(path, note, key) for key in ("rows", "columns")}
+            if not (_is_number(note["pixel_mm"]) and note["pixel_mm"] > 0):
+                raise at(path, f"{note['pixel_mm']!r} is not a positive number", "restore or remove legsim's comment", place="pixel_mm")
+            return {**counts, "pixel_mm": note["pixel_mm"], "times_s": _numbers(path, note["times_s"], "times_s")}
     return None
 
 
@@ -301,6 +323,8 @@ def _rtk_view(path: Path, element: ElementTree.Element, parameters: dict[str, fl
             _read_parameter(path, child, parameters, given, place)
     if stated is not None and not given:
         return stated
+    if "SourceToIsocenterDistance" in given and parameters["SourceToDetectorDistance"] == 0:
+        raise at(path, "SourceToDetectorDistance is 0, RTK's parallel beam", "only cone beams are known; give the distance", place=place)
     if not (parameters["SourceToIsocenterDistance"] > 0 and parameters["SourceToDetectorDistance"] > 0):
         raise at(
             path, "source distances are missing or not positive", "give SourceToIsocenterDistance and SourceToDetectorDistance", place=place

@@ -8,7 +8,9 @@ Files appear whole or not at all.
 from __future__ import annotations
 
 import math
+import os
 import shutil
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -245,9 +247,10 @@ def _read(path: Path) -> tuple[Float32Array, ImageHeader]:
     reader = _open(path)
     header, axes, flipped = _ordered_header(path, reader)
     try:
-        image = reader.Execute()
+        with _quiet():
+            image = reader.Execute()
     except RuntimeError as error:
-        raise at(path, f"cannot be read to its end ({_last_line(error)})", "write or copy it again") from error
+        raise at(path, "cannot be read to its end", "write or copy it again") from error
     samples = sitk.GetArrayViewFromImage(image)
     if np.iscomplexobj(samples):
         raise at(path, "holds complex numbers", "expected real ones")
@@ -255,6 +258,23 @@ def _read(path: Path) -> tuple[Float32Array, ImageHeader]:
     ordered = samples.transpose([2 - axes[w] for w in (2, 1, 0)])
     ordered = ordered[tuple(slice(None, None, -1 if flipped[w] else 1) for w in (2, 1, 0))]
     return np.array(ordered, np.float32, order="C"), header
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """ITK's readers write to the process's standard error what they raise anyhow; here it is dropped."""
+    if sys.__stderr__ is None:  # closed: nothing can be written there
+        yield
+        return
+    sys.__stderr__.flush()
+    kept, nowhere = os.dup(2), os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nowhere, 2)
+    try:
+        yield
+    finally:
+        os.dup2(kept, 2)
+        os.close(kept)
+        os.close(nowhere)
 
 
 def _write(path: Path, image: sitk.Image) -> None:

@@ -15,7 +15,7 @@ import lazy_loader
 import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
 from legsim import materials, transforms
 from legsim.arrays import FloatArray
@@ -246,7 +246,7 @@ def _closed(file: Path, name: str, vertices: FloatArray, triangles: np.ndarray) 
 
 def _clusters(points: FloatArray, distance: float) -> np.ndarray:
     """(p, 1) a number for each point (p, 3), the same for those a chain of steps of at most ``distance`` apart."""
-    near = cKDTree(points).query_pairs(distance, output_type="ndarray")
+    near = KDTree(points).query_pairs(distance, output_type="ndarray")
     linked = coo_array((np.ones(len(near), np.int8), near.T), shape=(len(points), len(points)))
     return connected_components(linked, directed=False)[1][:, None]
 

@@ -100,21 +100,33 @@ def fan_angles(geometry: ConeBeamGeometry, arc: SourceArc, columns: FloatArray) 
     return np.arctan2(np.einsum("vnj,vj->vn", rays, sideways), np.einsum("vnj,vj->vn", rays, inward))
 
 
-def redundancy_weights(arc: SourceArc, fans: FloatArray) -> FloatArray:
+def redundancy_weights(arc: SourceArc, fans: FloatArray, edges: FloatArray | None = None) -> FloatArray:
     """Shares (v, n) for rays at fan angles (v, n): the shares of all measurements of one line add up to 1.
 
     A line seen from angle b under fan angle g is seen again from b + pi + 2 g. The share is sin^2(pi/2 x) with x = d / (d + d'), where
     d and d' are the distances of the two views from the nearer end of the covered range, 0 where the second view is outside it. In
     a short scan this is Parker's weight with Silver's virtual fan (Parker 1982; Silver 2000), in an overscan it stays continuous, and below
-    the minimum the lines that are measured once get 1. In a full turn it is 1/2.
+    the minimum the lines that are measured once get 1. In a full turn it is 1/2, unless ``edges`` (v, 2), the fan angles at the outer
+    edges of a detector that stands to one side, are given: see :func:`_one_sided`.
     """
     if arc.full_turn:
-        return np.full(fans.shape, 0.5)
+        return np.full(fans.shape, 0.5) if edges is None else _one_sided(fans, edges)
     angles = np.broadcast_to(arc.angles[:, None], fans.shape)
     opposite = np.mod(angles + np.pi + 2 * fans, 2 * np.pi)
     own = np.minimum(angles, arc.coverage - angles)
     other = np.maximum(np.minimum(opposite, arc.coverage - opposite), 0.0)
     return np.sin(0.5 * np.pi * own / (own + other)) ** 2
+
+
+def _one_sided(fans: FloatArray, edges: FloatArray) -> FloatArray:
+    """Shares in a full turn of which one side of the fan is cut short (Wang, Med Phys 29, 2002): 0 there, 1 on the other.
+
+    Fan angle g is seen again at -g, and (1 + sin(pi/2 g / t)) / 2 for g from -t to t, t being the short side of all views, adds up to 1.
+    """
+    widest = edges.max() > -edges.min()
+    short = -edges.min(1).max() if widest else edges.max(1).min()
+    towards_long = fans if widest else -fans
+    return 0.5 + 0.5 * np.sin(0.5 * np.pi * np.clip(towards_long / max(short, 1e-6), -1.0, 1.0))
 
 
 def warn_if_short(arc: SourceArc, fans: FloatArray) -> None:

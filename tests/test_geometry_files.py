@@ -135,6 +135,13 @@ def test_matrices_in_brackets_over_several_lines(tmp_path):
         ('{"unit": "m", "columns": 2, "rows": 2, "times_s": [0], "matrices": [[1]]}', r"\(unit\): the unit is 'm'"),
         ('{"unit": "mm", "columns": 2.5, "rows": 2, "times_s": [0], "matrices": [[1]]}', r"\(columns\): 2.5 is not a count"),
         ('{"unit": "mm", "columns": 2, "rows": 2, "times_s": [0], "matrices": [[1]]}', r"\(matrices\[0\]\): has 1 numbers"),
+        ('{"unit": "mm", "columns": 2000000, "rows": 2, "times_s": [0], "matrices": [[1]]}', r"\(columns\): 2000000 is not a count"),
+        ('{"unit": "mm", "columns": 2, "rows": 2, "times_s": [0], "matrices": [[NaN]]}', r"\(matrices\[0\]\): is not a list of finite"),
+        (
+            '{"unit": "mm", "columns": 2, "rows": 2, "times_s": [1' + 400 * "0" + '], "matrices": [[1]]}',
+            r"\(times_s\): is not a list of finite",
+        ),
+        ("[" * 100_000, "nests lists too deeply"),
         ('{"unit": "mm", "columns": 2, "rows": 2, "times_s": [0], "matrices": []}', r"\(matrices\): is not a list"),
         ('{"unit": "mm", "columns": 2, "rows": 2, "times_s": [0, "x"], "matrices": [[1]]}', r"\(times_s\): is not a list of finite"),
         (
@@ -174,12 +181,65 @@ def test_malformed_json_is_told_where(tmp_path, content, message):
             '<RTKThreeDCircularGeometry version="3"><RadiusCylindricalDetector>9</RadiusCylindricalDetector></RTKThreeDCircularGeometry>',
             "the detector is cylindrical",
         ),
+        ('<RTKThreeDCircularGeometry version="2"><Projection/></RTKThreeDCircularGeometry>', "begins with .* version='2'"),
+        (
+            '<RTKThreeDCircularGeometry version="3"><Projection><SourceToIsocenterDistance>9</SourceToIsocenterDistance></Projection>'
+            "</RTKThreeDCircularGeometry>",
+            "RTK's parallel beam",
+        ),
+        (
+            '<RTKThreeDCircularGeometry version="3"><!-- legsim {bad --></RTKThreeDCircularGeometry>',
+            r"\(comment\): legsim's comment is not JSON",
+        ),
+        (
+            '<RTKThreeDCircularGeometry version="3"><!-- legsim {"rows": "x", "columns": 2, "pixel_mm": 1, "times_s": [0]} -->'
+            "</RTKThreeDCircularGeometry>",
+            r"\(rows\): 'x' is not a count",
+        ),
+        (
+            '<RTKThreeDCircularGeometry version="3"><!-- legsim {"rows": 2, "columns": 2, "pixel_mm": "1", "times_s": [0]} -->'
+            "</RTKThreeDCircularGeometry>",
+            r"\(pixel_mm\): '1' is not a positive number",
+        ),
     ],
 )
 def test_malformed_xml_is_told_where(tmp_path, content, message):
     (tmp_path / "g.xml").write_text(content)
     with pytest.raises(LegsimError, match=message):
         geometry_files.load(tmp_path / "g.xml", columns=2, rows=2, pixel_mm=1.0)
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        (np.full((2, 12), 1 + 2j), "not an .npy file of real numbers"),
+        (np.array(["a"] * 12), "not an .npy file of real numbers"),
+        (np.zeros((12, 1)), r"holds an array of shape \(12, 1\)"),
+        (np.tile(np.eye(4), (3, 1, 1)), r"holds an array of shape \(3, 4, 4\)"),
+        (np.stack([np.eye(3, 4), np.full((3, 4), np.nan)]), r"\(matrix 1\): holds numbers that are not finite"),
+    ],
+)
+def test_odd_arrays_are_refused(tmp_path, values, message):
+    np.save(tmp_path / "g.npy", values)
+    with pytest.raises(LegsimError, match=message):
+        geometry_files.load(tmp_path / "g.npy", columns=2, rows=2)
+
+
+def test_a_byte_order_mark_is_passed_over(tmp_path):
+    for name in ("g.json", "g.txt"):
+        geometry_files.save(tmp_path / name, circular())
+        (tmp_path / name).write_text("\ufeff" + (tmp_path / name).read_text("utf-8"), "utf-8")
+        np.testing.assert_allclose(geometry_files.load(tmp_path / name, columns=62, rows=48).matrices, circular().matrices)
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.lists(st.floats(1e-3, 1e3), min_size=5, max_size=5), st.lists(st.booleans(), min_size=5, max_size=5))
+def test_the_scale_and_sign_of_a_matrix_mean_nothing(tmp_path_factory, scales, flips):
+    factors = np.where(flips, -1.0, 1.0) * scales
+    path = tmp_path_factory.mktemp("scaled") / "g.npy"
+    np.save(path, factors[:, None, None] * corrected().matrices * np.array([1, 1, 1, 1e3]))
+    loaded = geometry_files.load(path, columns=62, rows=48)
+    np.testing.assert_allclose(loaded.matrices, corrected().matrices, rtol=1e-9, atol=1e-9)
 
 
 def test_other_refusals(tmp_path):

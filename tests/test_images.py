@@ -104,6 +104,15 @@ def test_values_that_are_no_numbers_are_refused(tmp_path: Path) -> None:
         images.load_volume(tmp_path / "p.mha")
 
 
+def test_a_cut_file_is_told_in_one_line_and_itk_is_silent(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "v.mha"
+    images.save_volume(path, Volume(VolumeGrid.cubic(12, 0.001, (0.0, 0.0, 0.0)), np.zeros((12, 12, 12), np.float32)))
+    path.write_bytes(path.read_bytes()[:-400])
+    with pytest.raises(LegsimError, match=r"v\.mha: cannot be read to its end; write or copy it again$"):
+        images.load_volume(path)
+    assert capfd.readouterr() == ("", "")
+
+
 def test_projections_of_another_geometry_are_refused(tmp_path: Path) -> None:
     sitk.WriteImage(sitk.GetImageFromArray(np.zeros((3, 4, 6), np.float32)), str(tmp_path / "p.mha"))
     with pytest.raises(LegsimError, match=r"\(6, 4, 3\).*\(6, 4, 5\)"):
