@@ -24,7 +24,7 @@ def padding(geometry: ConeBeamGeometry) -> tuple[int, int]:
     arc, columns = source_arc(geometry), geometry.shape_vu[1]
     if not arc.full_turn:
         return 0, 0
-    u = np.arange(columns + 1) - 0.5
+    u = np.arange(columns + 1, dtype=float) - 0.5
     fans = fan_angles(geometry, arc, u)
     at_axis = np.array([np.interp(0.0, *((view, u) if view[-1] > view[0] else (view[::-1], u[::-1]))) for view in fans])
     before, after = at_axis + 0.5, columns - 0.5 - at_axis
