@@ -28,6 +28,8 @@ _CLOSE = 16
 """frames that a cubic may span; farther apart it overshoots"""
 _FIRST_DAMPING = 1e-5
 """of the curvature's diagonal; below it and at it the curvature is exact"""
+_ASTRAY = np.radians(20.0)
+"""rad of pelvis rotation: a start that is turned farther from the pelvis' own markers begins at these"""
 _STARTS_DEG = ((10.0, -10.0, 0.0), (50.0, -60.0, 15.0), (90.0, -100.0, 30.0))
 """hip flexion, knee angle, ankle angle that an anchor frame is tried from: standing, half and deep squat"""
 
@@ -247,7 +249,7 @@ class _Problem:
         return cost
 
     def pelvis_starts(self, measured: FloatArray) -> FloatArray:
-        """Pelvis coordinates (n, 6) from its own markers (n, m, 3), of which each frame shows three at least."""
+        """Pelvis coordinates (n, 6) from its own markers (n, m, 3), three seen at least; angles run on past half a turn."""
         rows = np.array(self.pelvis_rows)
         found = np.empty((len(measured), 6))
         for i, frame in enumerate(measured[:, rows]):
@@ -291,10 +293,12 @@ def _solve_all(problem: _Problem, measured: FloatArray, seen: np.ndarray, progre
         raise LegsimError("no frame shows three markers of the pelvis; the motion cannot be solved")
     first, *finer = problem.config.strides
     solved = _every(usable, first)
-    values = _from_scratch(problem, problem.pelvis_starts(measured[solved]), measured[solved], weights[solved])
+    pelvis = problem.pelvis_starts(measured[usable])
+    values = _from_scratch(problem, pelvis[np.isin(usable, solved)], measured[solved], weights[solved])
     for stride in finer:
         frames = _every(np.flatnonzero(seen.any(1)) if stride == 1 else usable, stride)
         values = _starts(frames, solved, values)
+        _turn_along(values, frames, pelvis, usable)
         for chunk in np.array_split(np.arange(len(frames)), max(1, len(frames) // _CHUNK)):
             rows = frames[chunk]
             state, iterations, converged = _minimize(problem, values[chunk], measured[rows], weights[rows])
@@ -318,6 +322,13 @@ def _starts(frames: np.ndarray, solved: np.ndarray, values: FloatArray) -> Float
     after = np.clip(np.searchsorted(solved, frames), 1, len(solved) - 1)
     close = solved[after] - solved[after - 1] <= _CLOSE
     return np.where(close[:, None], CubicSpline(solved, values)(frames), straight)
+
+
+def _turn_along(values: FloatArray, frames: np.ndarray, pelvis: FloatArray, usable: np.ndarray) -> None:
+    """Puts the pelvis of starts (n, 20) where the markers have it, (k, 6) at ``usable``, if it turned too far meanwhile."""
+    rows, own = np.isin(frames, usable), pelvis[np.isin(usable, frames)]
+    astray = np.abs(values[rows, 2] - own[:, 2]) > _ASTRAY
+    values[np.flatnonzero(rows)[astray], :6] = own[astray]
 
 
 def _between(frames: np.ndarray, solved: np.ndarray, values: FloatArray) -> FloatArray:

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from legsim import marker_sites, replay
+from legsim import marker_sites, replay, transforms
 from legsim.anatomy import MarkerSites, SegmentScales
 from legsim.errors import LegsimError
 from legsim.leg import COORDINATES, Leg
@@ -64,6 +64,20 @@ def test_a_noise_free_recording_is_recovered_whatever_way_the_subject_faces(yaw_
     assert np.delete(off, [COORDINATES.index("mtp_angle_r"), COORDINATES.index("mtp_angle_l")], axis=1).max() < 1e-3
     assert solution.report.rms < 1e-7
     assert len(solution.report.frames_unconverged) == 0
+
+
+@pytest.mark.parametrize(("rate_hz", "turns", "seconds"), [(25, 1, 2.0), (50, -1, 2.0), (25, 2, 2.0), (15, 1, 1.5)])
+def test_somebody_who_turns_about_has_no_steps_in_the_angles(rate_hz, turns, seconds):
+    times = np.arange(round((2 + seconds) * rate_hz)) / rate_hz
+    values = squats(len(times))
+    share = np.clip((times - 1) / seconds, 0, 1)
+    yaw = 2 * np.pi * turns * share**3 * (10 - 15 * share + 6 * share**2)
+    turned = transforms.axis_rotation([0, 1, 0], yaw)
+    pelvis = LEG.segment_poses(JointTrajectories(times, COORDINATES, values)).of("pelvis")[:, :3, :3]
+    values[:, :3] = np.unwrap([replay._pelvis_angles(rotation) for rotation in turned @ pelvis], axis=0)
+    solution = replay.solve(LEG, recording(values, sites(FULL)), sites(FULL), NO_PRIOR)
+    off = degrees_off(solution, values)
+    assert np.delete(off, [COORDINATES.index("mtp_angle_r"), COORDINATES.index("mtp_angle_l")], axis=1).max() < 1e-3
 
 
 def test_seven_markers_give_the_knees_and_a_stated_share_of_the_rest():
