@@ -166,6 +166,33 @@ def test_unseen_markers_are_ignored_and_empty_frames_bridged():
     assert solution.report.marker_seen[used.index("asis_r")] == 200 - 40 - 3
 
 
+def without(motion, name, first, last):
+    """The recording with one marker hidden from ``first`` to ``last``."""
+    positions = motion.positions_world.copy()
+    positions[first:last, motion.marker_names.index(name)] = np.nan
+    return Motion(motion.times, motion.marker_names, positions)
+
+
+@pytest.mark.parametrize(("marker", "first", "last"), [("asis_r", 100, 200), ("sacrum", 0, 100), ("asis_l", 30, 170)])
+def test_a_walk_is_followed_where_two_markers_of_the_pelvis_are_left(marker, first, last):
+    values = squats()
+    values[:, COORDINATES.index("pelvis_tx")] += np.linspace(0, 3, len(values))
+    whole = recording(values, sites(SEVEN))
+    expected = replay.solve(LEG, whole, sites(SEVEN)).trajectories.values
+    solution = replay.solve(LEG, without(whole, marker, first, last), sites(SEVEN))
+    assert np.degrees(np.abs(solution.trajectories.values - expected)).max() < 3
+    assert len(solution.report.frames_unconverged) == 0
+
+
+def test_what_no_marker_in_sight_tells_goes_straight_across_the_gap():
+    values = squats()
+    solution = replay.solve(LEG, without(recording(values, sites(SEVEN)), "malleolus_lateral_r", 60, 150), sites(SEVEN))
+    for name in ("knee_angle_r", "ankle_angle_r"):
+        found = solution.trajectories.coordinate(name)[59:151]
+        np.testing.assert_allclose(found, np.linspace(found[0], found[-1], len(found)), atol=1e-12)
+    assert degrees_off(solution, values)[:, COORDINATES.index("knee_angle_l")].max() < 1.0
+
+
 def test_the_report_names_the_worst_frame(rng):
     used = sites(FULL)
     motion = recording(squats(), used, 0.001, rng)
