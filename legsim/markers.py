@@ -253,8 +253,9 @@ def _check_person(means: dict[str, FloatArray]) -> None:
     together = np.isfinite(right + left + back).all(1)
     if not together.any():
         return
-    across = np.median((right - left)[together], axis=0)
-    width = float(np.linalg.norm(across))
+    # frame by frame: somebody who turns about has no mean direction
+    across = (right - left)[together]
+    width = float(np.median(np.linalg.norm(across, axis=1)))
     if not 0.08 < width < 0.8:
         raise LegsimError(
             f"the front of the pelvis is {width:.3g} m wide: the unit of length is wrong; "
@@ -267,8 +268,8 @@ def _check_person(means: dict[str, FloatArray]) -> None:
             f"the pelvis lies {height:.2f} m above the ankles: the vertical is wrong; "
             "give the axis that is up, as in --set motion.up=z (in Python: up='z')"
         )
-    forward = np.median(((right + left) / 2 - back)[together], axis=0)
-    if np.cross(forward, [0.0, 1.0, 0.0]) @ across < 0:
+    forward = ((right + left) / 2 - back)[together]
+    if np.median((np.cross(forward, [0.0, 1.0, 0.0]) * across).sum(1)) < 0:
         raise LegsimError(
             "asis_r lies left of asis_l, seen from the sacrum: left and right are exchanged in the labels, or the axes mirrored"
         )

@@ -26,8 +26,12 @@ _CHUNK = 256
 """frames solved together: few enough for their arrays to stay in the cache"""
 _CLOSE = 16
 """frames that a cubic may span; farther apart it overshoots"""
+_REACH = 4
+"""frames at a time that a gap with few markers is solved inwards by"""
 _FIRST_DAMPING = 1e-5
 """of the curvature's diagonal; below it and at it the curvature is exact"""
+_ASTRAY = np.radians(20.0)
+"""rad of pelvis rotation: a start that is turned farther from the pelvis' own markers begins at these"""
 _STARTS_DEG = ((10.0, -10.0, 0.0), (50.0, -60.0, 15.0), (90.0, -100.0, 30.0))
 """hip flexion, knee angle, ankle angle that an anchor frame is tried from: standing, half and deep squat"""
 
@@ -170,7 +174,7 @@ class _Problem:
                 raise LegsimError(f"no marker sits on the {word} leg; complete the marker map")
         self.rows = marker_rows(sites)
         self.pelvis_rows = [k for k, segment in enumerate(sites.segments) if segment == "pelvis"]
-        self._subtrees = leg.moves[:, self.rows].astype(float)
+        self.subtrees = leg.moves[:, self.rows].astype(float)
         related = (leg.moves[:, None] & leg.moves[None]).any(-1)
         self._related = np.triu(related).astype(float)
         # the pelvis translates along the world's axes, whatever its turn
@@ -221,7 +225,7 @@ class _Problem:
         force, mass_points = weights[..., None] * residuals, weights[..., None] * points
         squares = (mass_points[..., :, None] * points[..., None, :]).reshape(n, m, 9)
         works = (points[..., :, None] * force[..., None, :]).reshape(n, m, 9)
-        sums = self._subtrees @ np.concatenate([weights[..., None], mass_points, force, squares, works], -1)
+        sums = self.subtrees @ np.concatenate([weights[..., None], mass_points, force, squares, works], -1)
         mass, first, push = sums[..., :1], sums[..., 1:4], sums[..., 4:7]
         second, work = sums[..., 7:16].reshape(n, -1, 3, 3), sums[..., 16:].reshape(n, -1, 3, 3)
         torque = np.stack([work[..., a, b] - work[..., b, a] for a, b in ((1, 2), (2, 0), (0, 1))], -1)
@@ -247,7 +251,7 @@ class _Problem:
         return cost
 
     def pelvis_starts(self, measured: FloatArray) -> FloatArray:
-        """Pelvis coordinates (n, 6) from its own markers (n, m, 3), of which each frame shows three at least."""
+        """Pelvis coordinates (n, 6) from its own markers (n, m, 3), three seen at least; angles run on past half a turn."""
         rows = np.array(self.pelvis_rows)
         found = np.empty((len(measured), 6))
         for i, frame in enumerate(measured[:, rows]):
@@ -286,15 +290,19 @@ def _solve_all(problem: _Problem, measured: FloatArray, seen: np.ndarray, progre
     """A few frames from scratch, then ever more of them from between their neighbors; frames that show nothing are bridged."""
     n, weights = len(measured), seen * problem.sites.weights
     trace = _Trace(np.zeros(n, int), np.zeros(n, bool))
-    usable = np.flatnonzero(seen[:, problem.pelvis_rows].sum(1) >= 3)
-    if len(usable) == 0:
+    upright = seen[:, problem.pelvis_rows].sum(1) >= 3
+    if not upright.any():
         raise LegsimError("no frame shows three markers of the pelvis; the motion cannot be solved")
+    pelvis = np.full((n, 6), np.nan)
+    pelvis[upright] = problem.pelvis_starts(measured[upright])
+    usable = np.flatnonzero(_all_segments_shown(problem, seen, upright))
     first, *finer = problem.config.strides
     solved = _every(usable, first)
-    values = _from_scratch(problem, problem.pelvis_starts(measured[solved]), measured[solved], weights[solved])
+    values = _from_scratch(problem, pelvis[solved], measured[solved], weights[solved])
     for stride in finer:
-        frames = _every(np.flatnonzero(seen.any(1)) if stride == 1 else usable, stride)
+        frames = _every(usable, stride)
         values = _starts(frames, solved, values)
+        _turn_along(values, pelvis[frames])
         for chunk in np.array_split(np.arange(len(frames)), max(1, len(frames) // _CHUNK)):
             rows = frames[chunk]
             state, iterations, converged = _minimize(problem, values[chunk], measured[rows], weights[rows])
@@ -302,7 +310,56 @@ def _solve_all(problem: _Problem, measured: FloatArray, seen: np.ndarray, progre
             if progress and stride == 1:
                 progress(int(rows[-1]) + 1, n)
         solved = frames
-    return _between(np.arange(n), solved, values), trace
+    everywhere = _between(np.arange(n), solved, values)
+    solved = _march(problem, everywhere, solved, pelvis, measured, weights, trace)
+    if progress:
+        progress(n, n)
+    return _between(np.arange(n), solved, everywhere[solved]), trace
+
+
+def _all_segments_shown(problem: _Problem, seen: np.ndarray, shown: np.ndarray) -> np.ndarray:
+    """(n,) which of the frames ``shown`` show a marker of every segment that has one, as far as there are such frames."""
+    for segment in sorted({problem.sites.segments[k] for k in range(seen.shape[1])} - {"pelvis"}):
+        here = seen[:, [k for k, name in enumerate(problem.sites.segments) if name == segment]].any(1)
+        shown = shown & here if (shown & here).any() else shown
+    return shown
+
+
+def _march(
+    problem: _Problem,
+    values: FloatArray,
+    solved: np.ndarray,
+    pelvis: FloatArray,
+    measured: FloatArray,
+    weights: FloatArray,
+    trace: _Trace,
+) -> np.ndarray:
+    """Solves in ``values`` (n, 20) what markers are left for, a few frames at a time from either side of each gap; frames solved in all.
+
+    A frame starts as far from the one before it as the straight line across the gap goes; a coordinate that moves no marker in sight
+    stays on that line.
+    """
+    line, done, rest = values.copy(), np.zeros(len(values), bool), weights.any(1)
+    done[solved], rest[solved] = True, False
+    lost = ((weights > 0) @ problem.subtrees.T == 0) & problem.subtrees.any(1) & rest[:, None]
+    # and what hangs on it
+    moves = problem.leg.moves
+    lost = lost @ (moves[:, None] >= moves[None]).all(-1)
+    while rest.any():
+        known, frames = np.flatnonzero(done), np.flatnonzero(rest)
+        after = np.searchsorted(known, frames)
+        left, right = known[np.maximum(after - 1, 0)], known[np.minimum(after, len(known) - 1)]
+        nearest = np.where(np.abs(frames - left) <= np.abs(right - frames), left, right)
+        away = np.abs(frames - nearest)
+        reach = max(_REACH, int(away.min()))
+        rows, source = frames[away <= reach], nearest[away <= reach]
+        starts = values[source] + line[rows] - line[source]
+        _turn_along(starts, pelvis[rows])
+        state, iterations, converged = _minimize(problem, starts, measured[rows], weights[rows])
+        values[rows], trace.iterations[rows], trace.converged[rows] = state.values, iterations, converged
+        done[rows], rest[rows] = True, False
+    values[lost] = line[lost]
+    return np.flatnonzero(done)
 
 
 def _every(frames: np.ndarray, stride: int) -> np.ndarray:
@@ -318,6 +375,12 @@ def _starts(frames: np.ndarray, solved: np.ndarray, values: FloatArray) -> Float
     after = np.clip(np.searchsorted(solved, frames), 1, len(solved) - 1)
     close = solved[after] - solved[after - 1] <= _CLOSE
     return np.where(close[:, None], CubicSpline(solved, values)(frames), straight)
+
+
+def _turn_along(values: FloatArray, pelvis: FloatArray) -> None:
+    """Puts the pelvis of starts (n, 20) where its own markers have it (n, 6; NaN: unseen), if it turned too far meanwhile."""
+    astray = np.abs(values[:, 2] - pelvis[:, 2]) > _ASTRAY
+    values[astray, :6] = pelvis[astray]
 
 
 def _between(frames: np.ndarray, solved: np.ndarray, values: FloatArray) -> FloatArray:

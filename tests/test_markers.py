@@ -5,7 +5,7 @@ import pytest
 from scipy import signal
 from test_jumps import squat
 
-from legsim import marker_sets, markers, motion_files
+from legsim import marker_sets, markers, motion_files, transforms
 from legsim.errors import LegsimError
 from legsim.marker_maps import PAPER_ROLES, MarkerMap
 from legsim.signals import Motion
@@ -183,6 +183,19 @@ def test_what_is_not_a_person_is_refused(change, message):
     motion = recording()
     with pytest.raises(LegsimError, match=message):
         markers.prepare(Motion(motion.times, LABELS, change(motion.positions_world)), SEVEN)
+
+
+def turning(places) -> Motion:
+    """Markers carried there and back: half of the time they face the other way."""
+    yaw = np.pi * np.clip((np.arange(600) - 250) / 100, 0, 1)
+    turns = transforms.axis_rotation([0, 1, 0], yaw)
+    return Motion(np.arange(600) / RATE, LABELS, places @ np.swapaxes(turns, -1, -2) + 1)
+
+
+def test_who_turns_about_is_a_person_and_keeps_right_and_left():
+    assert markers.prepare(turning(PLACES), SEVEN)[1].roles[0].left_missing == 0
+    with pytest.raises(LegsimError, match="left and right are exchanged"):
+        markers.prepare(turning(PLACES * [1, 1, -1]), SEVEN)
 
 
 @pytest.mark.parametrize("filter_hz", [60.0, -1.0, np.nan])

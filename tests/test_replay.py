@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from legsim import marker_sites, replay
+from legsim import marker_sites, replay, transforms
 from legsim.anatomy import MarkerSites, SegmentScales
 from legsim.errors import LegsimError
 from legsim.leg import COORDINATES, Leg
@@ -64,6 +64,20 @@ def test_a_noise_free_recording_is_recovered_whatever_way_the_subject_faces(yaw_
     assert np.delete(off, [COORDINATES.index("mtp_angle_r"), COORDINATES.index("mtp_angle_l")], axis=1).max() < 1e-3
     assert solution.report.rms < 1e-7
     assert len(solution.report.frames_unconverged) == 0
+
+
+@pytest.mark.parametrize(("rate_hz", "turns", "seconds"), [(25, 1, 2.0), (50, -1, 2.0), (25, 2, 2.0), (15, 1, 1.5)])
+def test_somebody_who_turns_about_has_no_steps_in_the_angles(rate_hz, turns, seconds):
+    times = np.arange(round((2 + seconds) * rate_hz)) / rate_hz
+    values = squats(len(times))
+    share = np.clip((times - 1) / seconds, 0, 1)
+    yaw = 2 * np.pi * turns * share**3 * (10 - 15 * share + 6 * share**2)
+    turned = transforms.axis_rotation([0, 1, 0], yaw)
+    pelvis = LEG.segment_poses(JointTrajectories(times, COORDINATES, values)).of("pelvis")[:, :3, :3]
+    values[:, :3] = np.unwrap([replay._pelvis_angles(rotation) for rotation in turned @ pelvis], axis=0)
+    solution = replay.solve(LEG, recording(values, sites(FULL)), sites(FULL), NO_PRIOR)
+    off = degrees_off(solution, values)
+    assert np.delete(off, [COORDINATES.index("mtp_angle_r"), COORDINATES.index("mtp_angle_l")], axis=1).max() < 1e-3
 
 
 def test_seven_markers_give_the_knees_and_a_stated_share_of_the_rest():
@@ -150,6 +164,33 @@ def test_unseen_markers_are_ignored_and_empty_frames_bridged():
     assert off[120:123].max() < 1.0
     np.testing.assert_array_equal(solution.report.frames_unseen, [120, 121, 122])
     assert solution.report.marker_seen[used.index("asis_r")] == 200 - 40 - 3
+
+
+def without(motion, name, first, last):
+    """The recording with one marker hidden from ``first`` to ``last``."""
+    positions = motion.positions_world.copy()
+    positions[first:last, motion.marker_names.index(name)] = np.nan
+    return Motion(motion.times, motion.marker_names, positions)
+
+
+@pytest.mark.parametrize(("marker", "first", "last"), [("asis_r", 100, 200), ("sacrum", 0, 100), ("asis_l", 30, 170)])
+def test_a_walk_is_followed_where_two_markers_of_the_pelvis_are_left(marker, first, last):
+    values = squats()
+    values[:, COORDINATES.index("pelvis_tx")] += np.linspace(0, 3, len(values))
+    whole = recording(values, sites(SEVEN))
+    expected = replay.solve(LEG, whole, sites(SEVEN)).trajectories.values
+    solution = replay.solve(LEG, without(whole, marker, first, last), sites(SEVEN))
+    assert np.degrees(np.abs(solution.trajectories.values - expected)).max() < 3
+    assert len(solution.report.frames_unconverged) == 0
+
+
+def test_what_no_marker_in_sight_tells_goes_straight_across_the_gap():
+    values = squats()
+    solution = replay.solve(LEG, without(recording(values, sites(SEVEN)), "malleolus_lateral_r", 60, 150), sites(SEVEN))
+    for name in ("knee_angle_r", "ankle_angle_r"):
+        found = solution.trajectories.coordinate(name)[59:151]
+        np.testing.assert_allclose(found, np.linspace(found[0], found[-1], len(found)), atol=1e-12)
+    assert degrees_off(solution, values)[:, COORDINATES.index("knee_angle_l")].max() < 1.0
 
 
 def test_the_report_names_the_worst_frame(rng):
