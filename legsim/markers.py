@@ -18,6 +18,8 @@ SPLINE_S = 0.25
 """s: a longer gap is filled from other markers on the segment if it can be"""
 SLOPE_S = 0.1
 """s on either side of a gap that tell the velocity with which a marker leaves and returns"""
+_CROSSED = 0.3
+"""of the pelvis' width: by more than this nobody's right knee or ankle lies left of the other one half of the time"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -273,6 +275,20 @@ def _check_person(means: dict[str, FloatArray]) -> None:
         raise LegsimError(
             "asis_r lies left of asis_l, seen from the sacrum: left and right are exchanged in the labels, or the axes mirrored"
         )
+    _check_legs(means, across / np.linalg.norm(right - left, axis=1)[together, None], width, together)
+
+
+def _check_legs(means: dict[str, FloatArray], rightward: FloatArray, width: float, together: jumps.BoolArray) -> None:
+    """Refuses legs whose labels are exchanged under a pelvis that is right; crossed for a while they may be."""
+    for role in ("epicondyle_lateral", "malleolus_lateral"):
+        if not {f"{role}_r", f"{role}_l"} <= means.keys():
+            continue
+        apart = ((means[f"{role}_r"] - means[f"{role}_l"])[together] * rightward).sum(1)
+        if np.isfinite(apart).any() and np.nanmedian(apart) < -_CROSSED * width:
+            raise LegsimError(
+                f"{role}_r lies {-1e3 * np.nanmedian(apart):.0f} mm left of {role}_l, by the sides of the pelvis: the labels of the legs "
+                "are exchanged; exchange them in the recording or in its marker map"
+            )
 
 
 def _report(role: str, names: tuple[str, ...], stages: _Stages, dt: float) -> RoleReport:

@@ -20,6 +20,10 @@ from legsim.signals import JointTrajectories, Motion
 
 _Result = TypeVar("_Result")
 _LARGEST_EXTENSION_DEG = 20.0
+_POOR_RMS, _POOR_WORST = 0.03, 0.1
+"""m: skin and placement of markers explain less than this"""
+_WORTH_TELLING = 0.005
+"""share of the samples"""
 """more than any knee overextends"""
 
 
@@ -140,6 +144,17 @@ class Recovery:
             + (f"; joint angles {self.fit.settled_hz:g} Hz, which moves no marker farther than its noise" if self.fit.settled_hz else ""),
             f"model follows the markers within {1e3 * ik.rms:.1f} mm RMS (worst {1e3 * np.nanmax(ik.marker_worst):.1f} mm)",
         ]
+        worst = int(np.nanargmax(ik.marker_worst))
+        if ik.rms > _POOR_RMS or ik.marker_worst[worst] > _POOR_WORST:
+            when = self.trajectories.times[ik.marker_worst_frame[worst]]
+            lines.append(
+                f"warning: that is no good fit; worst is {ik.marker_names[worst]} at {when:.2f} s: see whether labels are "
+                "exchanged there, or a marker stands still"
+            )
+        unseen = {r.role: r.left_missing / r.samples for r in cleaning.roles if r.left_missing > _WORTH_TELLING * r.samples}
+        if unseen:
+            shares = ", ".join(f"{role} {100 * share:.0f} %" for role, share in unseen.items())
+            lines.append(f"not seen for longer than can be bridged, so that joint angles are guessed there: {shares} of the time")
         if loose:
             lines.append(f"decided by the stated priors rather than the markers: {', '.join(loose)}")
         if len(ik.frames_unconverged):

@@ -178,6 +178,8 @@ def test_a_further_marker_that_is_never_seen_is_reported():
     (lambda x: x * 1000, r"pelvis is 240 m wide: the unit of length is wrong; give the unit"),
     (lambda x: x[..., [0, 2, 1]] * [1, 1, -1], r"the vertical is wrong; give the axis that is up"),
     (lambda x: x * [1, 1, -1], r"asis_r lies left of asis_l.*left and right are exchanged"),
+    (lambda x: x[:, [0, 1, 2, 4, 3, 5, 6]], r"epicondyle_lateral_r lies \d+ mm left of .* labels of the legs are exchanged; exchange them"),
+    (lambda x: x[:, [0, 1, 2, 3, 4, 6, 5]], r"malleolus_lateral_r lies \d+ mm left of .* labels of the legs are exchanged; exchange them"),
 ])  # fmt: skip
 def test_what_is_not_a_person_is_refused(change, message):
     motion = recording()
