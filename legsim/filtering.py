@@ -17,7 +17,7 @@ from scipy import fft
 from legsim.arrays import Float32Array, FloatArray
 from legsim.errors import LegsimError
 from legsim.geometry import ConeBeamGeometry, Projections
-from legsim.redundancy import SourceArc, fan_angles, redundancy_weights, source_arc, warn_if_short
+from legsim.redundancy import SourceArc, fan_angles, redundancy_weights, source_arc, warn_if_incomplete
 
 Window = Literal["ram-lak", "shepp-logan", "hann"]
 _BATCH_ELEMENTS = 2_000_000
@@ -177,7 +177,7 @@ def plan_filter(geometry: ConeBeamGeometry, options: FilterOptions, added: tuple
     u = np.arange(-reach, columns + reach, dtype=float)
     fans = fan_angles(geometry, arc, u)
     if options.parker:
-        warn_if_short(arc, fan_angles(geometry, arc, np.array([-0.5, columns - 0.5])))
+        warn_if_incomplete(arc, fan_angles(geometry, arc, np.array([-0.5, columns - 0.5])))
     edges = fan_angles(geometry, arc, np.array([added[0] - 0.5, columns - added[1] - 0.5])) if any(added) else None
     shares = redundancy_weights(arc, fans, edges) if options.parker else np.full(fans.shape, 0.5)
     length, response = filter_response(columns + reach, options.window)

@@ -12,9 +12,12 @@ from legsim.arrays import FloatArray, frozen
 from legsim.errors import LegsimError
 from legsim.geometry import ConeBeamGeometry
 
+_GAP, _GAP_STEPS = np.radians(5.0), 4.0
+"""rad, and steps between views: a wider gap is no coarse or uneven scan but a missing part of one"""
+
 
 class ShortScanWarning(UserWarning):
-    """The views span less than half a turn plus the fan: some rays are not measured at all."""
+    """The views span less than half a turn plus the fan, or leave a part of it out: some rays are not measured at all."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -129,14 +132,23 @@ def _one_sided(fans: FloatArray, edges: FloatArray) -> FloatArray:
     return 0.5 + 0.5 * np.sin(0.5 * np.pi * np.clip(towards_long / max(short, 1e-6), -1.0, 1.0))
 
 
-def warn_if_short(arc: SourceArc, fans: FloatArray) -> None:
-    """Warns (:class:`ShortScanWarning`) with the numbers where the span is below half a turn plus the fan (v, n)."""
+def warn_if_incomplete(arc: SourceArc, fans: FloatArray) -> None:
+    """Warns (:class:`ShortScanWarning`) with the numbers where the span is below half a turn plus the fan (v, n), or views are missing."""
     fan = 2 * float(np.abs(fans).max())
     if not arc.full_turn and arc.span < np.pi + fan:
         warnings.warn(
             f"short scan: the sources span {np.degrees(arc.span):.1f} deg ({np.degrees(arc.coverage):.1f} deg with half a step at "
             f"either end), but a complete one needs {180 + np.degrees(fan):.1f} deg (180 + fan of {np.degrees(fan):.1f}); "
             "lines that were not measured are missing from the volume",
+            ShortScanWarning,
+            stacklevel=3,
+        )
+    steps = np.diff(np.sort(arc.angles))
+    widest = float(steps.max())
+    if widest > max(_GAP_STEPS * float(np.median(steps)), _GAP):
+        warnings.warn(
+            f"the sources leave {np.degrees(widest):.1f} deg out between two views, the step is {np.degrees(np.median(steps)):.2f} deg; "
+            "lines that were not measured there are taken from the views at either end",
             ShortScanWarning,
             stacklevel=3,
         )

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from legsim import transforms
 from legsim.errors import LegsimError
 from legsim.geometry import ConeBeamGeometry
-from legsim.redundancy import ShortScanWarning, fan_angles, redundancy_weights, source_arc, warn_if_short
+from legsim.redundancy import ShortScanWarning, fan_angles, redundancy_weights, source_arc, warn_if_incomplete
 
 
 def scan(span_deg: float, views: int, start_deg: float = 0.0) -> ConeBeamGeometry:
@@ -98,12 +98,26 @@ def test_the_warning_gives_the_numbers() -> None:
         fans = fan_angles(geometry, arc, np.array([-0.5, 61.5]))
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always")
-            warn_if_short(arc, fans)
+            warn_if_incomplete(arc, fans)
         assert bool(caught) is expected
         if expected:
             assert issubclass(caught[0].category, ShortScanWarning)
             assert "197.6 deg" in str(caught[0].message)
             assert "198.1 deg" in str(caught[0].message)
+
+
+@pytest.mark.parametrize(("missing", "expected"), [(0, False), (4, False), (8, True)])
+def test_a_part_of_the_arc_that_is_missing_is_told(missing: int, expected: bool) -> None:
+    """248 views over 210 degrees without ``missing`` of them in the middle."""
+    whole = scan(210.0, 248)
+    geometry = replace(
+        whole, matrices=np.delete(whole.matrices, np.s_[100 : 100 + missing], 0), times=np.delete(whole.times, np.s_[100 : 100 + missing])
+    )
+    arc = source_arc(geometry)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        warn_if_incomplete(arc, fan_angles(geometry, arc, np.array([-0.5, 61.5])))
+    assert [str(w.message).split(" deg")[0] for w in caught] == (["the sources leave 7.7"] if expected else [])
 
 
 def test_sources_on_a_line_are_refused() -> None:
