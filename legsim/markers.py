@@ -252,7 +252,7 @@ def _check_person(means: dict[str, FloatArray]) -> None:
     if not {"sacrum", "asis_r", "asis_l"} <= means.keys():
         return
     right, left, back = (means[role] for role in ("asis_r", "asis_l", "sacrum"))
-    together = np.isfinite(right + left + back).all(1)
+    together = np.asarray(np.isfinite(right + left + back).all(1))
     if not together.any():
         return
     # frame by frame: somebody who turns about has no mean direction

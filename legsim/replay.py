@@ -339,7 +339,7 @@ def _march(
     A frame starts as far from the one before it as the straight line across the gap goes; a coordinate that moves no marker in sight
     stays on that line.
     """
-    line, done, rest = values.copy(), np.zeros(len(values), bool), weights.any(1)
+    line, done, rest = values.copy(), np.zeros(len(values), bool), np.asarray(weights.any(1))
     done[solved], rest[solved] = True, False
     lost = ((weights > 0) @ problem.subtrees.T == 0) & problem.subtrees.any(1) & rest[:, None]
     # and what hangs on it
