@@ -10,7 +10,7 @@ from legsim import cli, pipeline
 
 
 def legsim(*arguments: str, **changes: str) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-c", "from legsim.cli import main; main()", *arguments]
+    command = [sys.executable, "-m", "legsim", *arguments]
     return subprocess.run(command, capture_output=True, text=True, check=False, env=os.environ | changes)
 
 

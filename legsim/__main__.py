@@ -1,0 +1,5 @@
+"""`python -m legsim`: the command line, where the folder of scripts is not on the path."""
+
+from legsim.cli import main
+
+main()
