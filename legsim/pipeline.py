@@ -261,7 +261,7 @@ def _scan(
         if not folder.done(name, key):
             with folder.stage(name, key, [path.name]):
                 shown = "projecting" if poses is body.poses else "projecting, at rest"
-                drawing = np.random.default_rng([settings.seed, _PHOTONS, exposure])
+                drawing = _photons(settings, exposure)
                 exposed = acquisition.expose(
                     body.phantom,
                     poses,
@@ -275,6 +275,12 @@ def _scan(
                 images.save_projections(path, exposed)
         exposures.append(images.load_projections(path, body.geometry))
     return exposures[0], exposures[1]
+
+
+def _photons(settings: RunConfig, exposure: int) -> np.random.Generator:
+    """By the recording's content too: scans of one study share a seed, and must not share their noise."""
+    recording = int(recovery.fingerprint(settings.motion)[0][:16], 16)
+    return np.random.default_rng([settings.seed, _PHOTONS, exposure, recording])
 
 
 def _starts(settings: RunConfig, body: ScannedLeg, signals: ImuSignals, device: Device) -> Starts:

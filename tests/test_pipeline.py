@@ -111,6 +111,16 @@ def test_what_decides_the_projections_is_in_their_key_and_the_seed_where_there_i
     assert len(noisy) == 2
 
 
+def test_photons_are_others_in_every_recording_seed_and_exposure():
+    def first(file: str, seed: int, exposure: int) -> int:
+        settings = config.load(overrides=(f"motion.file={file}", f"seed={seed}"))
+        return int(pipeline._photons(settings, exposure).integers(2**62))
+
+    squat, other = "subject01/squat_30.trc", "subject02/squat_30.trc"
+    assert first(squat, 1, 0) == first(squat, 1, 0)
+    assert len({first(squat, 1, 0), first(other, 1, 0), first(squat, 2, 0), first(squat, 1, 1)}) == 4
+
+
 def test_ctrl_c_loses_nothing_that_was_finished(tiny_run, tiny_settings, tmp_path):
     for name in ("coordinates.mot", "joint_centres.csv", "poses.npz", "kinematics.json", "imu.csv", "geometry.json", "geometry_rtk.xml"):
         os.link(tiny_run.folder / name, tmp_path / name)
