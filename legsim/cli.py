@@ -279,7 +279,8 @@ def study(
         str,
         typer.Argument(
             metavar="STUDY",
-            help="A STUDY.toml, or a study that comes with legsim: quick, table1, table1_one_leg, table1_paper, table2, table3.",
+            help="A STUDY.toml, or a study that comes with legsim: printed_order, printed_scheme, quick, table1, "
+            "table1_one_leg, table1_paper, table2, table3.",
         ),
     ],
     out: OutFolder = Path("study"),
