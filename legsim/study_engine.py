@@ -115,11 +115,14 @@ def run_on_cluster(tasks: Sequence[Task], on_step: OnStep, *, scheduler: str | N
         ended: dict[str, Any] = {}
         waiting = {task.name: task for task in tasks}
         running: dict[str, str] = {}
-        # a task is only sent when what it needs has come back: a result that a worker alone holds would be lost with it
         pending = distributed.as_completed(with_results=False)
 
         def send() -> None:
-            for task in [t for t in waiting.values() if all(name in ended for name in t.needs)]:
+            # a task is only sent when what it needs has come back: a result that a worker alone holds would be lost with it;
+            # and when a worker is free: Dask, which does not know that a task takes minutes, would queue it behind another one's
+            free = max(1, sum(client.nthreads().values())) - (len(running) - len(ended))
+            ready = [t for t in waiting.values() if all(name in ended for name in t.needs)]
+            for task in ready[: max(0, free)]:
                 del waiting[task.name]
                 future = client.submit(_attempt_elsewhere, task, [ended[name] for name in task.needs], pure=False, key=_key(task))
                 running[future.key] = task.name

@@ -115,6 +115,25 @@ def test_on_a_cluster_it_is_the_same_and_a_killed_worker_costs_its_task(tmp_path
     assert sorted(ended) == sorted(task.name for task in tasks)
 
 
+def nap(folder: Path, name: str, **_: object) -> str:
+    """The long one ends when all others have, or after a time in which each of them could have run many times."""
+    if name == "long":
+        give_up = time.monotonic() + 20
+        while len(calls(folder)) < 6 and time.monotonic() < give_up:
+            time.sleep(0.05)
+    return note(folder, name)
+
+
+def test_no_task_waits_behind_a_long_one_while_a_worker_is_free(tmp_path):
+    names = ["long", *(f"short{k}" for k in range(6))]
+    ended: list[str] = []
+    tasks = [Task(name, nap, (tmp_path, name)) for name in names]
+    (tmp_path / "calls.txt").touch()
+    study_engine.run_on_cluster(tasks, lambda step: ended.append(step.name), scheduler=None, workers=2, shared_folder=tmp_path)
+    assert ended[-1] == "long"
+    assert sorted(ended) == sorted(names)
+
+
 def test_a_scheduler_that_is_not_there_is_told():
     pytest.importorskip("distributed")
     with pytest.raises(LegsimError, match="no Dask scheduler answers"):
