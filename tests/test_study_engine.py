@@ -19,6 +19,8 @@ pytestmark = [
     pytest.mark.filterwarnings("ignore::ResourceWarning"),
     pytest.mark.filterwarnings("ignore::DeprecationWarning"),
     pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning"),
+    # of a loaded machine
+    pytest.mark.filterwarnings("ignore:Creating scratch directories is taking a surprisingly long time"),
 ]
 
 
@@ -130,7 +132,8 @@ def test_no_task_waits_behind_a_long_one_while_a_worker_is_free(tmp_path):
     tasks = [Task(name, nap, (tmp_path, name)) for name in names]
     (tmp_path / "calls.txt").touch()
     study_engine.run_on_cluster(tasks, lambda step: ended.append(step.name), scheduler=None, workers=2, shared_folder=tmp_path)
-    assert ended[-1] == "long"
+    # the sixth short one is sent when the fifth has come back; it may be told before or after the long one
+    assert ended.index("long") >= 5
     assert sorted(ended) == sorted(names)
 
 
