@@ -79,12 +79,13 @@ class Plan:
 
 
 # measured on a CPU, where the device's memory is the process's own, as the greatest peak_mib of manifest.json and as du shows:
-#   quick, clean run of 6 methods   1340 MiB held, 1446 told;   the study of 2 clean and 4 noisy runs   823 MiB of disk, 817 told
-#   quick, noisy run of 1 method    1195 MiB held, 1265 told
-#   table1, clean run of 7 methods  1875 MiB held, 1945 told
+#   quick, clean run of 6 methods   1340 MiB held, 1478 told;   the study of 2 clean and 4 noisy runs   823 MiB of disk, 817 told
+#   quick, noisy run of 1 method    1195 MiB held, 1297 told
+#   table1, clean run of 7 methods  1978 MiB held, 2073 told
+#   table1_paper, the same larger   8916 MiB held, 9114 told
 _BASE_BYTES = 640 * 2**20
 """interpreter, libraries, OpenCL runtime, phantom"""
-_WORKING_VOLUMES = 2
+_WORKING_VOLUMES = 4
 _EXPOSURES_HELD = 4
 _TABLES_BYTES = 25 * 2**20
 """recording, reports, poses and signals of a clean run"""

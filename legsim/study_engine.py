@@ -132,6 +132,7 @@ def run_on_cluster(tasks: Sequence[Task], on_step: OnStep, *, scheduler: str | N
         for future in pending if running else ():
             name = running[future.key]
             came = future.result() if future.status == "finished" else _Warned(_Failure(_lost(future)), 0.0, ())
+            future.release()  # else Dask would run it again when the worker that holds its result is lost
             ended[name] = _told(came)
             on_step(_end(name, ended, len(tasks), came.seconds))
             send()

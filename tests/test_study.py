@@ -129,7 +129,7 @@ def test_a_disk_that_is_too_small_is_told_before_anything_runs(through, monkeypa
 
 def test_more_workers_than_the_memory_holds_are_refused(through, monkeypatch):
     asked, base = study_config.load(str(through.parent / "STUDY.toml"), overrides=("grid.voxels=512",))
-    monkeypatch.setattr(memory, "available", lambda: 8 * 2**30)
+    monkeypatch.setattr(memory, "available", lambda: 9 * 2**30)
     with pytest.raises(LegsimError, match=r"use --workers 2$"):
         study.needs(study.plan(asked, base, through), through, 4)
     monkeypatch.setattr(memory, "available", lambda: 2**30)
