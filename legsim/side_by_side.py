@@ -26,6 +26,11 @@ class Entry:
     printed: Score | None
 
 
+def counted(count: int, what: str) -> str:
+    """ "1 scan", "2 scans"."""
+    return f"{count} {what}" if count == 1 else f"{count} {what}s"
+
+
 def heading(condition: str) -> str:
     """A block's name in words."""
     return _HEADINGS.get(condition, condition)

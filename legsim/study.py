@@ -36,6 +36,7 @@ from legsim.errors import LegsimError, at
 from legsim.report import Picture
 from legsim.scanned_leg import OnProgress
 from legsim.scene import NamedVolume
+from legsim.side_by_side import counted
 from legsim.study_config import Ladder, StudyConfig
 from legsim.study_engine import OnStep, Outcome, Task
 from legsim.study_results import NoiseLevel, StageCost, StudyResults
@@ -183,7 +184,7 @@ def needs(planned: Plan, out: Path, workers: int = 0) -> str:
     except OSError as error:
         raise at(out, f"cannot be made ({error.strerror})", "choose another folder with --out") from error
     if not planned.scans:
-        return f"{_many(len(planned.ladders), 'noise ladder')}; no reconstruction"
+        return f"{counted(len(planned.ladders), 'noise ladder')}; no reconstruction"
     # runs share files: each counts once
     taken = sum({status.st_ino: status.st_size for status in (p.stat() for p in out.glob("runs/*/*"))}.values())
     free = shutil.disk_usage(out).free
@@ -199,13 +200,9 @@ def needs(planned: Plan, out: Path, workers: int = 0) -> str:
             + (f"use --workers {there // held}" if there >= held else "use a smaller --preset")
         )
     return (
-        f"{_many(len(planned.scans), 'run')}, {_many(len(planned.ladders), 'noise ladder')}; {disk / _GIB:.1f} GiB of disk, "
+        f"{counted(len(planned.scans), 'run')}, {counted(len(planned.ladders), 'noise ladder')}; {disk / _GIB:.1f} GiB of disk, "
         f"{held / _GIB:.1f} GiB of memory a worker"
     )
-
-
-def _many(count: int, what: str) -> str:
-    return f"{count} {what}" if count == 1 else f"{count} {what}s"
 
 
 def run(

@@ -22,6 +22,7 @@ from legsim.evaluation import RegionMetrics
 from legsim.figures import BoxGroup, ErrorLine, ErrorPanel, Figure, HeatMap
 from legsim.imu_noise import Convention
 from legsim.report import FileNote, Picture, ReportContent, Section
+from legsim.side_by_side import counted
 from legsim.study_results import LadderScore, NoiseLevel, ScanScore, StudyResults
 from legsim.study_statistics import LIMIT_DEG, LIMIT_MM, LadderCell, PairedTest
 
@@ -90,19 +91,16 @@ def _sizes(clean: Sequence[ScanScore], noisy: Sequence[ScanScore], ladder: Seque
     if clean:
         subjects, scans = {s.subject for s in clean}, {(s.subject, s.posture) for s in clean}
         lines.append(
-            f"{_many(len(scans), 'scan')} of {_many(len(subjects), 'subject')}, {_many(len(study_results.methods_of(clean)), 'method')}."
+            f"{counted(len(scans), 'scan')} of {counted(len(subjects), 'subject')}, "
+            f"{counted(len(study_results.methods_of(clean)), 'method')}."
         )
     if noisy:
-        lines.append(f"{_many(len(noisy), 'reconstruction')} from noisy sensors.")
+        lines.append(f"{counted(len(noisy), 'reconstruction')} from noisy sensors.")
     if ladder:
         lines.append(
-            f"{_many(len({s.noise for s in ladder}), 'noise level')} without images, {_many(len(ladder), 'draw')} of noise in all."
+            f"{counted(len({s.noise for s in ladder}), 'noise level')} without images, {counted(len(ladder), 'draw')} of noise in all."
         )
     return lines
-
-
-def _many(count: int, what: str) -> str:
-    return f"{count} {what}" if count == 1 else f"{count} {what}s"
 
 
 def _pools(scores: Sequence[ScanScore]) -> dict[str, tuple[ScanScore, ...]]:

@@ -7,7 +7,7 @@ from legsim.evaluation import RegistrationError
 from legsim.imu_noise import Convention
 from legsim.published import Score
 from legsim.report import Table
-from legsim.side_by_side import NONE, Entry, quality_entry
+from legsim.side_by_side import NONE, Entry, counted, quality_entry
 from legsim.spread import Spread, spread
 from legsim.study_results import NoiseLevel, ScanScore, StageCost
 from legsim.study_statistics import LadderCell, Measure, PairedTest
@@ -40,15 +40,11 @@ def _rows(scores: Sequence[ScanScore]) -> list[tuple[str, str, str, str, tuple[S
     for condition, block in study_statistics.blocks(scores).items():
         counts = {m: len({(s.subject, s.posture) for s in study_statistics.of_method(block, m)}) for m in study_results.methods_of(block)}
         most = max(counts.values())
-        group = f"{side_by_side.heading(condition)} ({_scans(most)})"
+        group = f"{side_by_side.heading(condition)} ({counted(most, 'scan')})"
         for method, count in counts.items():
-            label = method if count == most else f"{method} ({_scans(count)})"
+            label = method if count == most else f"{method} ({counted(count, 'scan')})"
             rows.append((condition, method, group, label, study_statistics.of_method(block, method)))
     return rows
-
-
-def _scans(count: int) -> str:
-    return f"{count} scan" if count == 1 else f"{count} scans"
 
 
 def _by_method(
@@ -136,7 +132,7 @@ def _own_error(errors: Sequence[RegistrationError]) -> str:
     mean, largest = (f"{size(mm)} mm and {size(deg)}°" for mm, deg in ((shift.mean, turn.mean), (shift.largest, turn.largest)))
     return (
         "The registration's own error, by which it misses a known motion of about a millimeter and a degree of the motion-free volume: "
-        f"mean {mean}, at most {largest}, in {_scans(shift.count)}. "
+        f"mean {mean}, at most {largest}, in {counted(shift.count, 'scan')}. "
     )
 
 
@@ -243,8 +239,8 @@ def noisy_quality(scores: Sequence[ScanScore]) -> tuple[Table, Table]:
                         entries.append(Entry(group, label, region, ours, printed))
         kinds.append(entries)
     note = (
-        f"Over {_scans(len(scans))}; repetitions of a scan are averaged first. {SPREAD_NOTE} The noise of the sensors is divided by 10^f_a "
-        "(accelerometer) and 10^f_g (gyroscope)."
+        f"Over {counted(len(scans), 'scan')}; repetitions of a scan are averaged first. {SPREAD_NOTE} The noise of the sensors is divided "
+        "by 10^f_a (accelerometer) and 10^f_g (gyroscope)."
     )
     source = "Maier et al. 2021, Table 3"
     return (

@@ -49,3 +49,7 @@ def test_the_note_names_the_source():
     tables = side_by_side.quality_tables([printed, own], [printed], "Table 1")
     assert all("equal. Printed: Maier et al. 2021, Table 1; another phantom" in table.note for table in tables)
     assert all("Printed" not in table.note for table in side_by_side.quality_tables([own], [own], "Table 1"))
+
+
+def test_one_is_counted_without_an_s():
+    assert [side_by_side.counted(n, "scan") for n in (0, 1, 2)] == ["0 scans", "1 scan", "2 scans"]
