@@ -1,4 +1,6 @@
-"""legsim: a weight-bearing knee CT simulated from motion capture, and its motion corrected by inertial measurements."""
+"""legsim: a weight-bearing knee CT simulated from motion capture, and its motion corrected by
+inertial measurements.
+"""
 
 import importlib.metadata
 

@@ -1,5 +1,5 @@
 """`python -m legsim`: the command line, where the folder of scripts is not on the path."""
 
-from legsim.cli import main
+from legsim.cli.main import main
 
 main()

@@ -1,4 +1,6 @@
-"""What a run is told: one frozen tree, read strictly from TOML. Lengths in mm, angles in degrees, with the unit in the name."""
+"""What a run is told: one frozen tree, read strictly from TOML. Lengths in mm, angles in degrees,
+with the unit in the name.
+"""
 
 import tomllib
 from collections.abc import Iterator
@@ -8,36 +10,44 @@ from typing import Any, Literal, TypeVar, get_args
 import tomli_w
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from legsim.errors import LegsimError, at
+from legsim.core.errors import LegsimError, file_error
 
 
-class Section(BaseModel):
+class ConfigSection(BaseModel):
     """A part of a configuration: frozen, and strict about its keys."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
 
-class MotionConfig(Section):
+class MotionConfig(ConfigSection):
     """The recording and how it is cleaned."""
 
     file: str = "subject01/squat_60.trc"
     """a path, or one of the project's own recordings by its name under motions/"""
     marker_map: str = "auto"
-    """a TOML file, the name of a shipped marker set, or "auto" for the shipped one that covers the file"""
+    """a TOML file, the name of a shipped marker set, or "auto" for the shipped one that covers the
+    file
+    """
     unit: Literal["file", "m", "cm", "mm"] = "file"
     """"file" believes the header"""
     up: Literal["file", "x", "y", "z"] = "file"
     filter_hz: float = Field(default=6.0, ge=0)
     """cut-off of the 2nd-order zero-phase Butterworth filter; 0 leaves the markers as they are"""
     longest_gap_s: float = Field(default=2.0, ge=0)
-    """gaps up to this long are bridged in time; in longer ones the marker stays unseen and is reported"""
+    """gaps up to this long are bridged in time; in longer ones the marker stays unseen and is
+    reported
+    """
     marker_noise_mm: float = Field(default=0.2, ge=0)
-    """RMS of a marker's white noise per axis: joint angles are filtered further, as low as that hides; 0 leaves them as the filter does"""
+    """RMS of a marker's white noise per axis: joint angles are filtered further, as low as that
+    hides; 0 leaves them as the filter does
+    """
     scaling_file: str = ""
-    """recording that the model is scaled from; empty: the person's active squats for legsim's own recordings, else the same one"""
+    """recording that the model is scaled from; empty: the person's active squats for legsim's own
+    recordings, else the same one
+    """
 
 
-class SensorConfig(Section):
+class SensorConfig(ConfigSection):
     """One inertial sensor on a segment."""
 
     name: str
@@ -50,8 +60,10 @@ class SensorConfig(Section):
     """rotation vector of the sensor's axes against the segment's"""
 
 
-class NoiseConfig(Section):
-    """Noise of the sensors, drawn from the run's seed. Each kind reads its own numbers; defaults are the BMI160's."""
+class NoiseConfig(ConfigSection):
+    """Noise of the sensors, drawn from the run's seed. Each kind reads its own numbers; defaults
+    are the BMI160's.
+    """
 
     kind: Literal["none", "density", "rms", "paper"] = "none"
     acceleration_ug_per_sqrt_hz: float = Field(default=180.0, ge=0)
@@ -69,28 +81,34 @@ class NoiseConfig(Section):
     f_g: float | Literal["none"] = 0.0
     """paper: the same for the gyroscope"""
     convention: Literal["SI", "per-sample"] = "SI"
-    """paper: "per-sample" leaves out the time steps, which is what reproduces the printed numbers"""
+    """paper: "per-sample" leaves out the time steps, which is what reproduces the printed
+    numbers
+    """
     acceleration_bias_mg: float = Field(default=0.0, ge=0)
     """standard deviation between sensors, of every kind but none"""
     angular_velocity_bias_deg_per_s: float = Field(default=0.0, ge=0)
 
 
-class SoftTissueConfig(Section):
+class SoftTissueConfig(ConfigSection):
     """A damped oscillator between a bone and what rides on it."""
 
     amplitude: float = Field(default=0.0, ge=0)
-    """part of the oscillator's swing that is made: 0 is fixed to the bone, 1 hangs on the spring alone"""
+    """part of the oscillator's swing that is made: 0 is fixed to the bone, 1 hangs on the spring
+    alone
+    """
     frequency_hz: float = Field(default=10.0, gt=0)
     damping: float = Field(default=0.25, gt=0)
     """of critical"""
 
 
-class ImuConfig(Section):
+class ImuConfig(ConfigSection):
     """The sensors; defaults are the paper's."""
 
     rate_hz: float = Field(default=120.0, gt=0)
     clock_offset_s: float = 0.0
-    """the sensors' clock less the C-arm's: what happens at t is stamped t plus this; no method is told"""
+    """the sensors' clock less the C-arm's: what happens at t is stamped t plus this; no method is
+    told
+    """
     soft_tissue: SoftTissueConfig = SoftTissueConfig()
     """how the sensors swing on the skin; the truth stays that of sensors fixed to the bone"""
     noise: NoiseConfig = NoiseConfig()
@@ -103,18 +121,22 @@ class ImuConfig(Section):
     )
 
 
-class PhantomConfig(Section):
+class PhantomConfig(ConfigSection):
     """The scanned legs."""
 
     legs: Literal["both", "left"] = "both"
-    """left: the scanned one alone, as if the other stood far off; the other one's edges leave streaks wherever the views are few"""
+    """left: the scanned one alone, as if the other stood far off; the other one's edges leave
+    streaks wherever the views are few
+    """
     detail: Literal["coarse", "fine"] = "coarse"
     energy_kev: float = Field(default=60.0, gt=10, le=500)
     wobble: SoftTissueConfig = SoftTissueConfig()
-    """how its soft tissue swings on its bones; images and truth both show it, the sensors have imu.soft_tissue"""
+    """how its soft tissue swings on its bones; images and truth both show it, the sensors have
+    imu.soft_tissue
+    """
 
 
-class SpectrumConfig(Section):
+class SpectrumConfig(ConfigSection):
     """The beam's photon energies; "none" is one energy, phantom.energy_kev."""
 
     kind: Literal["none", "tube", "file"] = "none"
@@ -134,7 +156,7 @@ class SpectrumConfig(Section):
     """whether line integrals are linearized as if all were water; bones still harden the beam"""
 
 
-class DetectorConfig(Section):
+class DetectorConfig(ConfigSection):
     """What the detector adds to the projections; the defaults add nothing."""
 
     photons: float = Field(default=0.0, ge=0)
@@ -153,7 +175,7 @@ class DetectorConfig(Section):
     """on the detector: how smooth the scatter is"""
 
 
-class ScanConfig(Section):
+class ScanConfig(ConfigSection):
     """The C-arm; defaults are the paper's."""
 
     start_s: float | None = None
@@ -169,26 +191,32 @@ class ScanConfig(Section):
     rows: int = Field(default=480, ge=8)
     pixel_mm: float = Field(default=0.616, gt=0)
     rays_per_pixel: int = Field(default=2, ge=1, le=8)
-    """along each axis: a pixel is the mean of so many rays squared, as its area would see them; 1 is a line through its middle"""
+    """along each axis: a pixel is the mean of so many rays squared, as its area would see them; 1
+    is a line through its middle
+    """
     spectrum: SpectrumConfig = SpectrumConfig()
     detector: DetectorConfig = DetectorConfig()
 
 
-class GridConfig(Section):
+class GridConfig(ConfigSection):
     """The reconstructed cube around the isocenter."""
 
     voxels: int = Field(default=512, ge=16)
     voxel_mm: float = Field(default=0.5, gt=0)
 
 
-class FiducialsConfig(Section):
-    """Four metal points in each sensor, from which its start is found where methods.start is "fiducials"."""
+class FiducialsConfig(ConfigSection):
+    """Four metal points in each sensor, from which its start is found where methods.start is
+    "fiducials".
+    """
 
     axis_length_mm: float = Field(default=10.0, gt=0)
     views: int = Field(default=2, ge=2)
     """the first ones; 2 is the paper's way, more average the errors of detection"""
     detector: Literal["bounded", "unbounded"] = "bounded"
-    """"unbounded": the paper's virtual detector, which also sees what lies above and below the real one"""
+    """"unbounded": the paper's virtual detector, which also sees what lies above and below the real
+    one
+    """
     found: Literal["exact", "images"] = "exact"
     """"exact" projects the points; "images" renders them as beads and finds their shadows"""
     error_px: float = Field(default=0.0, ge=0)
@@ -197,8 +225,10 @@ class FiducialsConfig(Section):
     """diameter of the rendered beads, tantalum"""
 
 
-class BeadsConfig(Section):
-    """Metal beads on the skin around the knee, for the marker-based method; they are in no reconstruction."""
+class BeadsConfig(ConfigSection):
+    """Metal beads on the skin around the knee, for the marker-based method; they are in no
+    reconstruction.
+    """
 
     count: int = Field(default=12, ge=4)
     diameter_mm: float = Field(default=2.0, gt=0)
@@ -208,7 +238,7 @@ class BeadsConfig(Section):
     """standard deviation of the places that the search starts from, along each axis"""
 
 
-class MethodsConfig(Section):
+class MethodsConfig(ConfigSection):
     """Which corrections are compared, and from what."""
 
     run: tuple[str, ...] = (
@@ -231,14 +261,14 @@ class MethodsConfig(Section):
     beads: BeadsConfig = BeadsConfig()
 
 
-class EvaluationConfig(Section):
+class EvaluationConfig(ConfigSection):
     """How volumes are compared."""
 
     register_volumes: bool = True
     air_margin_mm: float = Field(default=5.0, ge=0)
 
 
-class RunConfig(Section):
+class RunConfig(ConfigSection):
     """One scan, whole."""
 
     motion: MotionConfig = MotionConfig()
@@ -264,31 +294,40 @@ PRESETS: dict[str, dict[str, dict[str, Any]]] = {
 }
 
 
-def load(path: Path | None = None, *, preset: str = "paper", overrides: tuple[str, ...] = ()) -> RunConfig:
-    """The preset, overlaid by the TOML file, overlaid by ``section.key=value`` overrides (values in TOML's notation, or bare text).
+def load(
+    path: Path | None = None, *, preset: str = "paper", overrides: tuple[str, ...] = ()
+) -> RunConfig:
+    """The preset, overlaid by the TOML file, overlaid by ``section.key=value`` overrides (values in
+    TOML's notation, or bare text).
 
     Raises:
-        LegsimError: no such preset or file, not TOML, or a key or value that is not allowed; the line names the key.
+        LegsimError: no such preset or file, not TOML, or a key or value that is not allowed; the
+            line names the key.
     """
     trees = [] if path is None else [read(path)]
-    return from_trees(preset, *trees, *(parse_override(override) for override in overrides), where=path)
+    return from_trees(
+        preset, *trees, *(parse_override(override) for override in overrides), where=path
+    )
 
 
 def from_trees(preset: str, *trees: dict[str, Any], where: Path | None = None) -> RunConfig:
-    """The preset, overlaid by ``trees`` one after the other; ``where`` they come from is named in errors.
+    """The preset, overlaid by ``trees`` one after the other; ``where`` they come from is named in
+    errors.
 
     Raises:
         LegsimError: no such preset, or a key or value that is not allowed; the line names the key.
     """
     if preset not in PRESETS:
-        raise LegsimError(f"--preset {preset}: there is no such preset; choose one of {', '.join(PRESETS)}")
+        raise LegsimError(
+            f"--preset {preset}: there is no such preset; choose one of {', '.join(PRESETS)}"
+        )
     tree: dict[str, Any] = merged({}, PRESETS[preset])
     for further in trees:
         tree = merged(tree, further)
     return validated(RunConfig, tree, where)
 
 
-_Model = TypeVar("_Model", bound=Section)
+_Model = TypeVar("_Model", bound=ConfigSection)
 
 
 def validated(model: type[_Model], tree: dict[str, Any], where: Path | None) -> _Model:
@@ -317,11 +356,13 @@ def read(path: Path) -> dict[str, Any]:
     try:
         return tomllib.loads(path.read_text("utf-8"))
     except FileNotFoundError:
-        raise at(path, "no such file", "give the path of a TOML file") from None
+        raise file_error(path, "no such file", "give the path of a TOML file") from None
     except (OSError, UnicodeDecodeError) as error:
-        raise at(path, f"cannot be read ({error})", "give the path of a TOML file") from None
+        raise file_error(
+            path, f"cannot be read ({error})", "give the path of a TOML file"
+        ) from None
     except tomllib.TOMLDecodeError as error:
-        raise at(path, f"is not TOML: {error}", "mend that place") from None
+        raise file_error(path, f"is not TOML: {error}", "mend that place") from None
 
 
 def parse_override(text: str) -> dict[str, Any]:
@@ -348,7 +389,7 @@ def merged(base: dict[str, Any], over: dict[str, Any]) -> dict[str, Any]:
     return result
 
 
-def _explain(error: ValidationError, model: type[Section], path: Path | None) -> str:
+def _explain(error: ValidationError, model: type[ConfigSection], path: Path | None) -> str:
     # a misspelt key comes with a missing one: the misspelling is what to tell
     first = min(error.errors(), key=lambda e: e["type"] != "extra_forbidden")
     place = ".".join(str(part) for part in first["loc"])
@@ -357,10 +398,13 @@ def _explain(error: ValidationError, model: type[Section], path: Path | None) ->
         return f"{where}: there is no such key; {_valid_keys(model, first['loc'])}"
     more = f" (and {error.error_count() - 1} more)" if error.error_count() > 1 else ""
     override = f" or with --set {place}=..." if model is RunConfig else ""
-    return f"{where}: {first['msg']}, not {first['input']!r}{more}; mend the value in the file{override}"
+    return (
+        f"{where}: {first['msg']}, not {first['input']!r}{more}; mend the value in the "
+        f"file{override}"
+    )
 
 
-def _valid_keys(model: type[Section], location: tuple[int | str, ...]) -> str:
+def _valid_keys(model: type[ConfigSection], location: tuple[int | str, ...]) -> str:
     section = model
     for part in location[:-1]:
         if isinstance(part, str) and part in section.model_fields:
@@ -368,9 +412,9 @@ def _valid_keys(model: type[Section], location: tuple[int | str, ...]) -> str:
     return f"valid here: {', '.join(section.model_fields)}"
 
 
-def _sections_in(annotation: Any) -> Iterator[type[Section]]:
+def _sections_in(annotation: Any) -> Iterator[type[ConfigSection]]:
     """Sections that a field's type names, also inside a tuple or beside None."""
-    if isinstance(annotation, type) and issubclass(annotation, Section):
+    if isinstance(annotation, type) and issubclass(annotation, ConfigSection):
         yield annotation
     for part in get_args(annotation):
         yield from _sections_in(part)

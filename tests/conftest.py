@@ -5,14 +5,18 @@ import warnings
 from dataclasses import dataclass
 from pathlib import Path
 
-import example_study
 import numpy as np
 import pytest
 from hypothesis import settings
 
-from legsim import config, opencl, pipeline, study_report
-from legsim.redundancy import ShortScanWarning
-from legsim.report import Picture, ReportContent
+from legsim import config
+from legsim.opencl import discovery
+from legsim.opencl.device import Device, open_device
+from legsim.reconstruction.weights import ShortScanWarning
+from legsim.report.page import Picture, ReportContent
+from legsim.run import pipeline
+from legsim.study import report
+from tests.examples import study as example_study
 
 # the same examples on every machine, however busy it is
 settings.register_profile("legsim", deadline=None, derandomize=True)
@@ -24,14 +28,14 @@ SHARED = Path(os.environ.get("LEGSIM_SHARED", Path(__file__).parents[2] / "share
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
     """A test that asks for ``device`` runs on every OpenCL device that works here."""
     if "device" in metafunc.fixturenames:
-        labels = [c.label for c in opencl.candidates() if c.seconds is not None]
+        labels = [c.label for c in discovery.candidates() if c.seconds is not None]
         metafunc.parametrize("device", labels, indirect=True, scope="session")
 
 
 @pytest.fixture(scope="session")
-def device(request: pytest.FixtureRequest) -> opencl.Device:
+def device(request: pytest.FixtureRequest) -> Device:
     """One working OpenCL device."""
-    return opencl.open_device(request.param)
+    return open_device(request.param)
 
 
 @pytest.fixture
@@ -51,24 +55,42 @@ def shared_data() -> Path:
 
 @pytest.fixture(scope="session")
 def tiny_settings() -> config.RunConfig:
-    """The paper's scan at a fifth of its resolution, every other view: seconds, and still a scan of 8 s."""
+    """The paper's scan at a fifth of its resolution, every other view: seconds, and still a scan of
+    8 s.
+    """
     return config.load(
         preset="paper",
         overrides=(
             "motion.file=subject06/squat_60.trc",  # sways most, so that the coarse voxels show it
-            *("scan.views=124", "scan.increment_deg=1.6", "scan.rate_hz=15.5", "scan.columns=124", "scan.rows=96", "scan.pixel_mm=3.08"),
-            *("grid.voxels=80", "grid.voxel_mm=3.0", 'methods.run=["static","uncorrected","oracle","rigid"]'),
+            *(
+                "scan.views=124",
+                "scan.increment_deg=1.6",
+                "scan.rate_hz=15.5",
+                "scan.columns=124",
+                "scan.rows=96",
+                "scan.pixel_mm=3.08",
+            ),
+            *(
+                "grid.voxels=80",
+                "grid.voxel_mm=3.0",
+                'methods.run=["static","uncorrected","oracle","rigid"]',
+            ),
         ),
     )
 
 
 @pytest.fixture(scope="session")
-def tiny_run(tmp_path_factory: pytest.TempPathFactory, tiny_settings: config.RunConfig) -> pipeline.RunResult:
+def tiny_run(
+    tmp_path_factory: pytest.TempPathFactory, tiny_settings: config.RunConfig
+) -> pipeline.RunResult:
     """That scan, run once for all tests that look at what a run leaves."""
     with warnings.catch_warnings():
-        # the paper's scan is a little short, and says so; whichever test asks for it first must not fail by that
+        # the paper's scan is a little short, and says so; whichever test asks for it first must not
+        # fail by that
         warnings.simplefilter("ignore", ShortScanWarning)
-        return pipeline.run(tiny_settings, tmp_path_factory.mktemp("run"), on_progress=lambda *_: None)
+        return pipeline.run(
+            tiny_settings, tmp_path_factory.mktemp("run"), on_progress=lambda *_: None
+        )
 
 
 @dataclass(frozen=True)
@@ -83,5 +105,7 @@ class WrittenStudy:
 def written_study(tmp_path_factory: pytest.TempPathFactory) -> WrittenStudy:
     """The report of the example study, made once for all tests that look at it."""
     folder = tmp_path_factory.mktemp("study")
-    picture = Picture("Slices of every method.", example_study.picture(), "slices", "pictures/slices.png")
-    return WrittenStudy(folder, study_report.write(folder, example_study.results(), (picture,)))
+    picture = Picture(
+        "Slices of every method.", example_study.picture(), "slices", "pictures/slices.png"
+    )
+    return WrittenStudy(folder, report.write(folder, example_study.results(), (picture,)))

@@ -4,11 +4,13 @@ from pathlib import Path
 import pytest
 
 from legsim import config
-from legsim.errors import LegsimError
+from legsim.core.errors import LegsimError
 
 
 def test_dumping_and_loading_gives_the_same_tree(tmp_path):
-    original = config.load(preset="half", overrides=("scan.start_s=2.5", "motion.file=my walk.trc", "seed=7"))
+    original = config.load(
+        preset="half", overrides=("scan.start_s=2.5", "motion.file=my walk.trc", "seed=7")
+    )
     (tmp_path / "c.toml").write_text(config.dump(original))
     assert config.load(tmp_path / "c.toml") == original
 
@@ -16,15 +18,23 @@ def test_dumping_and_loading_gives_the_same_tree(tmp_path):
 def test_paper_preset_is_the_papers_scan():
     scan, grid = config.load(preset="paper").scan, config.load(preset="paper").grid
     assert (scan.views, scan.increment_deg, scan.rate_hz) == (248, 0.8, 31.0)
-    assert (scan.source_detector_mm, scan.source_isocenter_mm, scan.pixel_mm) == (1198.0, 780.0, 0.616)
+    assert (scan.source_detector_mm, scan.source_isocenter_mm, scan.pixel_mm) == (
+        1198.0,
+        780.0,
+        0.616,
+    )
     assert (scan.columns, scan.rows, grid.voxels, grid.voxel_mm) == (620, 480, 512, 0.5)
 
 
 @pytest.mark.parametrize("preset", ["demo", "half"])
 def test_presets_see_the_same_field_as_the_paper(preset):
     ours, paper = config.load(preset=preset), config.load(preset="paper")
-    assert ours.scan.columns * ours.scan.pixel_mm == pytest.approx(paper.scan.columns * paper.scan.pixel_mm)
-    assert ours.grid.voxels * ours.grid.voxel_mm == pytest.approx(paper.grid.voxels * paper.grid.voxel_mm)
+    assert ours.scan.columns * ours.scan.pixel_mm == pytest.approx(
+        paper.scan.columns * paper.scan.pixel_mm
+    )
+    assert ours.grid.voxels * ours.grid.voxel_mm == pytest.approx(
+        paper.grid.voxels * paper.grid.voxel_mm
+    )
 
 
 def test_file_beats_preset_and_override_beats_file(tmp_path):
@@ -37,7 +47,10 @@ def test_file_beats_preset_and_override_beats_file(tmp_path):
     ("text", "message"),
     [
         ("[scan]\nview = 3\n", r"scan\.view\): there is no such key; valid here: start_s, views"),
-        ("[[imu.sensors]]\nname = 'a'\nsegment = 'b'\ndistance = 3\n", "valid here: name, segment, distance_mm"),
+        (
+            "[[imu.sensors]]\nname = 'a'\nsegment = 'b'\ndistance = 3\n",
+            "valid here: name, segment, distance_mm",
+        ),
         ("[scan]\nviews = 'many'\n", r"scan\.views\): Input should be a valid integer.*'many'"),
         ("[grid]\nvoxel_mm = -1\n", r"grid\.voxel_mm\): Input should be greater than 0"),
         ("[imu]\nsensors = []\n", r"imu\.sensors\): Tuple should have at least 1 item"),
@@ -75,4 +88,8 @@ def test_the_detector_in_the_documents_can_be_set(tmp_path):
     text = re.findall(r"```toml\n(.*?)```", page.partition("## Detector")[2], re.S)[0]
     (tmp_path / "c.toml").write_text(text)
     scan = config.load(tmp_path / "c.toml").scan
-    assert (scan.detector.photons, scan.spectrum.kvp, len(scan.detector.lag_times_s)) == (20000, 90, len(scan.detector.lag_fractions))
+    assert (scan.detector.photons, scan.spectrum.kvp, len(scan.detector.lag_times_s)) == (
+        20000,
+        90,
+        len(scan.detector.lag_fractions),
+    )

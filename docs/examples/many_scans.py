@@ -2,8 +2,10 @@
 
     python docs/examples/many_scans.py data 0 100 grid.voxels=128 grid.voxel_mm=2
 
-makes data/00000 to data/00099; what follows are settings as in `legsim run --set`, laid over the demo preset. A scan's number alone decides
-it: the same command goes on where it was stopped, and several may share the work. docs/study.md says what lies in a folder.
+makes data/00000 to data/00099; what follows are settings as in `legsim run --set`, laid over the
+demo preset. A scan's number alone decides
+it: the same command goes on where it was stopped, and several may share the work. docs/study.md
+says what lies in a folder.
 """
 
 import sys
@@ -12,21 +14,30 @@ from pathlib import Path
 
 import numpy as np
 
-from legsim import config, pipeline, recovery, storage
+from legsim import config
 from legsim.config import MotionConfig
+from legsim.kinematics import from_recording
+from legsim.mocap import opensim
+from legsim.run import pipeline
 
 PEOPLE = [f"subject{k:02d}" for k in range(1, 8)]
 
 
 def make(folder: Path, number: int, overrides: tuple[str, ...] = ()) -> None:
-    """One scan: somebody's held squat, swaying more or less than it did, by a leg of somebody's size, with a photon noise of its own."""
+    """One scan: somebody's held squat, swaying more or less than it did, by a leg of somebody's
+    size, with a photon noise of its own.
+    """
     rng = np.random.default_rng([20260, number])
     posture, mover, sizes = rng.choice(["squat_30", "squat_60"]), *rng.choice(PEOPLE, 2)
-    recorded = recovery.recover(MotionConfig(file=f"{mover}/{posture}.trc")).trajectories
+    recorded = from_recording.solve_recording(
+        MotionConfig(file=f"{mover}/{posture}.trc")
+    ).trajectories
     mean = recorded.values.mean(0)
-    swaying = replace(recorded, values=mean + rng.uniform(0.5, 3.0, len(mean)) * (recorded.values - mean))
+    swaying = replace(
+        recorded, values=mean + rng.uniform(0.5, 3.0, len(mean)) * (recorded.values - mean)
+    )
     folder.mkdir(parents=True, exist_ok=True)
-    storage.save(folder / "motion.mot", swaying)
+    opensim.save(folder / "motion.mot", swaying)
     drawn = (
         f"motion.file={folder / 'motion.mot'}",
         f"motion.scaling_file={sizes}/squats.trc",

@@ -2,23 +2,27 @@
 
 Run it as
 
-    legsim run --preset demo --set 'methods.run=["uncorrected", "rigid", "docs/examples/own_method.py:without_drift"]' --out run
+    legsim run --preset demo --set 'methods.run=["uncorrected", "rigid",
+    "docs/examples/own_method.py:without_drift"]' --out run
 """
 
 import numpy as np
 
-from legsim import correction, methods, transforms
-from legsim.correction import Correction, Scan
+from legsim.core import transforms
+from legsim.correction.method import Correction, Scan
+from legsim.correction.rigid import rigid_motion, sensor_path
 
 
 def without_drift(scan: Scan) -> Correction:
-    """Rigid, with the straight line that the position drifts along taken out: people stand, and return to where they were.
+    """Rigid, with the straight line that the position drifts along taken out: people stand, and
+    return to where they were.
 
-    A method sees no more than ``scan``: projections with their geometry, IMU signals, and each sensor's start.
+    A method sees no more than ``scan``: projections with their geometry, IMU signals, and each
+    sensor's start.
     """
-    poses = methods.sensor_path(scan, scan.signals.sensor_names[0], "accurate")
+    poses = sensor_path(scan, scan.signals.sensor_names[0], "accurate")
     since = scan.times - scan.times[0]
     positions = poses[:, :3, 3]
     slope = (since @ (positions - positions[0])) / (since @ since)
     steady = transforms.rigid(poses[:, :3, :3], positions - np.multiply.outer(since, slope))
-    return Correction("without_drift", scan.projections, correction.rigid_motion(scan.times, steady))
+    return Correction("without_drift", scan.projections, rigid_motion(scan.times, steady))

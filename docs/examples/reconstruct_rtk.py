@@ -2,29 +2,39 @@
 
     python docs/examples/reconstruct_rtk.py projections.mha geometry.xml volume.nii.gz 256 1.0
 
-The last two are voxels along each side and their size in mm. The volume lies about the point that the scanner turns about. `legsim
-reconstruct` does the same from the command line, and more.
+The last two are voxels along each side and their size in mm. The volume lies about the point that
+the scanner turns about. `legsim reconstruct` does the same from the command line, and more.
 """
 
 import sys
 from pathlib import Path
 
-from legsim import fdk, geometry_files, images, opencl
-from legsim.geometry import VolumeGrid
+from legsim.geometry import files, image_files
+from legsim.geometry.volume import VolumeGrid
+from legsim.opencl import device
+from legsim.reconstruction import fdk
 
 
-def main(projections_file: Path, geometry_file: Path, out: Path, count: int, voxel_mm: float) -> None:
+def main(
+    projections_file: Path, geometry_file: Path, out: Path, count: int, voxel_mm: float
+) -> None:
     """From files to a file."""
-    header = images.read_header(projections_file)
+    header = image_files.read_header(projections_file)
     columns, rows, _ = header.size
-    geometry = geometry_files.load(geometry_file, columns=columns, rows=rows, pixel_mm=header.spacing_mm[0])
-    projections = images.load_projections(projections_file, geometry)
+    geometry = files.load(geometry_file, columns=columns, rows=rows, pixel_mm=header.spacing_mm[0])
+    projections = image_files.load_projections(projections_file, geometry)
     x, y, z = geometry.rotation_center()
     grid = VolumeGrid.cubic(count, 1e-3 * voxel_mm, (x, y, z))
-    volume = fdk.reconstruct(projections, grid, opencl.open_device())
-    images.save_volume(out, volume)
+    volume = fdk.reconstruct(projections, grid, device.open_device())
+    image_files.save_volume(out, volume)
     print(f"{'x'.join(map(str, grid.shape_zyx))} voxels from {len(geometry)} views: {out}")
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]), Path(sys.argv[2]), Path(sys.argv[3]), int(sys.argv[4]), float(sys.argv[5]))
+    main(
+        Path(sys.argv[1]),
+        Path(sys.argv[2]),
+        Path(sys.argv[3]),
+        int(sys.argv[4]),
+        float(sys.argv[5]),
+    )

@@ -1,4 +1,6 @@
-"""Figures for reports: dark text on white, units on every axis, made without a screen and without pyplot's global state."""
+"""Figures for reports: dark text on white, units on every axis, made without a screen and without
+pyplot's global state.
+"""
 
 import lazy_loader
 

@@ -28,7 +28,9 @@ def plot_axes(figure: Figure, rows: int, columns: int = 1, *, share_x: bool = Tr
 
 
 def plain(ax: Axes, *, ticks: int | None = None) -> None:
-    """A light grid behind the curves, no frame, small numbers; at most about ``ticks`` of them along an axis, which also draws faster."""
+    """A light grid behind the curves, no frame, small numbers; at most about ``ticks`` of them
+    along an axis, which also draws faster.
+    """
     if ticks is not None:
         ax.locator_params(nbins=ticks)
     ax.grid(True, color="#dddddd", linewidth=0.6)
@@ -49,7 +51,8 @@ def spaced(
     bottom: float = 0.42,
     between: float = 0.12,
 ) -> None:
-    """Places plots of a grid by margins in inches: in one pass, where measuring all texts for them takes as long as drawing.
+    """Places plots of a grid by margins in inches: in one pass, where measuring all texts for them
+    takes as long as drawing.
 
     The vertical axes' names stand in a line at the left of each column, over two lines at most.
 
@@ -66,10 +69,16 @@ def spaced(
     """
     figure.set_layout_engine("none")
     (width, height), rows = figure.get_size_inches(), len(axes) // columns
-    plot_width, plot_height = (width - start - left * columns - right) / columns, (height - top - bottom - between * (rows - 1)) / rows
+    plot_width, plot_height = (
+        (width - start - left * columns - right) / columns,
+        (height - top - bottom - between * (rows - 1)) / rows,
+    )
     for k, ax in enumerate(axes):
         row, column = divmod(k, columns)
-        x, y = start + left + column * (left + plot_width), bottom + (rows - 1 - row) * (between + plot_height)
+        x, y = (
+            start + left + column * (left + plot_width),
+            bottom + (rows - 1 - row) * (between + plot_height),
+        )
         ax.set_position((x / width, y / height, plot_width / width, plot_height / height))
         ax.yaxis.set_label_coords((0.03 - left) / plot_width, 0.5)
         ax.yaxis.label.set_verticalalignment("top")
@@ -85,7 +94,9 @@ def picture_axes(figure: Figure, rows: int, columns: int) -> list[list[Axes]]:
 
 
 def at_least(ax: Axes, span: float) -> None:
-    """Widens the vertical axis to ``span``, so that nothing but rounding does not look like a curve."""
+    """Widens the vertical axis to ``span``, so that nothing but rounding does not look like a
+    curve.
+    """
     low, high = ax.get_ylim()
     if high - low < span:
         middle = 0.5 * (low + high)

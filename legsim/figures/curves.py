@@ -7,20 +7,28 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from legsim import transforms
-from legsim.anatomy import JointCenters
-from legsim.arrays import FloatArray
+from legsim.core import transforms
+from legsim.core.values import FloatArray
+from legsim.deformation.models import RigidMotion
 from legsim.figures.canvas import COLORS, at_least, new_figure, plain, plot_axes, spaced
-from legsim.scene import ReplayScene
-from legsim.signals import ImuSignals, JointTrajectories, RigidMotion
+from legsim.imu.signals import ImuSignals
+from legsim.kinematics.skeleton import JointCenters
+from legsim.mocap.trajectories import JointTrajectories
+from legsim.scene.values import ReplayScene
 
 _TITLE = 0.18
 """inches of a line of title"""
 
 
 def joint_angles(trajectories: JointTrajectories, names: Sequence[str] = ()) -> Figure:
-    """Coordinates in degrees over time, right and left of a kind in one plot; all rotations, or ``names`` of them."""
-    chosen = [n for n in (names or trajectories.coordinate_names) if not n.startswith("pelvis_t") or n == "pelvis_tilt"]
+    """Coordinates in degrees over time, right and left of a kind in one plot; all rotations, or
+    ``names`` of them.
+    """
+    chosen = [
+        n
+        for n in (names or trajectories.coordinate_names)
+        if not n.startswith("pelvis_t") or n == "pelvis_tilt"
+    ]
     kinds = list(dict.fromkeys(_kind(name) for name in chosen))
     columns = 2 if len(kinds) > 3 else 1
     rows = -(-len(kinds) // columns)
@@ -30,13 +38,32 @@ def joint_angles(trajectories: JointTrajectories, names: Sequence[str] = ()) -> 
         for name in (n for n in chosen if _kind(n) == kind):
             style = (COLORS[1], "--") if name.endswith("_l") else (COLORS[0], "-")
             values = np.rad2deg(trajectories.coordinate(name))
-            ax.plot(trajectories.times, values, color=style[0], linestyle=style[1], linewidth=1, label=name)
+            ax.plot(
+                trajectories.times,
+                values,
+                color=style[0],
+                linestyle=style[1],
+                linewidth=1,
+                label=name,
+            )
         ax.set_ylabel(f"{kind}\ndeg", fontsize=8)
         at_least(ax, 1.0)
     for ax in axes[len(kinds) :]:
         ax.set_axis_off()
-    right_and_left = [next((line for ax in axes for line in ax.lines if str(line.get_label()).endswith(end)), None) for end in ("_r", "_l")]
-    room = _legend(figure, [(line, word) for line, word in zip(right_and_left, ("right", "left"), strict=True) if line])
+    right_and_left = [
+        next(
+            (line for ax in axes for line in ax.lines if str(line.get_label()).endswith(end)), None
+        )
+        for end in ("_r", "_l")
+    ]
+    room = _legend(
+        figure,
+        [
+            (line, word)
+            for line, word in zip(right_and_left, ("right", "left"), strict=True)
+            if line
+        ],
+    )
     _time_axis(axes[: len(kinds)][-columns:])
     spaced(figure, axes, columns=columns, top=room)
     return figure
@@ -48,9 +75,18 @@ def imu_curves(imu: ImuSignals) -> Figure:
     axes = plot_axes(figure, len(imu.sensor_names), 2)
     for row, name in enumerate(imu.sensor_names):
         angular_velocity, specific_force = imu.sensor(name)
-        for ax, values, unit in ((axes[2 * row], specific_force, "m/s²"), (axes[2 * row + 1], np.rad2deg(angular_velocity), "deg/s")):
+        for ax, values, unit in (
+            (axes[2 * row], specific_force, "m/s²"),
+            (axes[2 * row + 1], np.rad2deg(angular_velocity), "deg/s"),
+        ):
             for k, axis in enumerate("xyz"):
-                ax.plot(imu.times, values[:, k], color=(COLORS[3], COLORS[2], COLORS[0])[k], linewidth=0.8, label=axis)
+                ax.plot(
+                    imu.times,
+                    values[:, k],
+                    color=(COLORS[3], COLORS[2], COLORS[0])[k],
+                    linewidth=0.8,
+                    label=axis,
+                )
             ax.set_ylabel(f"{name}\n{unit}", fontsize=8)
     axes[0].set_title("specific force", fontsize=9)
     axes[1].set_title("angular velocity", fontsize=9)
@@ -61,8 +97,12 @@ def imu_curves(imu: ImuSignals) -> Figure:
 
 
 def sway(centers: JointCenters, names: Sequence[str] = ()) -> Figure:
-    """How far joint centers stray from their mean: forward, up and to the right, in mm; the way seen from above beside it."""
-    chosen = tuple(names) or tuple(n for n in centers.names if n.startswith(("hip", "knee", "ankle")))
+    """How far joint centers stray from their mean: forward, up and to the right, in mm; the way
+    seen from above beside it.
+    """
+    chosen = tuple(names) or tuple(
+        n for n in centers.names if n.startswith(("hip", "knee", "ankle"))
+    )
     figure = new_figure(8.0, 4.6)
     over_time, above = plot_axes(figure, 3), figure.add_subplot()
     plain(above, ticks=5)
@@ -70,7 +110,10 @@ def sway(centers: JointCenters, names: Sequence[str] = ()) -> Figure:
     for name in chosen:
         place = centers.positions_world[:, centers.names.index(name)]
         away = 1e3 * (place - place.mean(0))
-        color, line = COLORS[kinds.index(_kind(name)) % len(COLORS)], "--" if name.endswith("_l") else "-"
+        color, line = (
+            COLORS[kinds.index(_kind(name)) % len(COLORS)],
+            "--" if name.endswith("_l") else "-",
+        )
         for ax, values in zip(over_time, away.T, strict=True):
             ax.plot(centers.times, values, color=color, linestyle=line, linewidth=0.9, label=name)
         above.plot(away[:, 2], away[:, 0], color=color, linestyle=line, linewidth=0.7, label=name)
@@ -89,7 +132,9 @@ def sway(centers: JointCenters, names: Sequence[str] = ()) -> Figure:
 
 
 def marker_residuals(scene: ReplayScene) -> Figure:
-    """Distance between measured and modelled markers: RMS and worst over time, and the spread of each marker."""
+    """Distance between measured and modelled markers: RMS and worst over time, and the spread of
+    each marker.
+    """
     figure = new_figure(8.0, 4.8)
     over_time, each = plot_axes(figure, 2, share_x=False)
     residuals = scene.marker_residuals()
@@ -99,14 +144,24 @@ def marker_residuals(scene: ReplayScene) -> Figure:
     seen = np.isfinite(residuals).any(-1)
     millimeters = 1e3 * residuals
     rms = np.sqrt(np.nanmean(millimeters[seen] ** 2, -1))
-    over_time.plot(scene.measured.times[seen], np.nanmax(millimeters[seen], -1), color=COLORS[1], linewidth=0.7, label="worst marker")
-    over_time.plot(scene.measured.times[seen], rms, color=COLORS[0], linewidth=1.0, label="RMS of all markers")
+    over_time.plot(
+        scene.measured.times[seen],
+        np.nanmax(millimeters[seen], -1),
+        color=COLORS[1],
+        linewidth=0.7,
+        label="worst marker",
+    )
+    over_time.plot(
+        scene.measured.times[seen], rms, color=COLORS[0], linewidth=1.0, label="RMS of all markers"
+    )
     over_time.set_ylabel("residual (mm)", fontsize=8)
     over_time.set_ylim(bottom=0)
     room = _legend(figure, [(line, str(line.get_label())) for line in over_time.lines])
     _time_axis([over_time])
     longest = max(len(name) for name in scene.measured.marker_names)
-    spaced(figure, [over_time, each], left=0.65, top=room, between=0.5, bottom=0.25 + 0.048 * longest)
+    spaced(
+        figure, [over_time, each], left=0.65, top=room, between=0.5, bottom=0.25 + 0.048 * longest
+    )
     spread = [column[np.isfinite(column)] for column in millimeters.T]
     each.boxplot(spread, whis=(5, 95), showfliers=False, medianprops={"color": COLORS[0]})
     each.set_xticklabels(scene.measured.marker_names, rotation=60, ha="right", fontsize=7)
@@ -115,15 +170,27 @@ def marker_residuals(scene: ReplayScene) -> Figure:
     return figure
 
 
-def motion_errors(truth: RigidMotion, estimates: Sequence[tuple[str, RigidMotion]], point: FloatArray) -> Figure:
-    """Of each (name, estimate): how far off it puts ``point`` (3,) world m, in mm, and by what angle it is turned, in degrees."""
+def motion_errors(
+    truth: RigidMotion, estimates: Sequence[tuple[str, RigidMotion]], point: FloatArray
+) -> Figure:
+    """Of each (name, estimate): how far off it puts ``point`` (3,) world m, in mm, and by what
+    angle it is turned, in degrees.
+    """
     figure = new_figure(8.0, 3.8)
     distance, angle = plot_axes(figure, 2)
     for k, (name, estimate) in enumerate(estimates):
         difference = transforms.inverse(truth.moved_from_reference) @ estimate.moved_from_reference
-        moved = (estimate.moved_from_reference - truth.moved_from_reference)[:, :3] @ np.append(point, 1.0)
+        moved = (estimate.moved_from_reference - truth.moved_from_reference)[:, :3] @ np.append(
+            point, 1.0
+        )
         turned = np.rad2deg(transforms.rotation_angle(difference[:, :3, :3]))
-        distance.plot(truth.times, 1e3 * np.linalg.norm(moved, axis=-1), color=COLORS[k % len(COLORS)], linewidth=1, label=name)
+        distance.plot(
+            truth.times,
+            1e3 * np.linalg.norm(moved, axis=-1),
+            color=COLORS[k % len(COLORS)],
+            linewidth=1,
+            label=name,
+        )
         angle.plot(truth.times, turned, color=COLORS[k % len(COLORS)], linewidth=1)
     at_least(distance, 0.01)
     at_least(angle, 0.001)
@@ -140,9 +207,13 @@ def _kind(name: str) -> str:
 
 
 def _legend(figure: Figure, entries: Sequence[tuple[Line2D, str]]) -> float:
-    """One legend for all plots, above them, where it hides no curve; returns the inches that it takes."""
+    """One legend for all plots, above them, where it hides no curve; returns the inches that it
+    takes.
+    """
     lines, words = zip(*entries, strict=True) if entries else ((), ())
-    figure.legend(lines, words, loc="upper center", ncols=min(len(words), 6) or 1, fontsize=8, frameon=False)
+    figure.legend(
+        lines, words, loc="upper center", ncols=min(len(words), 6) or 1, fontsize=8, frameon=False
+    )
     return 0.2 + 0.17 * -(-len(words) // 6)
 
 

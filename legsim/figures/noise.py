@@ -7,7 +7,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from legsim.arrays import FloatArray
+from legsim.core.values import FloatArray
 from legsim.figures.canvas import COLORS, new_figure, plot_axes
 
 
@@ -50,8 +50,20 @@ def error_lines(panels: Sequence[ErrorPanel], *, columns: int = 2) -> Figure:
         low, high = min(ax.get_ylim()[0] for ax in alike), max(ax.get_ylim()[1] for ax in alike)
         for ax in alike:
             ax.set_ylim(low, high)
-    handles = {str(h.get_label()): h for ax in axes[: len(panels)] for h in ax.lines if not str(h.get_label()).startswith("_")}
-    figure.legend(list(handles.values()), list(handles), loc="outside upper center", ncols=len(handles), fontsize=8, frameon=False)
+    handles = {
+        str(h.get_label()): h
+        for ax in axes[: len(panels)]
+        for h in ax.lines
+        if not str(h.get_label()).startswith("_")
+    }
+    figure.legend(
+        list(handles.values()),
+        list(handles),
+        loc="outside upper center",
+        ncols=len(handles),
+        fontsize=8,
+        frameon=False,
+    )
     return figure
 
 
@@ -61,14 +73,36 @@ def _draw(ax: Axes, panel: ErrorPanel) -> None:
         drawn = np.where(line.values > 0, line.values, np.nan)
         if line.printed:
             ax.plot(
-                line.exponents, drawn, linestyle="none", marker="D", markersize=5, markerfacecolor="none", color="black", label=line.label
+                line.exponents,
+                drawn,
+                linestyle="none",
+                marker="D",
+                markersize=5,
+                markerfacecolor="none",
+                color="black",
+                label=line.label,
             )
         else:
-            ax.plot(line.exponents, drawn, marker="o", markersize=3, linewidth=1.2, color=COLORS[ours % len(COLORS)], label=line.label)
+            ax.plot(
+                line.exponents,
+                drawn,
+                marker="o",
+                markersize=3,
+                linewidth=1.2,
+                color=COLORS[ours % len(COLORS)],
+                label=line.label,
+            )
             ours += 1
     ax.axhline(panel.limit, color="#444444", linestyle="--", linewidth=0.9)
     unit = panel.axis_label.partition("(")[2].removesuffix(")")
-    ax.annotate(f"{panel.limit:g} {unit}", (1, panel.limit), xycoords=("axes fraction", "data"), fontsize=7, ha="right", va="bottom")
+    ax.annotate(
+        f"{panel.limit:g} {unit}",
+        (1, panel.limit),
+        xycoords=("axes fraction", "data"),
+        fontsize=7,
+        ha="right",
+        va="bottom",
+    )
     ax.set_yscale("log")
     ax.minorticks_off()
     ax.set_title(panel.title, fontsize=9)

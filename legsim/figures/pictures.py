@@ -8,38 +8,66 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from skimage import measure
 
-from legsim import scene
-from legsim.arrays import Float32Array
-from legsim.errors import LegsimError
+from legsim.core.errors import LegsimError
+from legsim.core.values import Float32Array
 from legsim.figures.canvas import TEXT, new_figure, picture_axes
-from legsim.geometry import Projections, Volume
-from legsim.scene import NamedVolume, SlicePlanes
+from legsim.geometry.cone_beam import Projections
+from legsim.geometry.volume import NamedVolume, Volume
+from legsim.scene import values as scene_values
+from legsim.scene.values import SlicePlanes, white_level
 
-AXIAL = ("A", "P", "R", "L")  # above, below, left, right of the picture: anterior, posterior, the subject's right and left
+AXIAL = (
+    "A",
+    "P",
+    "R",
+    "L",
+)  # above, below, left, right of the picture: anterior, posterior, the subject's right and left
 SAGITTAL = ("S", "I", "A", "P")  # superior, inferior, anterior, posterior
 
 
-def slices(volumes: Sequence[NamedVolume], planes: SlicePlanes, *, window_per_mm: tuple[float, float] | None = None) -> Figure:
-    """Rows: axial through the shank, axial through the thigh, sagittal; one column a method; one gray window for all.
+def slices(
+    volumes: Sequence[NamedVolume],
+    planes: SlicePlanes,
+    *,
+    window_per_mm: tuple[float, float] | None = None,
+) -> Figure:
+    """Rows: axial through the shank, axial through the thigh, sagittal; one column a method; one
+    gray window for all.
 
-    ``window_per_mm`` is (black, white) in 1/mm; by default from 0 to the first volume's :func:`legsim.scene.white_level`.
+    ``window_per_mm`` is (black, white) in 1/mm; by default from 0 to the first volume's
+    :func:`legsim.scene.values.white_level`.
     """
-    low, high = window_per_mm or (0.0, 1e-3 * scene.white_level(volumes[0].volume))
+    low, high = window_per_mm or (0.0, 1e-3 * white_level(volumes[0].volume))
     figure = new_figure(1.2 + 1.9 * len(volumes), 6.6)
     axes = picture_axes(figure, 3, len(volumes))
     image = None
     for column, named in enumerate(volumes):
         axes[0][column].set_title(named.name, fontsize=10, color=TEXT)
         rows = (
-            (scene.axial(named.volume, planes.shank_y), _extent_axial(named.volume), AXIAL),
-            (scene.axial(named.volume, planes.thigh_y), _extent_axial(named.volume), AXIAL),
-            (scene.sagittal(named.volume, planes.sagittal_z), _extent_sagittal(named.volume), SAGITTAL),
+            (scene_values.axial(named.volume, planes.shank_y), _extent_axial(named.volume), AXIAL),
+            (scene_values.axial(named.volume, planes.thigh_y), _extent_axial(named.volume), AXIAL),
+            (
+                scene_values.sagittal(named.volume, planes.sagittal_z),
+                _extent_sagittal(named.volume),
+                SAGITTAL,
+            ),
         )
         for row, (values, extent, sides) in enumerate(rows):
             ax = axes[row][column]
-            image = ax.imshow(1e-3 * values, cmap="gray", vmin=low, vmax=high, origin="lower", extent=extent, interpolation="nearest")
+            image = ax.imshow(
+                1e-3 * values,
+                cmap="gray",
+                vmin=low,
+                vmax=high,
+                origin="lower",
+                extent=extent,
+                interpolation="nearest",
+            )
             _write_sides(ax, sides)
-    heights = (f"axial, shank\ny = {1e3 * planes.shank_y:.0f} mm", f"axial, thigh\ny = {1e3 * planes.thigh_y:.0f} mm")
+    heights = (
+        f"axial, shank\ny = {1e3 * planes.shank_y:.0f} mm",
+        f"axial, thigh\ny = {1e3 * planes.thigh_y:.0f} mm",
+    )
     for row, label in enumerate((*heights, f"sagittal\nz = {1e3 * planes.sagittal_z:.0f} mm")):
         axes[row][0].set_ylabel(label, fontsize=9, color=TEXT)
     _scale_bar(axes[2][0], 50)
@@ -50,25 +78,35 @@ def slices(volumes: Sequence[NamedVolume], planes: SlicePlanes, *, window_per_mm
     return figure
 
 
-def overlay(reference: NamedVolume, volumes: Sequence[NamedVolume], planes: SlicePlanes, *, width_mm: float = 60.0) -> Figure:
-    """The motion-free reference in red and each method in green: yellow where they agree, a red or green rim where they do not.
+def overlay(
+    reference: NamedVolume,
+    volumes: Sequence[NamedVolume],
+    planes: SlicePlanes,
+    *,
+    width_mm: float = 60.0,
+) -> Figure:
+    """The motion-free reference in red and each method in green: yellow where they agree, a red or
+    green rim where they do not.
 
-    Columns are methods. Rows: the whole axial slice through the thigh, then ``width_mm`` wide details of it around the densest
-    part (the femur) and around the skin in front.
+    Columns are methods. Rows: the whole axial slice through the thigh, then ``width_mm`` wide
+    details of it around the densest part (the femur) and around the skin in front.
 
     Raises:
         LegsimError: a volume lies on another grid than the reference.
     """
     for named in volumes:
         if named.volume.grid != reference.volume.grid:
-            raise LegsimError(f"volume {named.name!r} lies on another grid than {reference.name!r}; reconstruct both on the same one")
-    extent, white = _extent_axial(reference.volume), scene.white_level(reference.volume)
-    red = np.clip(scene.axial(reference.volume, planes.thigh_y) / white, 0, 1)
+            raise LegsimError(
+                f"volume {named.name!r} lies on another grid than {reference.name!r}; reconstruct "
+                "both on the same one"
+            )
+    extent, white = _extent_axial(reference.volume), white_level(reference.volume)
+    red = np.clip(scene_values.axial(reference.volume, planes.thigh_y) / white, 0, 1)
     details: list[tuple[float, float] | None] = [None, *_details(red, extent)]
     figure = new_figure(0.8 + 2.1 * len(volumes), 6.6)
     axes = picture_axes(figure, 3, len(volumes))
     for column, named in enumerate(volumes):
-        green = np.clip(scene.axial(named.volume, planes.thigh_y) / white, 0, 1)
+        green = np.clip(scene_values.axial(named.volume, planes.thigh_y) / white, 0, 1)
         colored = np.stack([red, green, np.zeros_like(red)], -1)
         for row, window in enumerate(details):
             ax = axes[row][column]
@@ -78,7 +116,9 @@ def overlay(reference: NamedVolume, volumes: Sequence[NamedVolume], planes: Slic
                 ax.set_ylim(window[1] - width_mm / 2, window[1] + width_mm / 2)
             _write_sides(ax, AXIAL)
         axes[0][column].set_title(named.name, fontsize=10, color=TEXT)
-    for row, label in enumerate((f"axial, thigh\ny = {1e3 * planes.thigh_y:.0f} mm", "femur", "skin in front")):
+    for row, label in enumerate(
+        (f"axial, thigh\ny = {1e3 * planes.thigh_y:.0f} mm", "femur", "skin in front")
+    ):
         axes[row][0].set_ylabel(label, fontsize=9, color=TEXT)
     figure.supxlabel(f"red: {reference.name} only, green: method only, yellow: both", fontsize=9)
     return figure
@@ -95,8 +135,12 @@ def projection_montage(projections: Projections, *, count: int = 8) -> Figure:
     top = float(np.percentile(images, 99.9)) or 1.0
     shown = None
     for ax, view, image in zip(axes, chosen, images, strict=False):
-        shown = ax.imshow(image, cmap="gray", vmin=0, vmax=top, origin="lower", interpolation="nearest")
-        ax.set_title(f"view {view + 1}, {projections.geometry.times[view]:.2f} s", fontsize=8, color=TEXT)
+        shown = ax.imshow(
+            image, cmap="gray", vmin=0, vmax=top, origin="lower", interpolation="nearest"
+        )
+        ax.set_title(
+            f"view {view + 1}, {projections.geometry.times[view]:.2f} s", fontsize=8, color=TEXT
+        )
     for ax in axes[len(chosen) :]:
         ax.set_axis_off()
     if shown is not None:
@@ -107,22 +151,48 @@ def projection_montage(projections: Projections, *, count: int = 8) -> Figure:
 
 
 def _extent_axial(volume: Volume) -> tuple[float, float, float, float]:
-    """(left, right, bottom, top) in mm of the axial picture: z falls to the right, x rises upwards."""
+    """(left, right, bottom, top) in mm of the axial picture: z falls to the right, x rises
+    upwards.
+    """
     x, _, z = volume.grid.axes()
     dx, _, dz = volume.grid.spacing_xyz
-    return (1e3 * (z[-1] + dz / 2), 1e3 * (z[0] - dz / 2), 1e3 * (x[0] - dx / 2), 1e3 * (x[-1] + dx / 2))
+    return (
+        1e3 * (z[-1] + dz / 2),
+        1e3 * (z[0] - dz / 2),
+        1e3 * (x[0] - dx / 2),
+        1e3 * (x[-1] + dx / 2),
+    )
 
 
 def _extent_sagittal(volume: Volume) -> tuple[float, float, float, float]:
     x, y, _ = volume.grid.axes()
     dx, dy, _ = volume.grid.spacing_xyz
-    return (1e3 * (x[-1] + dx / 2), 1e3 * (x[0] - dx / 2), 1e3 * (y[0] - dy / 2), 1e3 * (y[-1] + dy / 2))
+    return (
+        1e3 * (x[-1] + dx / 2),
+        1e3 * (x[0] - dx / 2),
+        1e3 * (y[0] - dy / 2),
+        1e3 * (y[-1] + dy / 2),
+    )
 
 
 def _write_sides(ax: Axes, sides: tuple[str, str, str, str]) -> None:
-    places = ((0.5, 0.97, "center", "top"), (0.5, 0.03, "center", "bottom"), (0.03, 0.5, "left", "center"), (0.97, 0.5, "right", "center"))
+    places = (
+        (0.5, 0.97, "center", "top"),
+        (0.5, 0.03, "center", "bottom"),
+        (0.03, 0.5, "left", "center"),
+        (0.97, 0.5, "right", "center"),
+    )
     for text, (x, y, horizontal, vertical) in zip(sides, places, strict=True):
-        written = ax.text(x, y, text, transform=ax.transAxes, ha=horizontal, va=vertical, color="#ffd75e", fontsize=7)
+        written = ax.text(
+            x,
+            y,
+            text,
+            transform=ax.transAxes,
+            ha=horizontal,
+            va=vertical,
+            color="#ffd75e",
+            fontsize=7,
+        )
         written.set_path_effects([patheffects.withStroke(linewidth=1.5, foreground="black")])
 
 
@@ -131,12 +201,28 @@ def _scale_bar(ax: Axes, length_mm: float) -> None:
     bottom, top = ax.get_ylim()
     length = min(length_mm, 10 * max(1, round(abs(right - left) / 40)))
     start, height = left + 0.06 * (right - left), bottom + 0.07 * (top - bottom)
-    ax.plot([start, start + np.sign(right - left) * length], [height, height], color="white", linewidth=2)
-    ax.text(start, height + 0.02 * (top - bottom), f"{length:g} mm", color="white", fontsize=7, va="bottom")
+    ax.plot(
+        [start, start + np.sign(right - left) * length],
+        [height, height],
+        color="white",
+        linewidth=2,
+    )
+    ax.text(
+        start,
+        height + 0.02 * (top - bottom),
+        f"{length:g} mm",
+        color="white",
+        fontsize=7,
+        va="bottom",
+    )
 
 
-def _details(red: Float32Array, extent: tuple[float, float, float, float]) -> list[tuple[float, float]]:
-    """Centers (horizontal, vertical) in mm of the two details: the largest dense part, and where the tissue ends in front of it."""
+def _details(
+    red: Float32Array, extent: tuple[float, float, float, float]
+) -> list[tuple[float, float]]:
+    """Centers (horizontal, vertical) in mm of the two details: the largest dense part, and where
+    the tissue ends in front of it.
+    """
     rows, columns = red.shape
     parts = np.asarray(measure.label(red > 0.75 * red.max()))
     sizes = np.bincount(parts.ravel(), minlength=2)
@@ -146,4 +232,7 @@ def _details(red: Float32Array, extent: tuple[float, float, float, float]) -> li
     front = int(tissue.max()) if len(tissue) else rows - 1
     step_u, step_v = (extent[1] - extent[0]) / columns, (extent[3] - extent[2]) / rows
     place_u = extent[0] + (column + 0.5) * step_u
-    return [(place_u, extent[2] + (row + 0.5) * step_v), (place_u, extent[2] + (front + 0.5) * step_v)]
+    return [
+        (place_u, extent[2] + (row + 0.5) * step_v),
+        (place_u, extent[2] + (front + 0.5) * step_v),
+    ]

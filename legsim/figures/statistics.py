@@ -7,8 +7,8 @@ import numpy as np
 from matplotlib.colors import LogNorm, Normalize
 from matplotlib.figure import Figure
 
-from legsim.arrays import FloatArray
-from legsim.errors import LegsimError
+from legsim.core.errors import LegsimError
+from legsim.core.values import FloatArray
 from legsim.figures.canvas import COLORS, new_figure, plot_axes
 
 
@@ -49,13 +49,26 @@ def box_plots(groups: Sequence[BoxGroup], *, axis_label: str) -> Figure:
         k = series.index(group.series)
         place = labels.index(group.label) + (k - (len(series) - 1) / 2) * width
         color = COLORS[k % len(COLORS)]
-        parts = ax.boxplot([group.values], positions=[place], widths=0.8 * width, whis=(5, 95), showfliers=False, patch_artist=True)
+        parts = ax.boxplot(
+            [group.values],
+            positions=[place],
+            widths=0.8 * width,
+            whis=(5, 95),
+            showfliers=False,
+            patch_artist=True,
+        )
         for box in parts["boxes"]:
             box.set(facecolor=color, alpha=0.35, edgecolor=color)
         for line in (*parts["medians"], *parts["whiskers"], *parts["caps"]):
             line.set(color=color)
         # spread evenly, so that equal values can be counted and the picture never changes
-        ax.plot(place + width * 0.25 * np.linspace(-1, 1, len(group.values)), group.values, ".", color=color, markersize=4)
+        ax.plot(
+            place + width * 0.25 * np.linspace(-1, 1, len(group.values)),
+            group.values,
+            ".",
+            color=color,
+            markersize=4,
+        )
         if group.printed is not None:
             ax.plot(place, group.printed, "D", markerfacecolor="none", color="black", markersize=5)
     for k, name in enumerate(series):
@@ -68,7 +81,9 @@ def box_plots(groups: Sequence[BoxGroup], *, axis_label: str) -> Figure:
     return figure
 
 
-def heat_maps(maps: Sequence[HeatMap], *, row_axis: str, column_axis: str, unit: str, log: bool = True) -> Figure:
+def heat_maps(
+    maps: Sequence[HeatMap], *, row_axis: str, column_axis: str, unit: str, log: bool = True
+) -> Figure:
     """Tables side by side in one color scale, each number written in its cell.
 
     Raises:
@@ -77,9 +92,15 @@ def heat_maps(maps: Sequence[HeatMap], *, row_axis: str, column_axis: str, unit:
     for table in maps:
         if table.values.shape != (len(table.row_labels), len(table.column_labels)):
             labels = (len(table.row_labels), len(table.column_labels))
-            raise LegsimError(f"heat map {table.title!r} has values {table.values.shape} but labels for {labels} rows and columns")
+            raise LegsimError(
+                f"heat map {table.title!r} has values {table.values.shape} but labels for "
+                f"{labels} rows and columns"
+            )
     columns = max(len(table.column_labels) for table in maps)
-    figure = new_figure(1.6 + len(maps) * (0.6 + 0.5 * columns), 1.4 + 0.38 * max(len(table.row_labels) for table in maps))
+    figure = new_figure(
+        1.6 + len(maps) * (0.6 + 0.5 * columns),
+        1.4 + 0.38 * max(len(table.row_labels) for table in maps),
+    )
     axes = figure.subplots(1, len(maps), squeeze=False)[0]
     scale = _scale(np.concatenate([table.values.ravel() for table in maps]), log)
     image = None
@@ -91,7 +112,15 @@ def heat_maps(maps: Sequence[HeatMap], *, row_axis: str, column_axis: str, unit:
         ax.set_xlabel(column_axis, fontsize=8)
         for (row, column), value in np.ndenumerate(table.values):
             dark = np.isfinite(value) and scale(value) < 0.55
-            ax.text(column, row, _short(value), ha="center", va="center", fontsize=7, color="white" if dark else "black")
+            ax.text(
+                column,
+                row,
+                _short(value),
+                ha="center",
+                va="center",
+                fontsize=7,
+                color="white" if dark else "black",
+            )
     axes[0].set_ylabel(row_axis, fontsize=8)
     if image is not None:
         figure.colorbar(image, ax=list(axes), pad=0.01).set_label(unit, fontsize=8)

@@ -3,7 +3,7 @@
 import numpy as np
 import rerun.blueprint as rrb
 
-from legsim.scene import ReplayScene, ScanScene
+from legsim.scene.values import ReplayScene, ScanScene
 from legsim.view.curves import TRANSLATIONS
 
 
@@ -14,27 +14,41 @@ def replay(scene: ReplayScene) -> rrb.Blueprint:
 
 def scan(scene: ScanScene) -> rrb.Blueprint:
     """Body and C-arm, what the detector sees, the slices, and the curves."""
-    reach = float(np.linalg.norm(scene.projections.geometry.sources() - scene.projections.geometry.rotation_center(), axis=-1).max())
+    reach = float(
+        np.linalg.norm(
+            scene.projections.geometry.sources() - scene.projections.geometry.rotation_center(),
+            axis=-1,
+        ).max()
+    )
     pictures = [rrb.Spatial2DView(origin="world/c_arm/detector", name="Projection")]
     if scene.volumes:
         pictures.append(rrb.Spatial2DView(origin="slices", name="Slices: shank, thigh, sagittal"))
     left = rrb.Vertical(
-        _body(scene.replay, 1.6 * reach), rrb.Horizontal(*pictures, column_shares=[1, 2][: len(pictures)]), row_shares=[3, 2]
+        _body(scene.replay, 1.6 * reach),
+        rrb.Horizontal(*pictures, column_shares=[1, 2][: len(pictures)]),
+        row_shares=[3, 2],
     )
     return _blueprint(rrb.Horizontal(left, _curves(scene.replay), column_shares=[3, 2]))
 
 
 def _blueprint(root: rrb.Container) -> rrb.Blueprint:
     return rrb.Blueprint(
-        root, rrb.TimePanel(timeline="time", state="collapsed"), rrb.SelectionPanel(state="hidden"), rrb.BlueprintPanel(state="hidden")
+        root,
+        rrb.TimePanel(timeline="time", state="collapsed"),
+        rrb.SelectionPanel(state="hidden"),
+        rrb.BlueprintPanel(state="hidden"),
     )
 
 
 def _body(scene: ReplayScene, distance: float) -> rrb.Spatial3DView:
-    """Seen from the front right, somewhat above, far enough to see all joints of the first frame and ``distance`` m around them."""
+    """Seen from the front right, somewhat above, far enough to see all joints of the first frame
+    and ``distance`` m around them.
+    """
     centers = scene.joint_centers.positions_world[0]
     middle = 0.5 * (centers.min(0) + centers.max(0))
-    eye = middle + max(distance, 1.1 * float(np.ptp(centers, axis=0).max())) * np.array([1.3, 0.45, 0.9])
+    eye = middle + max(distance, 1.1 * float(np.ptp(centers, axis=0).max())) * np.array(
+        [1.3, 0.45, 0.9]
+    )
     controls = rrb.EyeControls3D(position=eye, look_target=middle, eye_up=(0, 1, 0))
     return rrb.Spatial3DView(origin="world", name="Body", eye_controls=controls, line_grid=False)
 
@@ -45,13 +59,23 @@ def _curves(scene: ReplayScene) -> rrb.Vertical:
         parts.append(rrb.TimeSeriesView(origin="residuals", name="Marker residuals (mm)"))
     if scene.imu is not None:
         parts.append(rrb.Tabs(*(_sensor(name) for name in scene.imu.sensor_names), name="IMU"))
-    return rrb.Vertical(*parts, row_shares=[2, 1, 3][: len(parts)] if scene.modelled is not None else None)
+    return rrb.Vertical(
+        *parts, row_shares=[2, 1, 3][: len(parts)] if scene.modelled is not None else None
+    )
 
 
 def _angles(scene: ReplayScene) -> rrb.Tabs:
     names = scene.trajectories.coordinate_names
-    bends = [f"angles/{name}" for name in names if name.startswith(("hip_flexion", "knee_angle", "ankle_angle"))]
-    tabs = [rrb.TimeSeriesView(origin="/", contents=bends, name="Hip, knee, ankle (deg)")] if bends else []
+    bends = [
+        f"angles/{name}"
+        for name in names
+        if name.startswith(("hip_flexion", "knee_angle", "ankle_angle"))
+    ]
+    tabs = (
+        [rrb.TimeSeriesView(origin="/", contents=bends, name="Hip, knee, ankle (deg)")]
+        if bends
+        else []
+    )
     tabs.append(rrb.TimeSeriesView(origin="angles", name="All angles (deg)"))
     if set(names) & set(TRANSLATIONS):
         tabs.append(rrb.TimeSeriesView(origin="translations", name="Pelvis (mm from start)"))
@@ -60,7 +84,11 @@ def _angles(scene: ReplayScene) -> rrb.Tabs:
 
 def _sensor(name: str) -> rrb.Vertical:
     return rrb.Vertical(
-        rrb.TimeSeriesView(origin=f"imu/{name}/specific_force", name=f"{name}: specific force (m/s²)"),
-        rrb.TimeSeriesView(origin=f"imu/{name}/angular_velocity", name=f"{name}: angular velocity (rad/s)"),
+        rrb.TimeSeriesView(
+            origin=f"imu/{name}/specific_force", name=f"{name}: specific force (m/s²)"
+        ),
+        rrb.TimeSeriesView(
+            origin=f"imu/{name}/angular_velocity", name=f"{name}: angular velocity (rad/s)"
+        ),
         name=name,
     )

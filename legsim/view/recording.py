@@ -1,4 +1,6 @@
-"""Writing a recording: one stream, two timelines, a name that follows from the content, whole or not at all."""
+"""Writing a recording: one stream, two timelines, a name that follows from the content, whole or
+not at all.
+"""
 
 import dataclasses
 import hashlib
@@ -11,28 +13,35 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
-from legsim.arrays import FloatArray
-from legsim.scene import ReplayScene, ScanScene
-from legsim.view import curves, layout, motion, scan
+from legsim.core.files import whole
+from legsim.core.values import FloatArray
+from legsim.scene.values import ReplayScene, ScanScene
+from legsim.view import curves, layout, motion
+from legsim.view.scan import log_c_arm, log_slices, log_surface
 from legsim.view.stream import Recorder
-from legsim.whole_files import whole
 
 
 def write_replay(path: Path, scene: ReplayScene) -> None:
-    """Writes the recording of a replay; the same scene gives an equal recording (``rerun rrd compare --unordered``)."""
-    with _recorder(path, scene.name, scene, scene.trajectories.times, layout.replay(scene)) as recorder:
+    """Writes the recording of a replay; the same scene gives an equal recording (``rerun rrd
+    compare --unordered``).
+    """
+    with _recorder(
+        path, scene.name, scene, scene.trajectories.times, layout.replay(scene)
+    ) as recorder:
         _record_replay(recorder, scene)
 
 
 def write_scan(path: Path, scene: ScanScene) -> None:
     """Writes the recording of a whole scan: the replay, C-arm, projections, skin and slices."""
-    with _recorder(path, scene.replay.name, scene, scene.replay.trajectories.times, layout.scan(scene)) as recorder:
+    with _recorder(
+        path, scene.replay.name, scene, scene.replay.trajectories.times, layout.scan(scene)
+    ) as recorder:
         _record_replay(recorder, scene.replay)
-        scan.log_c_arm(recorder, scene.projections)
+        log_c_arm(recorder, scene.projections)
         for surface in scene.surfaces:
-            scan.log_surface(recorder, surface)
+            log_surface(recorder, surface)
         if scene.planes is not None:
-            scan.log_slices(recorder, scene.volumes, scene.planes)
+            log_slices(recorder, scene.volumes, scene.planes)
 
 
 def _record_replay(recorder: Recorder, scene: ReplayScene) -> None:
@@ -49,9 +58,13 @@ def _record_replay(recorder: Recorder, scene: ReplayScene) -> None:
 
 
 @contextmanager
-def _recorder(path: Path, name: str, content: Any, clock: FloatArray, blueprint: rrb.Blueprint) -> Iterator[Recorder]:
+def _recorder(
+    path: Path, name: str, content: Any, clock: FloatArray, blueprint: rrb.Blueprint
+) -> Iterator[Recorder]:
     with whole(path) as partial:
-        stream = rr.RecordingStream("legsim", recording_id=content_id(content), send_properties=False)
+        stream = rr.RecordingStream(
+            "legsim", recording_id=content_id(content), send_properties=False
+        )
         try:
             stream.save(partial, default_blueprint=blueprint)
             stream.send_recording_name(name)
@@ -62,7 +75,9 @@ def _recorder(path: Path, name: str, content: Any, clock: FloatArray, blueprint:
 
 
 def content_id(value: Any) -> str:
-    """A hash of a value with all that it holds: equal for equal scenes, whenever and wherever they are made."""
+    """A hash of a value with all that it holds: equal for equal scenes, whenever and wherever they
+    are made.
+    """
     digest = hashlib.blake2b(digest_size=16)
     for leaf in _leaves(value):
         digest.update(leaf)

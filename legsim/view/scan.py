@@ -3,14 +3,16 @@
 import numpy as np
 import rerun as rr
 
-from legsim import scene
-from legsim.arrays import Float32Array, FloatArray
-from legsim.geometry import ConeBeamGeometry, Projections
-from legsim.scene import MovingSurface, NamedVolume, SlicePlanes
+from legsim.core.values import Float32Array, FloatArray
+from legsim.geometry.cone_beam import ConeBeamGeometry, Projections
+from legsim.geometry.volume import NamedVolume
+from legsim.scene import values
+from legsim.scene.values import MovingSurface, SlicePlanes
 from legsim.view.motion import vertex_normals
 from legsim.view.stream import Recorder
 
-IMAGE_COLUMNS = 200  # about as many are kept of a projection: a recording is for looking, the .mha file for measuring
+IMAGE_COLUMNS = 200
+"""Columns kept of a projection, about: a recording is to look at, the .mha file to measure in"""
 PATH = (110, 150, 190)
 SURFACE_VALUES = 500_000  # vertices times logged times that a surface may take: 6 MB
 SURFACE_VERTICES = 6_000
@@ -32,18 +34,35 @@ def log_c_arm(recorder: Recorder, projections: Projections) -> None:
         color=[PATH] * len(rows),
     )
     recorder.columns("world/c_arm/detector", times, pinholes)
-    recorder.static("world/c_arm/detector", rr.TransformAxes3D(0.0))  # a camera's axes would be as long as the image plane is far
+    recorder.static(
+        "world/c_arm/detector", rr.TransformAxes3D(0.0)
+    )  # a camera's axes would be as long as the image plane is far
     upright = binned.line_integrals[:, ::-1, ::-1] if mirrored else binned.line_integrals[:, ::-1]
-    _log_images(recorder, "world/c_arm/detector/projection", times, _grey(upright, float(np.percentile(upright, 99.9)))[rows])
-    recorder.static("world/source_path", rr.LineStrips3D([geometry.sources()], radii=rr.Radius.ui_points(1.0), colors=PATH))
-    recorder.static("world/c_arm", rr.Points3D([[0, 0, 0]], radii=0.02, colors=(255, 220, 80), labels="source", show_labels=False))
+    _log_images(
+        recorder,
+        "world/c_arm/detector/projection",
+        times,
+        _grey(upright, float(np.percentile(upright, 99.9)))[rows],
+    )
+    recorder.static(
+        "world/source_path",
+        rr.LineStrips3D([geometry.sources()], radii=rr.Radius.ui_points(1.0), colors=PATH),
+    )
+    recorder.static(
+        "world/c_arm",
+        rr.Points3D(
+            [[0, 0, 0]], radii=0.02, colors=(255, 220, 80), labels="source", show_labels=False
+        ),
+    )
 
 
 def cameras(geometry: ConeBeamGeometry) -> tuple[FloatArray, FloatArray, bool]:
-    """Splits the matrices into what rerun wants: intrinsics (v, 3, 3), world_from_camera (v, 4, 4), and whether columns are mirrored.
+    """Splits the matrices into what rerun wants: intrinsics (v, 3, 3), world_from_camera (v, 4, 4),
+    and whether columns are mirrored.
 
-    Pictures have their first row above, so rows are turned round; rerun's pixel centers lie at halves. The split is an RQ
-    decomposition; where rotation and rows' sense do not make a right-handed camera, the columns are turned round too.
+    Pictures have their first row above, so rows are turned round; rerun's pixel centers lie at
+    halves. The split is an RQ decomposition; where rotation and rows' sense do not make a
+    right-handed camera, the columns are turned round too.
     """
     rows, columns = geometry.shape_vu
     left_handed = bool(np.linalg.det(geometry.matrices[0, :, :3]) > 0)
@@ -68,47 +87,68 @@ def _rq(matrices: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def log_surface(recorder: Recorder, surface: MovingSurface) -> None:
-    """A deforming surface: thinned in space and in time until it fits, with the normals of its first shape."""
+    """A deforming surface: thinned in space and in time until it fits, with the normals of its
+    first shape.
+    """
     kept, triangles = thinned(surface.vertices[0], surface.triangles, SURFACE_VERTICES)
     step = -(-len(surface.times) * len(kept) // SURFACE_VALUES)
     times, rows = recorder.from_start(surface.times[::step])
     vertices = surface.vertices[::step, kept][rows]
     entity = f"world/surfaces/{surface.name}"
     normals = vertex_normals(vertices[0].astype(float), triangles)
-    style = rr.Mesh3D.from_fields(triangle_indices=triangles, vertex_normals=normals, albedo_factor=(224, 172, 140, 110))
+    style = rr.Mesh3D.from_fields(
+        triangle_indices=triangles, vertex_normals=normals, albedo_factor=(224, 172, 140, 110)
+    )
     recorder.static(entity, style)
-    columns = rr.Mesh3D.columns(vertex_positions=vertices.reshape(-1, 3)).partition(np.full(len(vertices), len(kept)))
+    columns = rr.Mesh3D.columns(vertex_positions=vertices.reshape(-1, 3)).partition(
+        np.full(len(vertices), len(kept))
+    )
     recorder.columns(entity, times, columns)
 
 
-def thinned(vertices: Float32Array, triangles: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """(indices of kept vertices, triangles among them): one vertex a cell of a grid, coarse enough to keep at most ``count``.
+def thinned(
+    vertices: Float32Array, triangles: np.ndarray, count: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """(indices of kept vertices, triangles among them): one vertex a cell of a grid, coarse enough
+    to keep at most ``count``.
 
-    Vertex clustering (Rossignac and Borrel 1993). Indices, not positions, so that it holds for every shape that the surface takes.
+    Vertex clustering (Rossignac and Borrel 1993). Indices, not positions, so that it holds for
+    every shape that the surface takes.
     """
     low, high = vertices.min(0), vertices.max(0)
     cell = float((high - low).max()) / 512
     kept, group = np.arange(len(vertices)), np.arange(len(vertices))
     while len(kept) > count:
-        _, kept, group = np.unique(np.floor((vertices - low) / cell).astype(int), axis=0, return_index=True, return_inverse=True)
+        _, kept, group = np.unique(
+            np.floor((vertices - low) / cell).astype(int),
+            axis=0,
+            return_index=True,
+            return_inverse=True,
+        )
         cell *= 1.2
     merged = group[triangles]
-    whole = (merged[:, 0] != merged[:, 1]) & (merged[:, 1] != merged[:, 2]) & (merged[:, 2] != merged[:, 0])
+    whole = (
+        (merged[:, 0] != merged[:, 1])
+        & (merged[:, 1] != merged[:, 2])
+        & (merged[:, 2] != merged[:, 0])
+    )
     return kept, merged[whole].astype(np.int32)
 
 
 def log_slices(recorder: Recorder, volumes: tuple[NamedVolume, ...], planes: SlicePlanes) -> None:
-    """All methods side by side in one picture: shank, thigh and sagittal slices as rows, one gray window."""
+    """All methods side by side in one picture: shank, thigh and sagittal slices as rows, one gray
+    window.
+    """
     rows = [
-        [np.flipud(scene.axial(v.volume, planes.shank_y)) for v in volumes],
-        [np.flipud(scene.axial(v.volume, planes.thigh_y)) for v in volumes],
-        [np.flipud(scene.sagittal(v.volume, planes.sagittal_z)) for v in volumes],
+        [np.flipud(values.axial(v.volume, planes.shank_y)) for v in volumes],
+        [np.flipud(values.axial(v.volume, planes.thigh_y)) for v in volumes],
+        [np.flipud(values.sagittal(v.volume, planes.sagittal_z)) for v in volumes],
     ]
     gap = 6
     heights = [max(image.shape[0] for image in row) for row in rows]
     width = max(image.shape[1] for row in rows for image in row)
     canvas = np.zeros((sum(heights) + 2 * gap, len(volumes) * (width + gap) - gap), np.uint8)
-    top = scene.white_level(volumes[0].volume)
+    top = values.white_level(volumes[0].volume)
     y = 0
     for row, height in zip(rows, heights, strict=True):
         for column, image in enumerate(row):
@@ -116,9 +156,15 @@ def log_slices(recorder: Recorder, volumes: tuple[NamedVolume, ...], planes: Sli
             canvas[y : y + image.shape[0], x : x + image.shape[1]] = _grey(image, top)
         y += height + gap
     recorder.static("slices/picture", rr.Image(canvas))
-    places = [(column * (width + gap) + width / 2, -0.03 * canvas.shape[0]) for column in range(len(volumes))]
+    places = [
+        (column * (width + gap) + width / 2, -0.03 * canvas.shape[0])
+        for column in range(len(volumes))
+    ]
     names = [v.name for v in volumes]
-    recorder.static("slices/names", rr.Points2D(places, labels=names, radii=0.0, colors=(230, 230, 230), show_labels=True))
+    recorder.static(
+        "slices/names",
+        rr.Points2D(places, labels=names, radii=0.0, colors=(230, 230, 230), show_labels=True),
+    )
 
 
 def _grey(image: Float32Array, top: float) -> np.ndarray:
@@ -128,6 +174,8 @@ def _grey(image: Float32Array, top: float) -> np.ndarray:
 def _log_images(recorder: Recorder, entity: str, times: FloatArray, images: np.ndarray) -> None:
     """(n, rows, columns) 8-bit pictures."""
     count, rows, columns = images.shape
-    shape = rr.components.ImageFormat(width=columns, height=rows, color_model="L", channel_datatype="U8")
+    shape = rr.components.ImageFormat(
+        width=columns, height=rows, color_model="L", channel_datatype="U8"
+    )
     recorder.static(entity, rr.Image.from_fields(format=shape))
     recorder.columns(entity, times, rr.Image.columns(buffer=images.reshape(count, -1)))

@@ -1,4 +1,6 @@
-"""The rerun stream of one recording with its clock: the timelines `time` (seconds) and `frame` (samples of the motion)."""
+"""The rerun stream of one recording with its clock: the timelines `time` (seconds) and `frame`
+(samples of the motion).
+"""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -6,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 import rerun as rr
 
-from legsim import transforms
-from legsim.arrays import FloatArray
+from legsim.core import transforms
+from legsim.core.values import FloatArray
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -16,18 +18,28 @@ class Recorder:
 
     stream: rr.RecordingStream
     clock: FloatArray
-    """(n,) s, the times of the motion's frames; anything at other times takes the nearest frame's number"""
+    """(n,) s, the times of the motion's frames; anything at other times takes the nearest frame's
+    number
+    """
 
-    def columns(self, entity: str, times: FloatArray, columns: Iterable[rr.ComponentColumn]) -> None:
+    def columns(
+        self, entity: str, times: FloatArray, columns: Iterable[rr.ComponentColumn]
+    ) -> None:
         """Logs one row of ``columns`` a time (n,)."""
         middles = 0.5 * (self.clock[1:] + self.clock[:-1])
         frames = np.searchsorted(middles, times)
-        self.stream.send_columns(entity, [rr.TimeColumn("time", duration=times), rr.TimeColumn("frame", sequence=frames)], columns)
+        self.stream.send_columns(
+            entity,
+            [rr.TimeColumn("time", duration=times), rr.TimeColumn("frame", sequence=frames)],
+            columns,
+        )
 
     def from_start(self, times: FloatArray) -> tuple[FloatArray, np.ndarray]:
-        """(times, indices into what is logged at them): with the first row once more at the clock's start where it comes later.
+        """(times, indices into what is logged at them): with the first row once more at the clock's
+        start where it comes later.
 
-        A scan begins within the motion; until then the C-arm waits at its first view, instead of missing from the picture.
+        A scan begins within the motion; until then the C-arm waits at its first view, instead of
+        missing from the picture.
         """
         rows = np.arange(len(times))
         if times[0] <= self.clock[0]:
@@ -42,4 +54,8 @@ class Recorder:
         """Places an entity by (n, 4, 4) rigid transforms."""
         wxyz = transforms.quaternion_from_rotation(world_from_entity[:, :3, :3])
         xyzw = wxyz[:, [1, 2, 3, 0]]  # rerun's order
-        self.columns(entity, times, rr.Transform3D.columns(translation=world_from_entity[:, :3, 3], quaternion=xyzw))
+        self.columns(
+            entity,
+            times,
+            rr.Transform3D.columns(translation=world_from_entity[:, :3, 3], quaternion=xyzw),
+        )

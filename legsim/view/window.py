@@ -7,7 +7,7 @@ import sys
 import time
 from pathlib import Path
 
-from legsim.errors import LegsimError, at
+from legsim.core.errors import LegsimError, file_error
 
 
 def open_viewer(path: Path) -> None:
@@ -20,13 +20,16 @@ def open_viewer(path: Path) -> None:
     outcome = subprocess.run([sys.executable, "-m", "rerun", str(path)], check=False)
     if outcome.returncode != 0:
         raise LegsimError(
-            f"the rerun viewer ended with status {outcome.returncode}; it needs a screen and a graphics driver "
-            f"(without them, copy {path} to a machine that has them, or open it at https://rerun.io/viewer)"
+            f"the rerun viewer ended with status {outcome.returncode}; it needs a screen and a "
+            "graphics driver "
+            f"(without them, copy {path} to a machine that has them, or open it at "
+            "https://rerun.io/viewer)"
         )
 
 
 def screenshot(path: Path, picture: Path, *, time_s: float) -> None:
-    """Saves what the viewer first shows of a recording at ``time_s`` as a PNG; needs a Vulkan driver but no screen.
+    """Saves what the viewer first shows of a recording at ``time_s`` as a PNG; needs a Vulkan
+    driver but no screen.
 
     Raises:
         LegsimError: there is no such file, or the viewer cannot start or draw.
@@ -36,7 +39,11 @@ def screenshot(path: Path, picture: Path, *, time_s: float) -> None:
 
     try:
         with ViewerClient.spawn(
-            headless=True, port=_free_port(), detach_process=False, hide_welcome_screen=True, executable_path=str(_executable())
+            headless=True,
+            port=_free_port(),
+            detach_process=False,
+            hide_welcome_screen=True,
+            executable_path=str(_executable()),
         ) as viewer:
             viewer.open(str(path.resolve()))
             viewer.set_time("time", duration=time_s, play_state="paused")
@@ -44,19 +51,32 @@ def screenshot(path: Path, picture: Path, *, time_s: float) -> None:
             picture.write_bytes(viewer.take_screenshot())
     except (RuntimeError, OSError) as error:
         reason = str(error).splitlines()[0]
-        raise at(path, f"the rerun viewer cannot draw it ({reason})", "install a Vulkan driver (Debian: mesa-vulkan-drivers)") from error
+        raise file_error(
+            path,
+            f"the rerun viewer cannot draw it ({reason})",
+            "install a Vulkan driver (Debian: mesa-vulkan-drivers)",
+        ) from error
 
 
 def _must_exist(path: Path) -> None:
     if not path.is_file():
-        raise at(path, "no such recording", "run or replay first, or name the folder that holds recording.rrd")
+        raise file_error(
+            path,
+            "no such recording",
+            "run or replay first, or name the folder that holds recording.rrd",
+        )
 
 
 def _executable() -> Path:
-    """The viewer that comes with rerun-sdk, whether or not the environment's folder of commands is on the PATH."""
+    """The viewer that comes with rerun-sdk, whether or not the environment's folder of commands is
+    on the PATH.
+    """
     spec = importlib.util.find_spec("rerun_cli")
     if spec is None or spec.origin is None:
-        raise LegsimError("this rerun-sdk comes without its viewer; reinstall it with: pip install --force-reinstall rerun-sdk")
+        raise LegsimError(
+            "this rerun-sdk comes without its viewer; reinstall it with: pip install "
+            "--force-reinstall rerun-sdk"
+        )
     return Path(spec.origin).with_name("rerun.exe" if sys.platform == "win32" else "rerun")
 
 

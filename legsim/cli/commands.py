@@ -1,0 +1,312 @@
+"""One stage at a time, from files to files: what `legsim convert`, `project`, `reconstruct`,
+`evaluate`, `geometry` and `view` do.
+"""
+
+import json
+import math
+from dataclasses import asdict, dataclass, replace
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from legsim import config, view
+from legsim.core.errors import LegsimError, file_error
+from legsim.core.files import write_text
+from legsim.core.progress import OnProgress
+from legsim.deformation.files import load_motion
+from legsim.evaluation import regions as evaluation_regions
+from legsim.evaluation import similarity
+from legsim.evaluation.regions import Region
+from legsim.geometry import files as geometry_files
+from legsim.geometry import image_files
+from legsim.geometry.cone_beam import ConeBeamGeometry
+from legsim.geometry.volume import Volume, VolumeGrid
+from legsim.mocap import files as mocap_files
+from legsim.mocap.files import read_markers
+from legsim.mocap.trajectories import JointTrajectories, MarkerTrajectories
+from legsim.opencl.device import open_device
+from legsim.phantom import files as phantom_files
+from legsim.phantom.files import PhantomFile
+from legsim.reconstruction import fdk
+from legsim.run import c_arm
+from legsim.scan import acquisition, coverage
+
+_OF_THE_BEAM = ("scan.spectrum.", "scan.detector.", "seed=")
+
+
+@dataclass(frozen=True, slots=True)
+class DetectorSize:
+    """What a geometry file of another toolkit may leave open; None: the file says it."""
+
+    columns: int | None = None
+    rows: int | None = None
+    pixel_mm: float | None = None
+
+    def geometry(self, path: Path) -> ConeBeamGeometry:
+        """The geometry of the file with this detector."""
+        return geometry_files.load(
+            path, columns=self.columns, rows=self.rows, pixel_mm=self.pixel_mm
+        )
+
+
+def project(
+    phantom_file: Path,
+    geometry_file: Path,
+    out: Path,
+    *,
+    detector: DetectorSize,
+    energy_kev: float,
+    settings: tuple[str, ...] = (),
+    device: str | None,
+    on_progress: OnProgress,
+) -> list[str]:
+    """Line integrals of the meshes of a PHANTOM.toml; returns lines to print. ``settings`` as of a
+    run, of beam and detector only.
+    """
+    foreign = [s for s in settings if not s.strip().startswith(_OF_THE_BEAM)]
+    if foreign:
+        raise LegsimError(
+            f"--set {foreign[0]}: `legsim project` heeds scan.spectrum.<key>, scan.detector.<key> "
+            "and seed only; leave it out"
+        )
+    read_by = config.load(overrides=settings)
+    how = c_arm.imaging(read_by.scan)
+    geometry = detector.geometry(geometry_file)
+    read = phantom_files.read(phantom_file, energy_kev=energy_kev)
+    phantom = read.phantom
+    opened = open_device(device)
+    drawing = np.random.default_rng(read_by.seed)
+    projections = acquisition.project(
+        phantom, geometry, opened, how, drawing, progress=partial(on_progress, "projecting")
+    )
+    image_files.save_projections(out, projections)
+    values = projections.line_integrals
+    return [
+        *read.remarks,
+        *_remarks(read, geometry, seen=values.max() > 0),
+        f"{len(geometry)} views of {geometry.shape_vu[1]}x{geometry.shape_vu[0]} pixels, "
+        f"{len(phantom.parts)} parts, on {opened.label}",
+        f"line integrals from {values.min():.4g} to {values.max():.4g}",
+        f"projections: {out}",
+    ]
+
+
+def _remarks(read: PhantomFile, geometry: ConeBeamGeometry, seen: bool) -> list[str]:
+    """What a user may not expect of a projected phantom."""
+    carried = [
+        part.name
+        for part, segment in zip(read.phantom.parts, read.segments, strict=True)
+        if segment is not None
+    ]
+    lines = (
+        [
+            "parts that move with a segment rest here, where their files have them: "
+            f"{', '.join(carried)}"
+        ]
+        if carried
+        else []
+    )
+    if not seen:
+        points = np.concatenate([part.vertices for part in read.phantom.parts])
+        middle, center = (
+            np.round(1e3 * p, 1).tolist()
+            for p in ((points.min(0) + points.max(0)) / 2, geometry.rotation_center())
+        )
+        lines.append(
+            f"no ray meets anything: the phantom's middle is at {middle} mm in world, the scan's "
+            f"at {center} mm"
+        )
+    return lines
+
+
+def reconstruct(
+    projections_file: Path,
+    geometry_file: Path,
+    out: Path,
+    *,
+    motion: Path | None,
+    like: Path | None,
+    shape_zyx: tuple[int, int, int] | None,
+    spacing_mm: tuple[float, float, float] | None,
+    center_mm: tuple[float, float, float] | None,
+    device: str | None,
+    on_progress: OnProgress,
+) -> list[str]:
+    """FDK of a projection file; returns lines to print."""
+    geometry = _geometry_of(projections_file, geometry_file)
+    grid = _grid(geometry, like, shape_zyx, spacing_mm, center_mm)
+    projections = image_files.load_projections(projections_file, geometry)
+    moved = None if motion is None else load_motion(motion)
+    if motion is not None and moved is not None and len(moved.times) != len(geometry):
+        raise file_error(
+            motion,
+            f"moves {len(moved.times)} views, but the geometry has {len(geometry)}",
+            "give the motion of this scan",
+        )
+    opened = open_device(device)
+    need = (
+        fdk.plan(geometry, grid, opened, motion=moved).device_bytes
+        + projections.line_integrals.nbytes
+    )
+    by_slabs, volume_bytes = out.suffix.lower() == ".mha", 4 * math.prod(grid.shape_zyx)
+    memory = f"{_size(need)} of memory" + (
+        "" if by_slabs else f" and {_size(volume_bytes)} for the volume"
+    )
+    progress = partial(on_progress, f"reconstructing ({memory}; {_size(volume_bytes)} of disk)")
+    if by_slabs:
+        with image_files.volume_writer(out, grid) as writer:
+            for first, slab in fdk.reconstruct_slabs(
+                projections, grid, opened, motion=moved, progress=progress
+            ):
+                writer.write(first, slab)
+    else:
+        image_files.save_volume(
+            out, fdk.reconstruct(projections, grid, opened, motion=moved, progress=progress)
+        )
+    voxels = "x".join(str(n) for n in grid.shape_zyx)
+    return [
+        f"{voxels} voxels (z, y, x) from {len(geometry)} views on {opened.label}",
+        f"took {memory}" + (", the volume went to disk slab by slab" if by_slabs else ""),
+        f"volume (1/mm): {out}",
+    ]
+
+
+def _size(count: float) -> str:
+    """Bytes, as people read them."""
+    return f"{count / 2**30:.1f} GiB" if count >= 2**30 else f"{count / 2**20:.1f} MiB"
+
+
+def _geometry_of(projections_file: Path, geometry_file: Path) -> ConeBeamGeometry:
+    """The geometry; where its file does not say the detector's size, the projections do. RTK's is
+    in mm on the detector: there size, spacing and origin of the projections say where pixels
+    are."""
+    header = image_files.read_header(projections_file)
+    columns, rows, _ = header.size
+    pitch = header.spacing_mm[0]
+    geometry = DetectorSize(columns, rows, pitch).geometry(geometry_file)
+    if geometry_file.suffix.lower() != ".xml":
+        return geometry
+    if abs(header.spacing_mm[1] - pitch) > 1e-6 * pitch:
+        raise file_error(
+            projections_file,
+            f"has pixels of {pitch:g} x {header.spacing_mm[1]:g} mm",
+            "resample the projections to square pixels",
+        )
+    shift = np.eye(3)
+    shift[:2, 2] = [
+        -header.origin_mm[k] / pitch - 0.5 * (n - 1) for k, n in enumerate((columns, rows))
+    ]
+    return replace(geometry, matrices=shift @ geometry.matrices)
+
+
+def _grid(
+    geometry: ConeBeamGeometry,
+    like: Path | None,
+    shape_zyx: tuple[int, int, int] | None,
+    spacing_mm: tuple[float, float, float] | None,
+    center_mm: tuple[float, float, float] | None,
+) -> VolumeGrid:
+    if like is not None:
+        if shape_zyx or spacing_mm or center_mm:
+            raise LegsimError(
+                "--like already says the grid; leave out --shape-zyx, --spacing-mm and --center-mm"
+            )
+        return image_files.read_header(like).grid()
+    if shape_zyx is None or spacing_mm is None:
+        raise LegsimError(
+            "which grid? give --like VOLUME, or --shape-zyx and --spacing-mm (three numbers each)"
+        )
+    center = geometry.rotation_center() if center_mm is None else 1e-3 * np.array(center_mm)
+    return VolumeGrid(
+        shape_zyx,
+        (1e-3 * spacing_mm[0], 1e-3 * spacing_mm[1], 1e-3 * spacing_mm[2]),
+        (center[0], center[1], center[2]),
+    )
+
+
+def evaluate(
+    volume_file: Path, reference_file: Path, out: Path, *, regions: Path | None, register: bool
+) -> list[tuple[str, ...]]:
+    """Writes metrics.json; returns the rows of the table."""
+    volume, reference = (
+        image_files.load_volume(volume_file),
+        image_files.load_volume(reference_file),
+    )
+    chosen = _whole(reference.grid) if regions is None else _labelled(regions, reference)
+    metrics = similarity.evaluate(volume, reference, chosen, register=register)
+    write_text(
+        out,
+        json.dumps(
+            {"volume": str(volume_file), "reference": str(reference_file), **asdict(metrics)},
+            indent=1,
+        )
+        + "\n",
+    )
+    return [
+        (m.region, f"{m.ssim:.4f}", f"{m.rmse:.4f}", f"{m.gradient_entropy:.4f}", str(m.voxels))
+        for m in metrics.regions
+    ]
+
+
+def _whole(grid: VolumeGrid) -> tuple[Region, ...]:
+    nz, _, nx = grid.shape_zyx
+    radius = 0.5 * min(nz * grid.spacing_xyz[2], nx * grid.spacing_xyz[0])
+    return (Region("cylinder", evaluation_regions.cylinder(grid, radius)),)
+
+
+def _labelled(path: Path, reference: Volume) -> tuple[Region, ...]:
+    labels = image_files.load_labels(path, reference.grid)
+    found = np.unique(labels)
+    if not (found > 0).any():
+        raise file_error(path, "holds no label above 0", "mark each region by a value of its own")
+    return tuple(Region(f"label {value}", labels == value) for value in found if value > 0)
+
+
+def describe_geometry(path: Path, *, detector: DetectorSize, phantom: Path | None) -> list[str]:
+    """The lines of `legsim geometry show`; with a PHANTOM.toml also what of it is cut off."""
+    scanned = None if phantom is None else phantom_files.load(phantom)
+    return list(coverage.summarize(detector.geometry(path), scanned).lines())
+
+
+def convert_geometry(path: Path, out: Path, *, detector: DetectorSize) -> list[str]:
+    """Writes a geometry in the format that the ending of ``out`` names."""
+    geometry = detector.geometry(path)
+    geometry_files.save(out, geometry)
+    return [f"{len(geometry)} views: {out}"]
+
+
+def convert_motion(
+    path: Path, out: Path, *, unit: str | None, up: str | None, in_degrees: bool
+) -> list[str]:
+    """Writes markers or joint coordinates in the format that the ending of ``out`` names; returns
+    lines to print.
+    """
+    if mocap_files.kind(path) in ("trc", "c3d"):
+        raw = read_markers(path)
+        recording: MarkerTrajectories | JointTrajectories = raw.to_motion(unit=unit, up=up)
+        notes = [
+            f"lengths in {raw.resolved_unit(unit)}, {raw.resolved_up(up, unit=unit)} up",
+            *raw.notes,
+        ]
+    else:
+        recording, notes = mocap_files.load(path), []
+    columns = (
+        recording.marker_names
+        if isinstance(recording, MarkerTrajectories)
+        else recording.coordinate_names
+    )
+    out.parent.mkdir(parents=True, exist_ok=True)
+    mocap_files.save(out, recording, in_degrees=in_degrees)
+    what = "markers (m, y up)" if isinstance(recording, MarkerTrajectories) else "joint coordinates"
+    return [*notes, f"{len(recording.times)} samples of {len(columns)} {what}: {out}"]
+
+
+def open_recording(folder: Path) -> None:
+    """Opens a run's recording in the rerun viewer."""
+    recording = folder / "recording.rrd" if folder.is_dir() else folder
+    if not recording.is_file():
+        raise file_error(
+            recording, "no such recording", "give a folder made by `legsim run` or `legsim replay`"
+        )
+    view.open_viewer(recording)

@@ -1,0 +1,131 @@
+"""Text files read from any system, files written whole or not at all, and the hashes that identify
+content.
+
+A file is written under a partial name beside its place and then renamed.
+"""
+
+import codecs
+import errno
+import hashlib
+import json
+import os
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from legsim.core.errors import file_error
+
+
+def sha256(path: Path) -> str:
+    """Hex digest of a file's content."""
+    with path.open("rb") as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest()
+
+
+def key_of(*parts: Any) -> str:
+    """A hash of JSON-able parts: the key of a stage."""
+    return hashlib.sha256(json.dumps(parts, sort_keys=True, default=str).encode()).hexdigest()
+
+
+def save_npz(path: Path, **arrays: np.ndarray) -> None:
+    with whole(path) as partial, partial.open("wb") as stream:
+        np.savez(stream, allow_pickle=False, **arrays)
+
+
+def read(path: Path, kind: str) -> list[str]:
+    """The file's lines without their ends; the last is empty where the file ends with a line end.
+
+    Args:
+        path: the file.
+        kind: what the file should be, for the error messages.
+
+    Raises:
+        LegsimError: the file cannot be read, is empty, or holds binary data.
+    """
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise file_error(path, f"cannot be read ({error.strerror})", "check the path") from error
+    if not data.strip():
+        raise file_error(path, "the file is empty", "export it again")
+    if data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+        # "Unicode text" of spreadsheets; half a character at the end is the last line's, which its
+        # reader will miss
+        return _split(data.decode("utf-16", errors="ignore"))
+    if b"\0" in data:
+        raise file_error(
+            path,
+            f"holds binary data, not the text of a {kind} file",
+            "check the file's type, or export it again",
+        )
+    try:
+        text = data.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        text = data.decode("latin-1")
+    return _split(text)
+
+
+def _split(text: str) -> list[str]:
+    return re.split(r"\r\n|\n|\r", text)
+
+
+PREFIX = ".partial-"
+"""how partial names begin; what a killed process left can be told by it"""
+
+
+@contextmanager
+def whole(path: Path | str) -> Iterator[Path]:
+    """Yields a partial name beside ``path`` (same ending), renamed to it at the end, or removed if
+    anything went wrong.
+
+    Raises:
+        LegsimError: the file cannot be written: no such folder, no permission, no space left.
+    """
+    path = Path(path)
+    partial = path.with_name(f"{PREFIX}{os.getpid()}-{path.name}")
+    try:
+        yield partial
+        os.replace(partial, path)
+    except OSError as error:
+        # of a write that fails halfway no name is known; what concerns other files is not ours to
+        # explain
+        if error.filename not in (None, str(partial), partial):
+            raise
+        full = error.errno in (errno.ENOSPC, errno.EDQUOT)
+        cure = (
+            "free some space or choose another folder"
+            if full
+            else "check that its folder exists and is writable"
+        )
+        raise file_error(
+            path,
+            "the disk is full" if full else f"cannot be written ({error.strerror or error})",
+            cure,
+        ) from error
+    finally:
+        with suppress(NotADirectoryError):  # nothing was written there
+            partial.unlink(missing_ok=True)
+
+
+def write_text(path: Path | str, text: str) -> None:
+    """Writes a whole UTF-8 text file, its lines as they are.
+
+    Raises:
+        LegsimError: as :func:`whole`.
+    """
+    with whole(path) as partial:
+        partial.write_text(text, "utf-8", newline="\n")
+
+
+def write_bytes(path: Path | str, content: bytes) -> None:
+    """Writes a whole file.
+
+    Raises:
+        LegsimError: as :func:`whole`.
+    """
+    with whole(path) as partial:
+        partial.write_bytes(content)

@@ -1,0 +1,39 @@
+"""How much memory there is, and the most that this process has held since it was last asked to
+begin anew; on Linux, elsewhere unknown.
+"""
+
+import contextlib
+import re
+from pathlib import Path
+
+_PROCESS = Path("/proc/self")
+
+_SYSTEM = Path("/proc/meminfo")
+
+
+def begin_peak() -> None:
+    """Forgets the peak so far (proc(5): 5 in clear_refs); does nothing where the system cannot."""
+    with contextlib.suppress(OSError):
+        (_PROCESS / "clear_refs").write_text("5")
+
+
+def peak_mebibytes() -> float | None:
+    """Peak of the resident memory in MiB since :func:`begin_peak`, None where the system does not
+    tell.
+    """
+    found = _kibibytes(_PROCESS / "status", "VmHWM")
+    return None if found is None else found / 1024
+
+
+def available() -> int | None:
+    """Bytes that could be taken now without swapping, None where the system does not tell."""
+    found = _kibibytes(_SYSTEM, "MemAvailable")
+    return None if found is None else 1024 * found
+
+
+def _kibibytes(path: Path, name: str) -> int | None:
+    try:
+        found = re.search(rf"^{name}:\s+(\d+) kB$", path.read_text(), re.M)
+    except OSError:
+        return None
+    return int(found[1]) if found else None

@@ -1,0 +1,6 @@
+"""How a stage reports its progress: name of the work, steps done, steps in all."""
+
+from collections.abc import Callable
+
+OnProgress = Callable[[str, int, int], None]
+"""name of the stage, how much of it is done, how much there is"""

@@ -1,0 +1,47 @@
+"""Where the files that ship with legsim lie: models/ and motions/, in a checkout or inside the
+installed package.
+"""
+
+from pathlib import Path
+
+from legsim.core.errors import LegsimError
+
+_PACKAGE = Path(__file__).parents[1]
+
+
+def model_file(name: str) -> Path:
+    """Path of a file below models/, for instance ``lower_body/lower_body.xml``.
+
+    Raises:
+        LegsimError: the file did not come with this installation.
+    """
+    return _find("models", name)
+
+
+def motion_file(name: str) -> Path:
+    """Path of a file below motions/.
+
+    Raises:
+        LegsimError: the file did not come with this installation; the message lists what is there.
+    """
+    return _find("motions", name)
+
+
+def _find(folder: str, name: str) -> Path:
+    # a wheel carries the folders inside the package; a checkout (also an editable install) has them
+    # beside it
+    roots = [_PACKAGE / "data" / folder, _PACKAGE.parent / folder]
+    for root in roots:
+        if (root / name).exists():
+            return root / name
+    there = sorted(
+        str(p.relative_to(r))
+        for r in roots
+        if r.is_dir()
+        for p in r.glob("*")
+        if not p.name.startswith(".")
+    )
+    raise LegsimError(
+        f"{folder}/{name} is not part of this legsim installation; there are: "
+        f"{', '.join(there) or 'none'}; reinstall legsim"
+    )

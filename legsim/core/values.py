@@ -1,0 +1,84 @@
+"""Read-only arrays and unique names: what every value type of the package stores."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike, DTypeLike, NDArray
+
+from legsim.core.errors import LegsimError
+
+FloatArray = NDArray[np.float64]
+
+Float32Array = NDArray[np.float32]
+
+
+def frozen(
+    name: str, values: ArrayLike, shape: Sequence[int | None], dtype: DTypeLike = np.float64
+) -> NDArray:
+    """Returns ``values`` as a C-ordered, read-only array of ``dtype``; copies unless it already is
+    one.
+
+    ``shape`` lists the expected lengths, None for any.
+
+    Raises:
+        LegsimError: the number of axes or a length differs.
+    """
+    source = np.asarray(values, dtype=dtype)
+    if source.ndim != len(shape) or any(
+        n is not None and n != m for n, m in zip(shape, source.shape, strict=True)
+    ):
+        expected = tuple("any" if n is None else n for n in shape)
+        raise LegsimError(f"{name} has shape {source.shape}; expected {expected}")
+    # of memory that is no array's (a file's, a buffer's) nobody knows who else writes to it
+    owned = source.base is None or (
+        isinstance(source.base, np.ndarray) and not source.base.flags.writeable
+    )
+    if owned and source.flags.c_contiguous and not source.flags.writeable:
+        return source
+    array = np.array(source, order="C")
+    array.flags.writeable = False
+    return array
+
+
+def frozen_owned(array: NDArray) -> NDArray:
+    """Marks a freshly made array read-only without copying it, for volumes and projections that are
+    large.
+    """
+    array.flags.writeable = False
+    return array
+
+
+def increasing_times(name: str, values: ArrayLike) -> FloatArray:
+    """Returns times (n,) in seconds, finite and strictly increasing, read-only.
+
+    Raises:
+        LegsimError: a time is not finite or does not come after the one before it.
+    """
+    times = frozen(name, values, (None,))
+    if not np.isfinite(times).all():
+        raise LegsimError(
+            f"{name} holds a time that is not a number at index "
+            f"{int(np.flatnonzero(~np.isfinite(times))[0])}"
+        )
+    steps = np.diff(times)
+    if (steps <= 0).any():
+        k = int(np.flatnonzero(steps <= 0)[0])
+        raise LegsimError(
+            f"{name} must increase strictly; sample {k + 1} ({times[k + 1]:g} s) does not come "
+            f"after sample {k} ({times[k]:g} s)"
+        )
+    return times
+
+
+def unique_names(kind: str, names: Sequence[str]) -> tuple[str, ...]:
+    names = tuple(names)
+    doubles = sorted({n for n in names if names.count(n) > 1})
+    if doubles:
+        raise LegsimError(f"{kind} names must differ; twice: {', '.join(doubles)}")
+    return names
+
+
+def index_of(kind: str, names: tuple[str, ...], name: str) -> int:
+    if name not in names:
+        raise LegsimError(f"no {kind} named {name!r}; there are: {', '.join(names)}")
+    return names.index(name)

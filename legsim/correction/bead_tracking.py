@@ -1,0 +1,352 @@
+"""Rigid motion from metal beads on the skin, followed through all projections: the marker-based
+standard.
+
+After Choi et al., "Fiducial marker-based correction for involuntary motion in weight-bearing C-arm
+CT scanning of knees", Part I 2013, II 2014: beads are found in every projection, their 3D places
+and a rigid pose of them in every view minimize the distance between found and projected beads.
+Where a pose is free in every view, a scan that moves with it cannot be told from one of another
+size: the smallest motion that explains the shadows is taken (a weak prior on every view's motion),
+which leaves a scale error of a few thousandths. What the skin does on its own is left in the
+reprojection error.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from legsim.core import transforms
+from legsim.core.errors import LegsimError
+from legsim.core.values import FloatArray, frozen
+from legsim.correction import blob_detection
+from legsim.deformation.models import RigidMotion
+from legsim.geometry.cone_beam import ConeBeamGeometry, Projections
+
+FEWEST = 4
+"""beads that a view needs: three fix a pose, a fourth tells whether one of them is wrong"""
+
+_SEARCH_PX = 4.0
+
+_LEAST_CONTRAST = 0.2
+
+_ROUNDS = 30
+
+_PRIOR_TURN, _PRIOR_SHIFT = np.radians(5.0), 0.02
+"""rad and m of a view's motion that count as much as one pixel of reprojection error, times
+_PRIOR_PX
+"""
+
+_PRIOR_PX = 0.02
+
+_OUTLIER = 5.0
+"""times the typical distance, at which a shadow is taken for a wrong one"""
+
+_LEAST_TYPICAL_PX = 0.1
+"""what skin and detection leave even where most shadows fit exactly: no shadow nearer than five
+times that is taken for a wrong one
+"""
+
+_DOUBTING_ROUNDS = 5
+
+
+def track(
+    projections: Projections,
+    guesses: ArrayLike,
+    *,
+    radius: float,
+    search_px: float = _SEARCH_PX,
+    least_contrast: float = _LEAST_CONTRAST,
+    progress: Callable[[int, int], None] | None = None,
+) -> FloatArray:
+    """(v, b, 2) centers of the beads' shadows, (u, v) in pixels; NaN where a bead is off the
+    detector, lost or overlaps another.
+
+    Args:
+        projections: with the beads in them.
+        guesses: (b, 3) m in world, where the beads are about at the first view: to within
+            ``search_px`` on the detector.
+        radius: m, of the beads.
+        search_px: how far from its expected place a shadow may be. It is expected where the resting
+            guess would be seen, plus how far off it was last; a hidden bead is led on by what the
+            others do.
+        least_contrast: as in :func:`legsim.correction.blob_detection.locate`.
+        progress: counts views.
+    """
+    geometry = projections.geometry
+    guesses = frozen("bead guesses", guesses, (None, 3))
+    resting = geometry.project(guesses)[0]
+    sizes = blob_detection.shadow_radii(geometry, guesses, radius)
+    offset, found = np.zeros((len(guesses), 2)), np.full(resting.shape, np.nan)
+    for view, image in enumerate(projections.line_integrals):
+        expected = resting[view] + offset
+        alone = _alone(expected, search_px + 2 * float(sizes[view].mean()))
+        seen = np.full(expected.shape, np.nan)
+        seen[alone] = blob_detection.locate(
+            image,
+            expected[alone],
+            radius_px=float(sizes[view].mean()),
+            search_px=search_px,
+            least_contrast=least_contrast,
+        )
+        change = seen - expected
+        has = np.isfinite(change).all(-1)
+        if has.any():
+            offset = offset + np.where(
+                has[:, None], np.nan_to_num(change), np.median(change[has], axis=0)
+            )
+        found[view] = seen
+        if progress is not None:
+            progress(view + 1, len(geometry))
+    return found
+
+
+def _alone(expected: FloatArray, clearance: float) -> NDArray[np.bool_]:
+    """(b,) whether no other bead is expected within ``clearance`` pixels: overlapping shadows pull
+    each other's centers.
+    """
+    apart = np.linalg.norm(expected[:, None] - expected, axis=-1)
+    np.fill_diagonal(apart, np.inf)
+    return apart.min(-1) > clearance
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BeadMotion:
+    """What the shadows say."""
+
+    motion: RigidMotion
+    """against the first view"""
+    positions: FloatArray
+    """(b, 3) m in world at the first view; NaN for a bead seen too seldom"""
+    used: NDArray[np.bool_]
+    """(v, b) shadows that were seen and believed"""
+    residual_px: float
+    """RMS distance of these to the projected beads"""
+
+    def __post_init__(self) -> None:
+        shape = (len(self.motion.times), len(self.positions))
+        object.__setattr__(
+            self, "positions", frozen("BeadMotion.positions", self.positions, (None, 3))
+        )
+        object.__setattr__(self, "used", frozen("BeadMotion.used", self.used, shape, np.bool_))
+
+
+def estimate(geometry: ConeBeamGeometry, pixels: ArrayLike) -> BeadMotion:
+    """Places of the beads and their rigid motion from shadows (v, b, 2), NaN where unseen: bundle
+    adjustment, outliers rejected.
+
+    Raises:
+        LegsimError: a view with fewer than four beads that are seen elsewhere too, or the shadows
+            fit no rigid motion.
+    """
+    pixels = frozen("bead pixels", pixels, (len(geometry), None, 2))
+    used = np.asarray(np.isfinite(pixels).all(-1))
+    used = used & (used.sum(0) >= max(2, len(geometry) // 10))
+    _require_enough(used)
+    seen, weights = used, used.astype(float)
+    positions, motion = (
+        _triangulated(geometry, pixels, used),
+        RigidMotion.identity(geometry.times).moved_from_reference,
+    )
+    # first by weights that wrong shadows lose step by step (Cauchy's), then with the believed ones
+    # alone
+    for doubting in [True] * _DOUBTING_ROUNDS + [False] * 2:
+        positions, motion = _adjusted(geometry, pixels, weights, positions, motion)
+        miss = np.linalg.norm(pixels - _projected(geometry, motion, positions), axis=-1)
+        typical = max(float(np.median(miss[used])), _LEAST_TYPICAL_PX)
+        used = np.asarray(seen & (miss <= _OUTLIER * typical), bool)
+        weights = (
+            np.where(seen, 1 / (1 + (np.nan_to_num(miss) / typical) ** 2), 0.0)
+            if doubting
+            else used.astype(float)
+        )
+    _require_enough(used)
+    positions, motion = _adjusted(geometry, pixels, used.astype(float), positions, motion)
+    miss = np.linalg.norm(pixels - _projected(geometry, motion, positions), axis=-1)
+    residual = float(np.sqrt(np.mean(miss[used] ** 2)))
+    placed = transforms.apply(motion[0], np.where(seen.any(0)[:, None], positions, np.nan))
+    return BeadMotion(
+        RigidMotion(geometry.times, motion @ transforms.inverse(motion[0])), placed, used, residual
+    )
+
+
+def poses(geometry: ConeBeamGeometry, pixels: ArrayLike, positions: ArrayLike) -> RigidMotion:
+    """The motion that carries beads at known ``positions`` (b, 3) onto their shadows (v, b, 2), NaN
+    where unseen; view by view.
+
+    Raises:
+        LegsimError: a view with fewer than four beads.
+    """
+    pixels, positions = (
+        frozen("bead pixels", pixels, (len(geometry), None, 2)),
+        frozen("bead positions", positions, (None, 3)),
+    )
+    used = np.asarray(np.isfinite(pixels).all(-1))
+    _require_enough(used)
+    motion = RigidMotion.identity(geometry.times).moved_from_reference
+    for _ in range(_ROUNDS):
+        miss, by_pose, _ = _linearized(geometry, pixels, used.astype(float), positions, motion)
+        normal = np.einsum("vbki,vbkj->vij", by_pose, by_pose)
+        step = np.linalg.solve(normal, np.einsum("vbki,vbk->vi", by_pose, miss)[..., None])[..., 0]
+        motion = _stepped(motion, step, positions.mean(0))
+        if np.abs(step).max() < 1e-13:
+            break
+    return RigidMotion(geometry.times, motion)
+
+
+def _require_enough(used: NDArray[np.bool_]) -> None:
+    counts = used.sum(-1)
+    if counts.min() < FEWEST:
+        raise LegsimError(
+            f"view {int(np.argmin(counts))} shows {int(counts.min())} beads that can be believed; "
+            f"a pose needs {FEWEST}: "
+            "use more or larger beads, or place them nearer to the knee"
+        )
+
+
+def _triangulated(
+    geometry: ConeBeamGeometry, pixels: FloatArray, used: NDArray[np.bool_]
+) -> FloatArray:
+    """(b, 3) points nearest to the rays through their shadows, as if nothing had moved."""
+    sources = geometry.sources()
+    positions = np.zeros((pixels.shape[1], 3))
+    for bead in np.flatnonzero(used.any(0)):
+        views = np.flatnonzero(used[:, bead])
+        homogeneous = np.concatenate([pixels[views, bead], np.ones((len(views), 1))], -1)
+        rays = np.linalg.solve(geometry.matrices[views, :, :3], homogeneous[..., None])[..., 0]
+        rays /= np.linalg.norm(rays, axis=-1, keepdims=True)
+        across = np.eye(3) - rays[:, :, None] * rays[:, None, :]
+        positions[bead] = np.linalg.solve(
+            across.sum(0), np.einsum("vij,vj->i", across, sources[views])
+        )
+    return positions
+
+
+def _projected(geometry: ConeBeamGeometry, motion: FloatArray, positions: FloatArray) -> FloatArray:
+    return geometry.project(transforms.apply(motion, positions))[0]
+
+
+def _linearized(
+    geometry: ConeBeamGeometry,
+    pixels: FloatArray,
+    weights: FloatArray,
+    positions: FloatArray,
+    motion: FloatArray,
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Misses (v, b, 2), and derivatives of the projection by pose (v, b, 2, 6) and place (v, b, 2,
+    3), times the root of the weights.
+
+    A pose changes by a rotation about the beads' middle, then a shift, both in world.
+    """
+    moved = transforms.apply(motion, positions)
+    homogeneous = (
+        moved @ np.swapaxes(geometry.matrices[:, :, :3], -1, -2) + geometry.matrices[:, None, :, 3]
+    )
+    depth, pixel = homogeneous[..., 2:], homogeneous[..., :2] / homogeneous[..., 2:]
+    root = np.sqrt(weights)
+    miss = np.where(weights[..., None] > 0, root[..., None] * (pixels - pixel), 0.0)
+    rows = geometry.matrices[:, None, :, :3]
+    by_point = (rows[..., :2, :] - pixel[..., None] * rows[..., 2:, :]) / depth[..., None]
+    by_point = by_point * root[..., None, None]
+    arms = moved - transforms.apply(motion, positions.mean(0)[None])
+    by_pose = np.concatenate([by_point @ -transforms.cross_matrix(arms), by_point], -1)
+    return miss, by_pose, by_point @ motion[:, None, :3, :3]
+
+
+def _stepped(motion: FloatArray, step: FloatArray, middle: FloatArray) -> FloatArray:
+    """Poses (v, 4, 4) after changes (v, 6)."""
+    center = transforms.apply(motion, middle[None])[:, 0]
+    turn = transforms.rotation_from_vector(step[:, :3])
+    change = transforms.rigid(turn, center + step[:, 3:] - np.einsum("vij,vj->vi", turn, center))
+    return change @ motion
+
+
+def _prior(motion: FloatArray, middle: FloatArray) -> FloatArray:
+    """(v, 6) rotation vector and shift of the beads' middle of each view, in units of their
+    weight.
+    """
+    shift = transforms.apply(motion, middle[None])[:, 0] - middle
+    return (
+        np.concatenate(
+            [
+                transforms.vector_from_rotation(motion[:, :3, :3]) / _PRIOR_TURN,
+                shift / _PRIOR_SHIFT,
+            ],
+            -1,
+        )
+        * _PRIOR_PX
+    )
+
+
+def _adjusted(
+    geometry: ConeBeamGeometry,
+    pixels: FloatArray,
+    weights: FloatArray,
+    positions: FloatArray,
+    motion: FloatArray,
+) -> tuple[FloatArray, FloatArray]:
+    """Places and poses of least reprojection error and prior: Levenberg and Marquardt's rule, poses
+    eliminated (Schur).
+    """
+    firmness = _PRIOR_PX / np.array([_PRIOR_TURN] * 3 + [_PRIOR_SHIFT] * 3)
+    damping, cost = 1e-6, _cost(geometry, pixels, weights, positions, motion)
+    for _ in range(_ROUNDS):
+        miss, by_pose, by_place = _linearized(geometry, pixels, weights, positions, motion)
+        pull = np.einsum("vbki,vbk->vi", by_pose, miss) - firmness * _prior(
+            motion, positions.mean(0)
+        )
+        steps = _schur_step(by_pose, by_place, miss, pull, np.diag(firmness**2), damping)
+        tried = positions + steps[0], _stepped(motion, steps[1], positions.mean(0))
+        tried_cost = _cost(geometry, pixels, weights, *tried)
+        if tried_cost >= cost:
+            damping *= 10
+            if damping > 1e3:
+                break
+            continue
+        gained, cost = cost - tried_cost, tried_cost
+        (positions, motion), damping = tried, max(damping / 10, 1e-12)
+        if gained < 1e-9 * cost + 1e-18:
+            break
+    return positions, motion
+
+
+def _cost(
+    geometry: ConeBeamGeometry,
+    pixels: FloatArray,
+    weights: FloatArray,
+    positions: FloatArray,
+    motion: FloatArray,
+) -> float:
+    seen = weights > 0
+    squared = ((pixels - _projected(geometry, motion, positions)) ** 2).sum(-1)[seen]
+    return float(weights[seen] @ squared + (_prior(motion, positions.mean(0)) ** 2).sum())
+
+
+def _schur_step(
+    by_pose: FloatArray,
+    by_place: FloatArray,
+    miss: FloatArray,
+    pull: FloatArray,
+    prior: FloatArray,
+    damping: float,
+) -> tuple[FloatArray, FloatArray]:
+    """Changes of places (b, 3) and poses (v, 6)."""
+    views, beads = miss.shape[:2]
+    of_poses = np.einsum("vbki,vbkj->vij", by_pose, by_pose) + prior
+    of_poses += damping * np.eye(6) * np.diagonal(of_poses, axis1=-2, axis2=-1)[:, None]
+    of_places = np.einsum("vbki,vbkj->bij", by_place, by_place)
+    # a bead that is never used has no equations: keep it where it is
+    scale = np.diagonal(of_places, axis1=-2, axis2=-1)[:, None]
+    of_places = of_places + np.eye(3) * np.where(scale > 0, damping * scale, 1.0)
+    mixed = np.einsum("vbki,vbkj->vibj", by_pose, by_place).reshape(views, 6, 3 * beads)
+    whole = np.zeros((beads, 3, beads, 3))
+    whole[np.arange(beads), :, np.arange(beads)] = of_places
+    solved = np.linalg.solve(of_poses, np.concatenate([mixed, pull[..., None]], -1))
+    reduced = whole.reshape(3 * beads, 3 * beads) - np.einsum(
+        "via,vib->ab", mixed, solved[..., :-1]
+    )
+    right = np.einsum("vbki,vbk->bi", by_place, miss).ravel() - np.einsum(
+        "via,vi->a", mixed, solved[..., -1]
+    )
+    places = np.linalg.solve(reduced, right)
+    return places.reshape(beads, 3), solved[..., -1] - solved[..., :-1] @ places

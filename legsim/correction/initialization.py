@@ -1,0 +1,272 @@
+"""Where the integration of each sensor starts: from the truth, or from fiducials in the first
+views.
+
+Maier et al. 2022, section 2.4: the pose from the first view, the velocity from one or more later
+ones.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from legsim.config import FiducialsConfig
+from legsim.core import transforms
+from legsim.core.errors import LegsimError
+from legsim.core.values import FloatArray, frozen
+from legsim.correction import blob_detection
+from legsim.correction import fiducials as correction_fiducials
+from legsim.correction.fiducials import (
+    FIDUCIAL_NAMES,
+    DetectorBounds,
+    Fiducials,
+    PoseFit,
+    VelocityFit,
+    pose_from_fiducials,
+    project_fiducials,
+    velocity_from_views,
+)
+from legsim.geometry.cone_beam import ConeBeamGeometry
+from legsim.imu import simulation, strapdown
+from legsim.imu.signals import ImuSignals, SensorStart
+from legsim.imu.simulation import Sensor
+from legsim.imu.strapdown import Scheme
+from legsim.kinematics.joint_splines import JointSplines
+from legsim.kinematics.leg_model import LegModel
+from legsim.kinematics.skeleton import SegmentPoses
+from legsim.opencl.device import Device
+from legsim.phantom.leg_phantom import LegPhantom
+from legsim.scan import projector
+
+_LEAST_CONTRAST = 0.2
+"""line integral; a bead of tantalum of 1 mm reaches 4"""
+
+_SEARCH_PX = 4.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Starts:
+    """Where each sensor's integration begins, and what is to be said of it."""
+
+    starts: tuple[SensorStart, ...]
+    notes: tuple[str, ...]
+
+
+def from_truth(
+    leg: LegModel, splines: JointSplines, placed: Sequence[Sensor], time: float
+) -> Starts:
+    """Exact pose and velocity of each sensor at the first view."""
+    return Starts(
+        tuple(simulation.true_start(leg, splines, sensor, time) for sensor in placed),
+        ("Poses start from the truth.",),
+    )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FiducialScan:
+    """The first views of a scan in which the sensors' fiducials are looked for."""
+
+    geometry: ConeBeamGeometry
+    poses: SegmentPoses
+    """of the sensors, under their names, and of the segments, at those views"""
+    phantom: LegPhantom
+    device: Device
+
+
+def from_fiducials(
+    signals: ImuSignals,
+    placed: Sequence[Sensor],
+    scan: FiducialScan,
+    sensor_poses: SegmentPoses,
+    settings: FiducialsConfig,
+    *,
+    scheme: Scheme,
+    rng: np.random.Generator,
+) -> Starts:
+    """Starts from the fiducials in the first ``settings.views`` views, as a scanner would find
+    them.
+
+    ``sensor_poses`` (true) say where the fiducials are to be seen; where they are found in images
+    they say where to look.
+
+    Raises:
+        LegsimError: fiducials off a bounded detector, or hidden; the line names the sensor.
+    """
+    fiducials = Fiducials(1e-3 * settings.axis_length_mm)
+    if settings.views > len(scan.geometry):
+        raise LegsimError(
+            f"methods.fiducials.views is {settings.views}, but the scan has {len(scan.geometry)} "
+            "views; ask for fewer"
+        )
+    starts, notes = [], [_how(settings)]
+    for sensor in placed:
+        poses = sensor_poses.of(sensor.name)[: settings.views]
+        geometry = scan.geometry[: settings.views]
+        notes.append(
+            _visible(sensor.name, correction_fiducials.on_detector(geometry, poses, fiducials))
+        )
+        pixels = _seen(sensor, poses, scan, settings, fiducials, rng)
+        try:
+            found = start_from_fiducials(
+                signals,
+                sensor.name,
+                scan.geometry,
+                pixels,
+                fiducials,
+                scheme=scheme,
+                detector=settings.detector,
+            )
+        except LegsimError as error:
+            raise LegsimError(f"start of sensor {sensor.name}: {error}") from error
+        starts.append(found.start)
+        notes.append(_conditioning(sensor.name, found))
+    return Starts(tuple(starts), tuple(notes))
+
+
+def _how(settings: FiducialsConfig) -> str:
+    way = (
+        "found as shadows in the images"
+        if settings.found == "images"
+        else f"projected with {settings.error_px:g} px of error"
+    )
+    return (
+        f"Poses start from four fiducials {settings.axis_length_mm:g} mm apart in each sensor, "
+        f"{way}, in the first {settings.views} views "
+        f"of a detector that is {settings.detector}."
+    )
+
+
+def _visible(name: str, on_detector: np.ndarray) -> str:
+    """Which fiducials of one sensor (views, 4) fall beside the real detector."""
+    beside = [
+        fiducial
+        for fiducial, seen in zip(FIDUCIAL_NAMES, np.asarray(on_detector.all(0)), strict=True)
+        if not seen
+    ]
+    return f"Sensor {name}: fiducials off the real detector: {', '.join(beside) or 'none'}."
+
+
+def _seen(
+    sensor: Sensor,
+    poses: FloatArray,
+    scan: FiducialScan,
+    settings: FiducialsConfig,
+    fiducials: Fiducials,
+    rng: np.random.Generator,
+) -> FloatArray:
+    """(k, 4, 2) pixels of one sensor's fiducials in the first k views."""
+    exact = np.stack(
+        [project_fiducials(scan.geometry, k, pose, fiducials) for k, pose in enumerate(poses)]
+    )
+    if settings.found == "exact":
+        return exact + settings.error_px * rng.standard_normal(exact.shape)
+    geometry, shift = scan.geometry[: len(poses)], 0
+    if settings.detector == "unbounded":
+        geometry, shift = _widened(geometry, exact)
+    centers = transforms.apply(sensor.segment_from_sensor, fiducials.points_sensor)
+    radius = 0.5e-3 * settings.bead_mm
+    beaded = scan.phantom.with_spheres("fiducial", centers, segment=sensor.segment, radius=radius)
+    images = projector.project(
+        beaded.phantom,
+        geometry,
+        scan.device,
+        posed=lambda view: beaded.posed(
+            scan.poses.world_from_segment[view], scan.poses.segment_names
+        ),
+    ).line_integrals
+    sizes = blob_detection.shadow_radii(geometry, poses[:, None, :3, 3], radius)[:, 0]
+    offset = np.array([0.0, shift])
+    return np.stack(
+        [
+            blob_detection.locate(
+                image,
+                at + offset,
+                radius_px=size,
+                search_px=_SEARCH_PX,
+                least_contrast=_LEAST_CONTRAST,
+            )
+            - offset
+            for image, at, size in zip(images, exact, sizes, strict=True)
+        ]
+    )
+
+
+def _widened(geometry: ConeBeamGeometry, pixels: FloatArray) -> tuple[ConeBeamGeometry, int]:
+    """A detector with more rows below and above, so that all ``pixels`` lie on it, and by how many
+    the rows are shifted.
+    """
+    rows, columns = geometry.shape_vu
+    margin = 40
+    below = max(0, int(np.ceil(margin - pixels[..., 1].min())))
+    above = max(0, int(np.ceil(pixels[..., 1].max() + margin - rows)))
+    shifted = np.array([[1.0, 0, 0], [0, 1, below], [0, 0, 1]]) @ geometry.matrices
+    return replace(geometry, matrices=shifted, shape_vu=(rows + below + above, columns)), below
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FoundStart:
+    """A start and how it was found."""
+
+    start: SensorStart
+    poses: tuple[PoseFit, ...]
+    """of each view that was used"""
+    velocity: VelocityFit
+
+
+def _conditioning(name: str, found: FoundStart) -> str:
+    """What one pixel of detection error costs: the price of short axes and of few views."""
+    pose, shift = found.poses[0], found.poses[0].position_error(1.0)
+    return (
+        f"Sensor {name}: a detection error of 1 px is {np.degrees(pose.tilt_error(1.0)):.2g} deg "
+        f"of start tilt, {1e3 * shift:.2g} mm of "
+        f"place and, by {len(found.poses)} views, "
+        f"{found.velocity.error_per_position_error * shift:.2g} m/s of start velocity."
+    )
+
+
+def start_from_fiducials(
+    signals: ImuSignals,
+    sensor: str,
+    geometry: ConeBeamGeometry,
+    pixels: ArrayLike,
+    fiducials: Fiducials,
+    *,
+    scheme: Scheme = "accurate",
+    detector: DetectorBounds = "bounded",
+) -> FoundStart:
+    """Pose and velocity of a sensor at the first view.
+
+    Args:
+        signals: of the sensors, covering the views that are used; their clock need not meet the
+            views'.
+        sensor: which of them.
+        geometry: of the scan.
+        pixels: (k, 4, 2) the fiducials in the first k views, as
+            :func:`legsim.correction.fiducials.pose_from_fiducials` reads them. Two views are the
+            paper's way; more average what the detection left.
+        fiducials: how far the points are apart.
+        scheme: of the integration between the views; the one that will be used over the scan.
+        detector: "unbounded" lets points lie beside the detector.
+
+    Raises:
+        LegsimError: fewer than two views, more than the scan has, or fiducials that are hidden or
+            lost.
+    """
+    pixels = frozen("fiducial pixels", pixels, (None, 4, 2))
+    if not 2 <= len(pixels) <= len(geometry):
+        raise LegsimError(
+            f"a start needs the fiducials of 2 to {len(geometry)} views; got {len(pixels)}"
+        )
+    poses = tuple(
+        pose_from_fiducials(geometry, k, seen, fiducials, detector=detector)
+        for k, seen in enumerate(pixels)
+    )
+    at, first = geometry.times[: len(pixels)], poses[0].world_from_sensor
+    standing = SensorStart(first, np.zeros(3))
+    free = strapdown.integrate(signals.times, *signals.sensor(sensor), standing, at, scheme=scheme)
+    seen_positions = np.stack([pose.world_from_sensor[:3, 3] for pose in poses])
+    velocity = velocity_from_views(at, seen_positions, free[:, :3, 3])
+    corrected = first.copy()
+    corrected[:3, 3] += velocity.start_shift
+    return FoundStart(SensorStart(corrected, velocity.velocity), poses, velocity)

@@ -1,0 +1,144 @@
+"""From poses over time to what the reconstruction needs: the seam behind which all correction
+methods, and a user's own, compete.
+
+A method is a function from a :class:`Scan` (everything a real scanner would have recorded) to a
+:class:`Correction` (projections and the motion that the back-projection follows).
+"""
+
+import traceback
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from legsim.core.errors import LegsimError
+from legsim.core.values import FloatArray
+from legsim.deformation.models import ControlPointMotion, Motion, RigidMotion
+from legsim.geometry.cone_beam import Projections
+from legsim.imu.signals import ImuSignals, SensorStart
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Scan:
+    """What a scanner with sensors records, and what is known beforehand: all that a method may look
+    at.
+    """
+
+    projections: Projections
+    signals: ImuSignals
+    starts: tuple[SensorStart, ...]
+    """pose and velocity of each sensor of ``signals`` at the first view"""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "starts", tuple(self.starts))
+        if len(self.starts) != len(self.signals.sensor_names):
+            raise LegsimError(
+                f"Scan has {len(self.starts)} starts for {len(self.signals.sensor_names)} "
+                "sensors; give one each, in order"
+            )
+
+    @property
+    def times(self) -> FloatArray:
+        """(v,) s of the views."""
+        return self.projections.geometry.times
+
+    def start(self, sensor: str) -> SensorStart:
+        """Pose and velocity of one sensor at the first view."""
+        if sensor not in self.signals.sensor_names:
+            raise LegsimError(
+                f"no sensor named {sensor!r}; there are: {', '.join(self.signals.sensor_names)}"
+            )
+        return self.starts[self.signals.sensor_names.index(sensor)]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Correction:
+    """What a method hands to the reconstruction."""
+
+    method: str
+    projections: Projections
+    """images, warped or as recorded, under the scanner's own geometry: the motion is told apart
+    from it
+    """
+    motion: Motion | None
+    """how the object moved against its reference pose, for the back-projection to follow: M(i) in
+    P(i) M(i), moving least squares, or displacements; None where voxels stay (uncorrected scans and
+    warped images)"""
+    warped_by: ControlPointMotion | None = None
+    """the points by which images were warped, so that the errors of the warp can be told; None
+    where they are as recorded
+    """
+    notes: tuple[str, ...] = ()
+    """sentences on how it went, for the report"""
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.projections, Projections):
+            raise LegsimError(
+                "a Correction's projections are a legsim.geometry.cone_beam.Projections, not "
+                f"{type(self.projections).__name__}"
+            )
+        if not np.isfinite(self.projections.line_integrals).all():
+            raise LegsimError(
+                "the corrected projections hold values that are not numbers; leave such pixels as "
+                "they were recorded"
+            )
+        if self.motion is None:
+            return
+        if not isinstance(self.motion, Motion):
+            raise LegsimError(
+                "a Correction's motion is None, a RigidMotion, a ControlPointMotion or a "
+                f"FieldMotion, not {type(self.motion).__name__}"
+            )
+        views = self.projections.geometry.times
+        if len(self.motion.times) != len(views) or np.abs(self.motion.times - views).max() > 1e-6:
+            raise LegsimError(
+                f"the motion has {len(self.motion.times)} times from {self.motion.times[0]:g} s, "
+                f"the projections {len(views)} from {views[0]:g} s; "
+                "estimate the motion at the projections' own times"
+            )
+
+
+class MotionEstimator(Protocol):
+    """A method that finds one rigid motion; :func:`rigidly` makes a whole correction of it."""
+
+    def __call__(self, scan: Scan, /) -> RigidMotion: ...
+
+
+class CorrectionMethod(Protocol):
+    """A whole method. The pipeline knows no more of it than this."""
+
+    def __call__(self, scan: Scan, /) -> Correction: ...
+
+
+def checked(name: str, method: CorrectionMethod) -> CorrectionMethod:
+    """A user's own ``method``, whose troubles are told in one line under its ``name``.
+
+    Raises (when called):
+        LegsimError: the method raised anything, or what it returned is no Correction of the scan's
+            views and pixels.
+    """
+
+    def correct(scan: Scan, /) -> Correction:
+        try:
+            found = method(scan)
+        except Exception as error:
+            inner = traceback.extract_tb(error.__traceback__)[-1]
+            what = " ".join(f"{type(error).__name__}: {error}".split())
+            raise LegsimError(
+                f"method {name} failed in {inner.filename}, line {inner.lineno}: {what}; "
+                "mend it and run again (--debug shows the way there), what was finished is kept"
+            ) from error
+        if not isinstance(found, Correction):
+            raise LegsimError(
+                f"method {name} returned {type(found).__name__}; return a "
+                "legsim.correction.method.Correction"
+            )
+        given, got = scan.projections.line_integrals.shape, found.projections.line_integrals.shape
+        if got != given:
+            raise LegsimError(
+                f"method {name} returned {got} (views, rows, columns) for a scan of {given}; "
+                "change pixels, but keep their number"
+            )
+        return found
+
+    return correct

@@ -1,0 +1,65 @@
+"""Motions as .npz files."""
+
+import zipfile
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from legsim.core.errors import LegsimError, file_error
+from legsim.core.files import save_npz
+from legsim.deformation.models import ControlPointMotion, FieldMotion, Motion, RigidMotion
+from legsim.geometry.volume import VolumeGrid
+
+
+def save_motion(path: Path, motion: Motion) -> None:
+    """motion-<method>.npz: times and moved_from_reference; or reference and moved points; or
+    displacements with their grid.
+    """
+    if isinstance(motion, RigidMotion):
+        save_npz(path, times=motion.times, moved_from_reference=motion.moved_from_reference)
+    elif isinstance(motion, ControlPointMotion):
+        save_npz(path, times=motion.times, reference=motion.reference, moved=motion.moved)
+    else:
+        grid = motion.grid
+        placed = {
+            "grid_spacing_xyz": np.array(grid.spacing_xyz),
+            "grid_center": np.array(grid.center),
+        }
+        save_npz(path, times=motion.times, displacements=motion.displacements, **placed)
+
+
+def load_motion(path: Path) -> Motion:
+    """The inverse of :func:`save_motion`: what the file holds says which kind of motion it is.
+
+    Raises:
+        LegsimError: not such a file.
+    """
+    try:
+        with path.open("rb") as stream, np.load(stream, allow_pickle=False) as data:
+            return _motion(data)
+    except FileNotFoundError:
+        raise file_error(path, "no such file", "give a motion-<method>.npz") from None
+    except (OSError, EOFError, KeyError, ValueError, zipfile.BadZipFile) as error:
+        raise file_error(
+            path,
+            f"is not a motion file ({error})",
+            "expected an .npz with times (v,) and moved_from_reference (v, 4, 4)",
+        ) from None
+    except LegsimError as error:
+        raise file_error(path, str(error), "mend the file") from None
+
+
+def _motion(data: Mapping[str, np.ndarray]) -> Motion:
+    if "moved" in data:
+        return ControlPointMotion(data["times"], data["reference"], data["moved"])
+    if "displacements" in data:
+        nodes, spacing, center = (
+            data["displacements"],
+            data["grid_spacing_xyz"].tolist(),
+            data["grid_center"].tolist(),
+        )
+        return FieldMotion(
+            data["times"], VolumeGrid(nodes.shape[1:4], tuple(spacing), tuple(center)), nodes
+        )
+    return RigidMotion(data["times"], data["moved_from_reference"])

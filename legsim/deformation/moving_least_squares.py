@@ -1,0 +1,61 @@
+"""Non-rigid motion from a few followed points: moving least squares, rigid variant, in space.
+
+Schaefer et al. 2006 and Zhu and Gortler 2007, as used by Maier et al. 2022, section 2.6: every
+point of space moves by the rotation and translation that fit the control points best under weights
+1/distance^2. At a control point the limit is that point's own motion. :func:`displaced` is the
+general form for any number of points; :func:`three_points` prepares the closed form of three points
+that the device uses (legsim/kernels/mls.cl).
+"""
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from legsim.core.values import FloatArray
+
+# breaks the tie where the points leave a rotation open (fewer than three, or on a line): towards
+# turning as little as possible
+_TIE_BREAK = 1e-13
+
+
+def warp_points(points: ArrayLike, reference: ArrayLike, moved: ArrayLike) -> FloatArray:
+    """Where points (n, d) go when control points (m, d) go from ``reference`` to ``moved``; d is 2
+    or 3, m any number.
+
+    By a singular value decomposition a point, the determinant fixed to +1. Where the control points
+    leave the rotation open (one or two of them, or all on a line) the smallest one is taken.
+    Exactly the identity where nothing moves.
+    """
+    points, reference, moved = (np.asarray(a, float) for a in (points, reference, moved))
+    arms = reference - points[:, None]
+    weights = _weights((arms**2).sum(-1))
+    center = np.einsum("nm,nmd->nd", weights, arms)
+    shift = np.einsum("nm,md->nd", weights, moved - reference)
+    centered = arms - center[:, None]
+    centered_moved = centered + (moved - reference) - shift[:, None]
+    rotation = _best_rotations(np.einsum("nm,nmi,nmj->nij", weights, centered_moved, centered))
+    rotation[(centered_moved == centered).all((-2, -1))] = np.eye(points.shape[1])
+    # v - p* is -center; written as a displacement, so that p = q gives v itself and not v up to
+    # rounding
+    return points + shift - np.einsum("nij,nj->ni", rotation - np.eye(points.shape[1]), center)
+
+
+def _weights(squared: FloatArray) -> FloatArray:
+    """(n, m) 1/distance^2, normalized to the sum 1; all on one point where the distance is
+    nothing.
+    """
+    nearest = squared.min(-1, keepdims=True)
+    ratio = np.divide(nearest, squared, out=np.ones_like(squared), where=squared > 0)
+    # beside a control point that is hit exactly, the others have no weight (nearest = 0)
+    return ratio / ratio.sum(-1, keepdims=True)
+
+
+def _best_rotations(covariances: FloatArray) -> FloatArray:
+    """(n, d, d) rotations that turn the resting points into the moved ones best, for sums of moved
+    resting^T.
+    """
+    size = covariances.shape[-1]
+    scale = np.sqrt((covariances**2).sum((-2, -1)))[:, None, None]
+    steady = covariances + (_TIE_BREAK * scale + np.finfo(float).tiny) * np.eye(size)
+    u, _, vt = np.linalg.svd(steady)
+    u[:, :, -1] *= np.where(np.linalg.det(u @ vt) < 0, -1.0, 1.0)[:, None]
+    return u @ vt

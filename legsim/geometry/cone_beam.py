@@ -1,0 +1,241 @@
+"""Cone-beam geometry, projections, volume grids and volumes.
+
+Every view is one 3x4 matrix from world meters to pixel coordinates (column u, row v), pixel centers
+at integers, the first pixel at 0. Rows count upwards along world y in a circular scan, as in RTK,
+so that files exchange without a flip.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from legsim.core.errors import LegsimError
+from legsim.core.values import Float32Array, FloatArray, frozen, frozen_owned, increasing_times
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ConeBeamGeometry:
+    """Where source and detector are, view by view."""
+
+    times: FloatArray
+    """(v,) s, acquisition time of each view"""
+    matrices: FloatArray
+    """(v, 3, 4): (u w, v w, w) = matrix @ (x, y, z, 1) in world meters. Stored with a third row of
+    unit normal, so that w is the depth in meters along the principal ray, and with the sign that
+    puts the scanned region at positive depth."""
+    shape_vu: tuple[int, int]
+    """(rows, columns)"""
+    pixel_pitch: float = 1e-3
+    """m between neighboring columns on the detector. Rays do not depend on it: it only says how far
+    away the detector is.
+    """
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "times", increasing_times("ConeBeamGeometry.times", self.times))
+        matrices = np.array(self.matrices, float)
+        if matrices.shape != (len(self.times), 3, 4) or not np.isfinite(matrices).all():
+            raise LegsimError(
+                f"ConeBeamGeometry.matrices has shape {matrices.shape}; expected "
+                f"{(len(self.times), 3, 4)}, all finite"
+            )
+        determinants = np.abs(np.linalg.det(matrices[:, :, :3]))
+        scale = np.linalg.norm(matrices[:, 2, :3], axis=-1)
+        if (determinants <= 1e-12 * scale**3).any():
+            raise LegsimError(
+                f"ConeBeamGeometry.matrices[{int(np.argmin(determinants))}] is singular: it has "
+                "no source position"
+            )
+        matrices /= scale[:, None, None]
+        depth = matrices[:, 2, :3] @ _nearest_point_to_principal_rays(matrices) + matrices[:, 2, 3]
+        matrices *= np.where(depth < 0, -1.0, 1.0)[:, None, None]
+        object.__setattr__(self, "matrices", frozen("matrices", matrices, matrices.shape))
+        rows, columns = self.shape_vu
+        if rows < 1 or columns < 1:
+            raise LegsimError(
+                f"ConeBeamGeometry.shape_vu is {self.shape_vu}; both counts must be positive"
+            )
+        object.__setattr__(self, "shape_vu", (int(rows), int(columns)))
+        if not self.pixel_pitch > 0:
+            raise LegsimError(
+                f"ConeBeamGeometry.pixel_pitch is {self.pixel_pitch}; it must be positive"
+            )
+
+    @classmethod
+    def circular(
+        cls,
+        *,
+        times: ArrayLike,
+        angles: ArrayLike,
+        source_isocenter: float,
+        source_detector: float,
+        shape_vu: tuple[int, int],
+        pixel_pitch: float,
+        isocenter: ArrayLike = (0.0, 0.0, 0.0),
+    ) -> "ConeBeamGeometry":
+        """A C-arm turning about the vertical (world y) through ``isocenter``.
+
+        At angle a (rad) the source stands at isocenter + source_isocenter (sin a, 0, cos a);
+        columns run along (cos a, 0, -sin a), rows along +y; the principal ray hits the middle of
+        the detector. Distances in m.
+        """
+        angles, isocenter = np.atleast_1d(np.asarray(angles, float)), np.asarray(isocenter, float)
+        sine, cosine, zero, one = (
+            np.sin(angles),
+            np.cos(angles),
+            np.zeros_like(angles),
+            np.ones_like(angles),
+        )
+        toward_source = np.stack([sine, zero, cosine], -1)
+        axis_u, axis_v = np.stack([cosine, zero, -sine], -1), np.stack([zero, one, zero], -1)
+        focal = source_detector / pixel_pitch
+        rows, columns = shape_vu
+        camera = np.array([[focal, 0, (columns - 1) / 2], [0, focal, (rows - 1) / 2], [0, 0, 1.0]])
+        rotation = np.stack([axis_u, axis_v, -toward_source], -2)
+        source = isocenter + source_isocenter * toward_source
+        shift = -np.einsum("vij,vj->vi", rotation, source)
+        matrices = camera @ np.concatenate([rotation, shift[..., None]], -1)
+        return cls(np.asarray(times, float), matrices, shape_vu, pixel_pitch)
+
+    def __len__(self) -> int:
+        return len(self.times)
+
+    def __getitem__(self, views: slice) -> "ConeBeamGeometry":
+        """The geometry of a slice of the views."""
+        return _facing(
+            replace(self, times=self.times[views], matrices=self.matrices[views]),
+            self.matrices[views],
+        )
+
+    def finer(self, factor: int) -> "ConeBeamGeometry":
+        """The same detector with every pixel parted into ``factor`` x ``factor``."""
+        rows, columns = self.shape_vu
+        parted = np.array(
+            [[factor, 0, 0.5 * (factor - 1)], [0, factor, 0.5 * (factor - 1)], [0, 0, 1.0]]
+        )
+        shape_vu = (factor * rows, factor * columns)
+        matrices = parted @ self.matrices
+        return _facing(
+            replace(
+                self, matrices=matrices, shape_vu=shape_vu, pixel_pitch=self.pixel_pitch / factor
+            ),
+            matrices,
+        )
+
+    def coarser(self, factor: int) -> "ConeBeamGeometry":
+        """The detector whose pixels are blocks of ``factor`` x ``factor`` of these; what is left of
+        a block at the far edges is cut off.
+        """
+        rows, columns = self.shape_vu
+        # the middle of the first block, pixel (factor - 1) / 2 of these, is its pixel 0
+        joined = (
+            np.array([[1, 0, 0.5 * (1 - factor)], [0, 1, 0.5 * (1 - factor)], [0, 0, factor]])
+            / factor
+        )
+        shape_vu = (rows // factor, columns // factor)
+        return replace(
+            self,
+            matrices=joined @ self.matrices,
+            shape_vu=shape_vu,
+            pixel_pitch=factor * self.pixel_pitch,
+        )
+
+    def focal_lengths(self) -> FloatArray:
+        """(v,) from the source to the detector in columns: the length of each first row across the
+        principal ray.
+        """
+        row, normal = self.matrices[:, 0, :3], self.matrices[:, 2, :3]
+        return np.linalg.norm(row - (row * normal).sum(-1, keepdims=True) * normal, axis=-1)
+
+    def sources(self) -> FloatArray:
+        """(v, 3) source positions in world."""
+        return _source_positions(self.matrices)
+
+    def ray_directions(self, u: ArrayLike, v: ArrayLike) -> FloatArray:
+        """(views, *pixels, 3) world vectors from the source through pixel (u, v), of unit depth
+        (not unit length).
+        """
+        u, v = np.broadcast_arrays(np.asarray(u, float), np.asarray(v, float))
+        pixels = np.stack([u, v, np.ones_like(u)], -1)
+        return np.einsum("vij,...j->v...i", np.linalg.inv(self.matrices[:, :, :3]), pixels)
+
+    def project(self, points_world: ArrayLike) -> tuple[FloatArray, FloatArray]:
+        """((v, p, 2) pixel coordinates (u, v), (v, p) depths in m) of points (p, 3), or of (v, p,
+        3) that move.
+        """
+        points = np.asarray(points_world, float)
+        homogeneous = (
+            points @ np.swapaxes(self.matrices[:, :, :3], -1, -2) + self.matrices[:, None, :, 3]
+        )
+        return homogeneous[..., :2] / homogeneous[..., 2:], homogeneous[..., 2]
+
+    def moved(self, moved_from_reference: ArrayLike) -> "ConeBeamGeometry":
+        """P(i) M(i): the scanner that sees the resting object as this one sees it moved by (v, 4,
+        4) or (4, 4).
+        """
+        matrices = self.matrices @ np.asarray(moved_from_reference, float)
+        return _facing(replace(self, matrices=matrices), matrices)
+
+    def rotation_center(self) -> FloatArray:
+        """(3,) point nearest to all principal rays: the isocenter of a circular scan."""
+        return _nearest_point_to_principal_rays(self.matrices)
+
+
+def _facing(geometry: ConeBeamGeometry, matrices: FloatArray) -> ConeBeamGeometry:
+    """``geometry`` with depths positive where those of ``matrices`` (v, 3, 4) are: a few views of a
+    scan may not show what was scanned.
+    """
+    sides = np.sign(np.einsum("vi,vi->v", geometry.matrices[:, 2, :3], matrices[:, 2, :3]))
+    object.__setattr__(
+        geometry,
+        "matrices",
+        frozen("matrices", geometry.matrices * sides[:, None, None], matrices.shape),
+    )
+    return geometry
+
+
+def _source_positions(matrices: FloatArray) -> FloatArray:
+    """(v, 3): the point that each matrix maps to nothing."""
+    return np.asarray(-np.linalg.solve(matrices[:, :, :3], matrices[:, :, 3:])[..., 0], np.float64)
+
+
+def _nearest_point_to_principal_rays(matrices: FloatArray) -> FloatArray:
+    """Least-squares point (3,) of the lines through each source along the third row's normal; the
+    best-conditioned part only.
+    """
+    sources = _source_positions(matrices)
+    normals = matrices[:, 2, :3] / np.linalg.norm(matrices[:, 2, :3], axis=-1, keepdims=True)
+    across = np.eye(3) - normals[:, :, None] * normals[:, None, :]
+    # a single view (or parallel ones) leaves the place along the ray open: pinv then picks the
+    # point nearest to the origin
+    return np.linalg.pinv(across.sum(0), rcond=1e-9) @ np.einsum("vij,vj->i", across, sources)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Projections:
+    """Line integrals of attenuation, one image a view."""
+
+    geometry: ConeBeamGeometry
+    line_integrals: Float32Array
+    """(v, rows, columns) float32, dimensionless; an array of that type is taken over, not copied,
+    and can no more be written
+    """
+
+    def __post_init__(self) -> None:
+        expected = (len(self.geometry), *self.geometry.shape_vu)
+        images = np.ascontiguousarray(self.line_integrals, np.float32)
+        if images.shape != expected:
+            raise LegsimError(
+                f"Projections.line_integrals has shape {images.shape}; the geometry says "
+                f"{expected} (views, rows, columns)"
+            )
+        object.__setattr__(self, "line_integrals", frozen_owned(images))
+
+    def coarser(self, factor: int) -> "Projections":
+        """Means of blocks of ``factor`` x ``factor`` pixels, on
+        :meth:`ConeBeamGeometry.coarser`.
+        """
+        geometry = self.geometry.coarser(factor)
+        rows, columns = geometry.shape_vu
+        whole = self.line_integrals[:, : factor * rows, : factor * columns]
+        return Projections(geometry, whole.reshape(-1, rows, factor, columns, factor).mean((2, 4)))

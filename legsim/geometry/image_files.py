@@ -1,0 +1,358 @@
+"""Volumes and projections in image files (MHA, NIfTI, NRRD), through SimpleITK.
+
+World axes are the file's physical axes as ITK has them, without any turn, so that 3D Slicer and
+ITK-SNAP show a volume where it stands in world (they call +x left, +y posterior, +z superior;
+NIfTI's opposite signs are ITK's business). Files hold mm and 1/mm; memory m and 1/m. Files appear
+whole or not at all.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import shutil
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, BinaryIO
+
+import lazy_loader
+import numpy as np
+from numpy.typing import NDArray
+
+from legsim.core import files
+from legsim.core.errors import LegsimError, file_error
+from legsim.core.values import Float32Array
+from legsim.geometry.cone_beam import ConeBeamGeometry, Projections
+from legsim.geometry.volume import Volume, VolumeGrid
+
+if TYPE_CHECKING:
+    import SimpleITK as sitk
+else:
+    sitk = lazy_loader.load("SimpleITK")
+
+
+WRITABLE = (".mha", ".nii", ".nii.gz", ".nrrd")
+
+_MHA_START = """ObjectType = Image
+NDims = 3
+BinaryData = True
+BinaryDataByteOrderMSB = False
+CompressedData = False
+TransformMatrix = 1 0 0 0 1 0 0 0 1
+CenterOfRotation = 0 0 0
+AnatomicalOrientation = RAI
+"""
+
+
+@dataclass(frozen=True, slots=True)
+class ImageHeader:
+    """What an image file says about its samples; axes in the order x, y, z (for projections:
+    column, row, view).
+    """
+
+    size: tuple[int, int, int]
+    spacing_mm: tuple[float, float, float]
+    origin_mm: tuple[float, float, float]
+    """center of the first sample"""
+
+    def grid(self) -> VolumeGrid:
+        """The grid of a volume with this header, in m."""
+        (nx, ny, nz), (dx, dy, dz), (x, y, z) = self.size, self.spacing_mm, self.origin_mm
+        center = (x + 0.5 * (nx - 1) * dx, y + 0.5 * (ny - 1) * dy, z + 0.5 * (nz - 1) * dz)
+        return VolumeGrid(
+            (nz, ny, nx),
+            (1e-3 * dx, 1e-3 * dy, 1e-3 * dz),
+            (1e-3 * center[0], 1e-3 * center[1], 1e-3 * center[2]),
+        )
+
+
+def save_volume(path: Path | str, volume: Volume) -> None:
+    """Writes attenuation in 1/mm on a grid in mm, float32.
+
+    Raises:
+        LegsimError: the name's ending is none of :data:`WRITABLE`, or the file cannot be written.
+    """
+    image = sitk.GetImageFromArray(volume.attenuation * np.float32(1e-3))
+    image.SetSpacing([1e3 * s for s in volume.grid.spacing_xyz])
+    image.SetOrigin([1e3 * float(o) for o in volume.grid.origin])
+    _write(Path(path), image)
+
+
+def load_volume(path: Path | str) -> Volume:
+    """Reads attenuation in 1/mm on a grid in mm. Axes that the file has flipped or swapped are put
+    in order.
+
+    Raises:
+        LegsimError: no image, not three-dimensional, more than one channel, axes oblique to the
+            world's, or values that are not finite.
+    """
+    path = Path(path)
+    values, header = _read(path)
+    if not np.isfinite(values).all():
+        raise file_error(
+            path,
+            f"{np.count_nonzero(~np.isfinite(values))} voxels are not finite numbers",
+            "replace them before reading the volume",
+        )
+    values *= np.float32(1e3)
+    return Volume(header.grid(), values)
+
+
+def load_labels(path: Path | str, grid: VolumeGrid) -> NDArray[np.int32]:
+    """Reads whole numbers (z, y, x) that mark regions of a volume on ``grid``.
+
+    Raises:
+        LegsimError: no image, another grid than the volume's (by more than a hundredth of a voxel),
+            or values that are no whole numbers.
+    """
+    path = Path(path)
+    values, header = _read(path)
+    spacing_mm, origin_mm = 1e3 * np.array(grid.spacing_xyz), 1e3 * grid.origin
+    tolerance = 0.01 * spacing_mm.min()
+    far = np.abs(np.array(header.origin_mm) - origin_mm).max() > tolerance
+    if (
+        values.shape != grid.shape_zyx
+        or far
+        or np.abs(np.array(header.spacing_mm) - spacing_mm).max() * max(header.size) > tolerance
+    ):
+        raise file_error(
+            path,
+            f"has {header.size} voxels of {header.spacing_mm} mm from {header.origin_mm} mm, the "
+            f"volume {grid.shape_zyx[::-1]} of "
+            f"{tuple(spacing_mm.tolist())} mm from {tuple(origin_mm.tolist())} mm",
+            "resample the labels to the volume's grid",
+        )
+    if not (values == np.rint(values)).all():
+        raise file_error(
+            path,
+            "holds values that are no whole numbers",
+            "expected one whole number a region, 0 outside",
+        )
+    return values.astype(np.int32)
+
+
+class VolumeWriter:
+    """Takes the slabs of a volume as they come; :func:`volume_writer` makes it."""
+
+    def __init__(self, path: Path, grid: VolumeGrid, stream: BinaryIO) -> None:
+        self._path, self._grid, self._stream = path, grid, stream
+        self.slices = 0
+        """how many have come"""
+
+    def write(self, first_slice: int, slab: Float32Array) -> None:
+        """Appends slices (n, y, x) in 1/m; the first one's number must be that of the next slice.
+
+        Raises:
+            LegsimError: it is another one, or the slices are of another size than the grid's.
+        """
+        if first_slice != self.slices or slab.shape[1:] != self._grid.shape_zyx[1:]:
+            raise LegsimError(
+                f"{self._path}: slices {slab.shape} from {first_slice} do not follow slice "
+                f"{self.slices - 1} of the grid"
+            )
+        self.slices += len(slab)
+        for part in slab:
+            self._stream.write((part * np.float32(1e-3)).astype("<f4").tobytes())
+
+
+@contextmanager
+def volume_writer(path: Path | str, grid: VolumeGrid) -> Iterator[VolumeWriter]:
+    """Opens an .mha file to which a volume is written slab by slab, so that it never has to be in
+    memory whole.
+
+    Use it in a ``with`` statement and call :meth:`VolumeWriter.write` for consecutive slabs. The
+    file appears when the block ends well and every slice has come; otherwise nothing is left.
+
+    Raises:
+        LegsimError: the name does not end in .mha, the file cannot be written, the disk has too
+            little room, or slices are missing.
+    """
+    path = Path(path)
+    if path.suffix.lower() != ".mha":
+        raise LegsimError(f"{path}: slabs can only be written to .mha; name such a file")
+    numbers = {
+        "Offset": 1e3 * grid.origin,
+        "ElementSpacing": 1e3 * np.array(grid.spacing_xyz),
+        "DimSize": np.array(grid.shape_zyx[::-1]),
+    }
+    placed = "".join(
+        f"{key} = {' '.join(map(repr, values.tolist()))}\n" for key, values in numbers.items()
+    )
+    with files.whole(path) as partial, partial.open("wb") as stream:
+        free, needed = shutil.disk_usage(path.parent).free, 4 * math.prod(grid.shape_zyx)
+        if free < needed:
+            raise file_error(
+                path,
+                f"needs {needed / 2**30:.1f} GiB, the disk has {free / 2**30:.1f} GiB",
+                "make room or take another disk",
+            )
+        stream.write(
+            f"{_MHA_START}{placed}ElementType = MET_FLOAT\nElementDataFile = LOCAL\n".encode()
+        )
+        writer = VolumeWriter(path, grid, stream)
+        yield writer
+        if writer.slices < grid.shape_zyx[0]:
+            raise LegsimError(
+                f"{path}: only {writer.slices} of {grid.shape_zyx[0]} slices came; write all of "
+                "them"
+            )
+
+
+def save_projections(path: Path | str, projections: Projections) -> None:
+    """Writes line integrals as float32, (column, row, view) with the detector's center at the
+    physical origin, as RTK expects.
+
+    Raises:
+        LegsimError: the name's ending is none of :data:`WRITABLE`, or the file cannot be written.
+    """
+    image = sitk.GetImageFromArray(projections.line_integrals)
+    pitch_mm = 1e3 * projections.geometry.pixel_pitch
+    rows, columns = projections.geometry.shape_vu
+    image.SetSpacing([pitch_mm, pitch_mm, 1.0])
+    image.SetOrigin([-0.5 * (columns - 1) * pitch_mm, -0.5 * (rows - 1) * pitch_mm, 0.0])
+    _write(Path(path), image)
+
+
+def load_projections(path: Path | str, geometry: ConeBeamGeometry) -> Projections:
+    """Reads line integrals that belong to ``geometry``. Spacing and origin in the file are not
+    used: the matrices say where pixels are.
+
+    Raises:
+        LegsimError: no image, other counts of views, rows or columns than the geometry's, or values
+            that are not finite.
+    """
+    path = Path(path)
+    values, header = _read(path)
+    expected = (*geometry.shape_vu[::-1], len(geometry))
+    if header.size != expected:
+        raise file_error(
+            path,
+            f"holds {header.size} columns, rows and views, but the geometry describes {expected}",
+            "give the geometry file that belongs to these projections",
+        )
+    if not np.isfinite(values).all():
+        view = int(np.flatnonzero(~np.isfinite(values).all(axis=(1, 2)))[0])
+        raise file_error(
+            path,
+            "holds values that are not finite numbers",
+            "replace them before reconstructing",
+            place=f"view {view}",
+        )
+    return Projections(geometry, values)
+
+
+def read_header(path: Path | str) -> ImageHeader:
+    """Size, spacing and origin of a 3D image, axes in order, without reading its samples.
+
+    Raises:
+        LegsimError: no image, not three-dimensional, more than one channel, or axes oblique to the
+            world's.
+    """
+    path = Path(path)
+    reader = _open(path)
+    return _ordered_header(path, reader)[0]
+
+
+def _open(path: Path) -> sitk.ImageFileReader:
+    if not path.is_file():
+        raise file_error(path, "no such file", "check the name")
+    reader = sitk.ImageFileReader()
+    reader.SetFileName(str(path))
+    try:
+        reader.ReadImageInformation()
+    except RuntimeError as error:
+        raise file_error(
+            path,
+            f"not an image that ITK can read ({_last_line(error)})",
+            f"give one of {', '.join(WRITABLE)}",
+        ) from error
+    if reader.GetDimension() != 3 or reader.GetNumberOfComponents() != 1:
+        raise file_error(
+            path,
+            f"has {reader.GetDimension()} dimensions and {reader.GetNumberOfComponents()} channels",
+            "expected 3 dimensions and 1 channel; extract those first",
+        )
+    return reader
+
+
+def _last_line(error: RuntimeError) -> str:
+    return (str(error).strip().splitlines() or [type(error).__name__])[-1].strip()
+
+
+def _ordered_header(
+    path: Path, reader: sitk.ImageFileReader
+) -> tuple[ImageHeader, list[int], list[bool]]:
+    """(header along world axes, file axis of each world axis, whether that axis runs backwards)."""
+    direction = np.array(reader.GetDirection()).reshape(3, 3)
+    axes = [int(k) for k in np.argmax(np.abs(direction), axis=1)]
+    signs = np.array([direction[row, axis] for row, axis in enumerate(axes)])
+    if sorted(axes) != [0, 1, 2] or not np.allclose(np.abs(signs), 1.0, atol=1e-4):
+        raise file_error(
+            path,
+            f"its axes are oblique (direction cosines {np.round(direction, 4).ravel().tolist()})",
+            "resample it to axes along x, y and z first",
+        )
+    size, spacing = np.array(reader.GetSize())[axes], np.array(reader.GetSpacing())[axes]
+    flipped = signs < 0
+    origin = np.array(reader.GetOrigin()) - np.where(flipped, (size - 1) * spacing, 0.0)
+    (nx, ny, nz), (dx, dy, dz), (x, y, z) = size.tolist(), spacing.tolist(), origin.tolist()
+    header = ImageHeader((nx, ny, nz), (dx, dy, dz), (x, y, z))
+    return header, axes, [bool(f) for f in flipped]
+
+
+def _read(path: Path) -> tuple[Float32Array, ImageHeader]:
+    """(samples (z, y, x) float32, header), axes in order."""
+    reader = _open(path)
+    header, axes, flipped = _ordered_header(path, reader)
+    try:
+        with _quiet():
+            image = reader.Execute()
+    except RuntimeError as error:
+        raise file_error(path, "cannot be read to its end", "write or copy it again") from error
+    samples = sitk.GetArrayViewFromImage(image)
+    if np.iscomplexobj(samples):
+        raise file_error(path, "holds complex numbers", "expected real ones")
+    # world axis w is array axis 2 - w; the file's axis axes[w] is array axis 2 - axes[w]
+    ordered = samples.transpose([2 - axes[w] for w in (2, 1, 0)])
+    ordered = ordered[tuple(slice(None, None, -1 if flipped[w] else 1) for w in (2, 1, 0))]
+    return np.array(ordered, np.float32, order="C"), header
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """ITK's readers write to the process's standard error what they raise anyhow; here it is
+    dropped.
+    """
+    if sys.__stderr__ is None:  # closed: nothing can be written there
+        yield
+        return
+    sys.__stderr__.flush()
+    kept, nowhere = os.dup(2), os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nowhere, 2)
+    try:
+        yield
+    finally:
+        os.dup2(kept, 2)
+        os.close(kept)
+        os.close(nowhere)
+
+
+def _write(path: Path, image: sitk.Image) -> None:
+    ending = next(
+        (e for e in sorted(WRITABLE, key=len, reverse=True) if path.name.lower().endswith(e)), None
+    )
+    if ending is None:
+        raise LegsimError(
+            f"{path}: images are not written in this format; name a file that ends in "
+            f"{', '.join(WRITABLE)}"
+        )
+    try:
+        with files.whole(path) as partial:
+            sitk.WriteImage(image, str(partial), ending == ".nii.gz")
+    except RuntimeError as error:
+        raise file_error(
+            path, f"cannot be written ({_last_line(error)})", "check the folder and the space left"
+        ) from error

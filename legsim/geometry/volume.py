@@ -1,0 +1,121 @@
+"""Volumes and the grids they lie on."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from legsim.core.errors import LegsimError
+from legsim.core.values import Float32Array, FloatArray, frozen_owned
+
+
+@dataclass(frozen=True, slots=True)
+class VolumeGrid:
+    """Voxel centers along the world axes."""
+
+    shape_zyx: tuple[int, int, int]
+    spacing_xyz: tuple[float, float, float]
+    """m between voxel centers along world x, y, z"""
+    center: tuple[float, float, float]
+    """(x, y, z) m in world of the middle of the grid"""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "shape_zyx", tuple(int(n) for n in self.shape_zyx))
+        object.__setattr__(self, "spacing_xyz", tuple(float(s) for s in self.spacing_xyz))
+        object.__setattr__(self, "center", tuple(float(c) for c in self.center))
+        if len(self.shape_zyx) != 3 or min(self.shape_zyx) < 1:
+            raise LegsimError(
+                f"VolumeGrid.shape_zyx is {self.shape_zyx}; expected three positive counts"
+            )
+        if len(self.spacing_xyz) != 3 or not all(
+            np.isfinite(s) and s > 0 for s in self.spacing_xyz
+        ):
+            raise LegsimError(
+                f"VolumeGrid.spacing_xyz is {self.spacing_xyz}; expected three positive lengths"
+            )
+        if len(self.center) != 3 or not np.isfinite(self.center).all():
+            raise LegsimError(
+                f"VolumeGrid.center is {self.center}; expected three finite coordinates"
+            )
+
+    @classmethod
+    def cubic(cls, count: int, spacing: float, center: Sequence[float]) -> "VolumeGrid":
+        """``count``^3 voxels of edge ``spacing`` (m) around ``center`` (m)."""
+        return cls(
+            (count, count, count), (spacing, spacing, spacing), (center[0], center[1], center[2])
+        )
+
+    @property
+    def origin(self) -> FloatArray:
+        """(3,) world position of voxel (0, 0, 0)'s center."""
+        counts_xyz = np.array(self.shape_zyx[::-1])
+        return np.array(self.center) - 0.5 * (counts_xyz - 1) * np.array(self.spacing_xyz)
+
+    def axes(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """World x (nx,), y (ny,) and z (nz,) of the voxel centers."""
+        nz, ny, nx = self.shape_zyx
+        x, y, z = (
+            o + s * np.arange(n)
+            for o, s, n in zip(self.origin, self.spacing_xyz, (nx, ny, nz), strict=True)
+        )
+        return x, y, z
+
+    def cropped(self, box_zyx: tuple[slice, slice, slice]) -> "VolumeGrid":
+        """The grid of the voxels in ``box_zyx``, where they are."""
+        starts, stops = np.transpose(
+            [part.indices(n)[:2] for part, n in zip(box_zyx, self.shape_zyx, strict=True)]
+        )
+        nz, ny, nx = (stops - starts).tolist()
+        x, y, z = (
+            self.origin + np.array(self.spacing_xyz) * (starts + stops - 1)[::-1] / 2
+        ).tolist()
+        return VolumeGrid((nz, ny, nx), self.spacing_xyz, (x, y, z))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Volume:
+    """Linear attenuation on a grid."""
+
+    grid: VolumeGrid
+    attenuation: Float32Array
+    """(z, y, x) float32, 1/m; taken over as in :class:`Projections`"""
+
+    def __post_init__(self) -> None:
+        values = np.ascontiguousarray(self.attenuation, np.float32)
+        if values.shape != self.grid.shape_zyx:
+            raise LegsimError(
+                f"Volume.attenuation has shape {values.shape}; the grid says "
+                f"{self.grid.shape_zyx} (z, y, x)"
+            )
+        object.__setattr__(self, "attenuation", frozen_owned(values))
+
+
+def node_positions(grid: VolumeGrid) -> FloatArray:
+    """(n, 3) world positions of a grid's points in the order of its arrays: x fastest."""
+    x, y, z = grid.axes()
+    return np.stack(np.meshgrid(z, y, x, indexing="ij")[::-1], -1).reshape(-1, 3)
+
+
+def nodes_over(grid: VolumeGrid, spacing: float) -> VolumeGrid:
+    """A coarse grid of ``spacing`` (m) that covers all of ``grid``.
+
+    Raises:
+        LegsimError: the spacing is not positive.
+    """
+    if not spacing > 0:
+        raise LegsimError(
+            f"nodes of a displacement field need a positive spacing in m; got {spacing:g}"
+        )
+    counts = [
+        int(np.ceil(n * s / spacing)) + 1
+        for n, s in zip(grid.shape_zyx[::-1], grid.spacing_xyz, strict=True)
+    ]
+    return VolumeGrid((counts[2], counts[1], counts[0]), (spacing, spacing, spacing), grid.center)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class NamedVolume:
+    """A reconstruction under the name of its method."""
+
+    name: str
+    volume: Volume

@@ -1,0 +1,66 @@
+"""What white noise of a sensor does to the motion estimated from it: the cells of the paper's Table
+2.
+
+Maier et al. 2022, Section 3.2: the motion estimated from noisy signals is compared with the
+noise-free estimate, the RMSE over the views is taken an axis and averaged over the three axes, for
+translations and for rotations, and over repeated draws of the noise. The translation compared here
+is the sensor's own, which does not hang on where the world's origin lies.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from legsim.core import transforms
+from legsim.core.values import FloatArray
+from legsim.imu import strapdown
+from legsim.imu.noise import ImuNoise, add_noise
+from legsim.imu.signals import ImuSignals, SensorStart
+from legsim.imu.strapdown import Scheme
+
+
+@dataclass(frozen=True, slots=True)
+class Drift:
+    """RMSE over the views, mean of three axes."""
+
+    translation: float
+    """m"""
+    rotation: float
+    """rad"""
+
+
+def deviation(found: FloatArray, clean: FloatArray) -> Drift:
+    """Of two estimates world_from_sensor (v, 4, 4) of the same views."""
+    away = found[:, :3, 3] - clean[:, :3, 3]
+    turned = transforms.vector_from_rotation(
+        found[:, :3, :3] @ np.swapaxes(clean[:, :3, :3], -1, -2)
+    )
+    return Drift(*(float(np.sqrt((errors**2).mean(0)).mean()) for errors in (away, turned)))
+
+
+def deviations(
+    clean: ImuSignals,
+    start: SensorStart,
+    views: FloatArray,
+    noise: ImuNoise,
+    scheme: Scheme,
+    seeds: Sequence[int | Sequence[int]],
+) -> tuple[Drift, ...]:
+    """One draw of the noise a seed, on the first sensor's signals; the same seeds give the same
+    draws at every level of noise.
+    """
+    sensor = clean.sensor_names[0]
+    reference = strapdown.integrate(clean.times, *clean.sensor(sensor), start, views, scheme=scheme)
+    results = []
+    for seed in seeds:
+        noisy = add_noise(clean, noise, np.random.default_rng(seed))
+        results.append(
+            deviation(
+                strapdown.integrate(
+                    noisy.times, *noisy.sensor(sensor), start, views, scheme=scheme
+                ),
+                reference,
+            )
+        )
+    return tuple(results)

@@ -1,0 +1,67 @@
+"""IMU signals and the pose and velocity from which their integration starts."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from legsim.core.errors import LegsimError
+from legsim.core.values import FloatArray, frozen, increasing_times, index_of, unique_names
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ImuSignals:
+    """What strapped-down sensors read, each in its own frame."""
+
+    times: FloatArray
+    """(n,) s"""
+    sensor_names: tuple[str, ...]
+    angular_velocity: FloatArray
+    """(n, k, 3) rad/s in the sensor frame"""
+    specific_force: FloatArray
+    """(n, k, 3) m/s^2 in the sensor frame: acceleration minus gravity, so +9.80665 upwards at
+    rest
+    """
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "times", increasing_times("ImuSignals.times", self.times))
+        object.__setattr__(self, "sensor_names", unique_names("sensor", self.sensor_names))
+        shape = (len(self.times), len(self.sensor_names), 3)
+        for name in ("angular_velocity", "specific_force"):
+            object.__setattr__(self, name, frozen(f"ImuSignals.{name}", getattr(self, name), shape))
+
+    def sensor(self, name: str) -> tuple[FloatArray, FloatArray]:
+        """(angular_velocity (n, 3), specific_force (n, 3)) of one sensor."""
+        k = index_of("sensor", self.sensor_names, name)
+        return self.angular_velocity[:, k], self.specific_force[:, k]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SensorStart:
+    """Where a sensor is, and how fast it moves, at the first view."""
+
+    world_from_sensor: FloatArray
+    """(4, 4)"""
+    velocity: FloatArray
+    """(3,) m/s of the sensor's origin in world"""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(
+            self,
+            "world_from_sensor",
+            frozen("SensorStart.world_from_sensor", self.world_from_sensor, (4, 4)),
+        )
+        object.__setattr__(self, "velocity", frozen("SensorStart.velocity", self.velocity, (3,)))
+        rotation = self.world_from_sensor[:3, :3]
+        if (
+            not np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-6)
+            or np.linalg.det(rotation) < 0
+        ):
+            raise LegsimError(
+                "SensorStart.world_from_sensor is no rigid pose: its rotation must be orthonormal "
+                "and right-handed"
+            )
+        if not np.isfinite(self.world_from_sensor).all() or not np.isfinite(self.velocity).all():
+            raise LegsimError(
+                "SensorStart holds a number that is not finite; give the pose and velocity of the "
+                "first view"
+            )

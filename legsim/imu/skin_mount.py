@@ -1,0 +1,122 @@
+"""A sensor that rides on soft tissue: what it reads when it swings on the skin as a damped
+oscillator.
+
+The tissue below a strap is a spring and a damper between bone and sensor, and the sensor's mass
+hangs on it, driven by the specific force of the point of the bone below it. Only the shift is
+modelled: the sensor does not tilt, so the gyroscope reads the bone's turn; and the shift's own
+Coriolis terms (twice the angular rate times its speed, 1 % of the swing in a held squat) are left
+out. The truth stays the rigid sensor's: this changes signals only.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.signal import cont2discrete, lfilter
+
+from legsim.core.errors import LegsimError
+from legsim.core.values import FloatArray, frozen
+from legsim.imu.signals import ImuSignals
+
+
+@dataclass(frozen=True, slots=True)
+class SkinMount:
+    """How a sensor is held."""
+
+    frequency_hz: float
+    """undamped resonance; 5 to 15 Hz on the muscles of thigh and calf, above 20 Hz over bone"""
+    damping: float
+    """of critical: 1 does not overshoot"""
+    amplitude: float = 1.0
+    """part of the oscillator's swing that the sensor makes: 0 is fixed to the bone, 1 hangs on the
+    spring alone
+    """
+
+    def __post_init__(self) -> None:
+        if not (
+            np.isfinite(self.frequency_hz)
+            and self.frequency_hz > 0
+            and np.isfinite(self.damping)
+            and self.damping > 0
+        ):
+            raise LegsimError(
+                f"soft tissue needs a frequency and a damping above 0; got {self.frequency_hz:g} "
+                f"Hz and {self.damping:g}"
+            )
+        if not (np.isfinite(self.amplitude) and self.amplitude >= 0):
+            raise LegsimError(
+                f"the amplitude of soft tissue must not be negative; got {self.amplitude:g}"
+            )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TissueMotion:
+    """What swinging sensors read, and how far they swing."""
+
+    signals: ImuSignals
+    shift: FloatArray
+    """(n, k, 3) m from where the strap holds the sensor on average, along the sensor's axes"""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(
+            self,
+            "shift",
+            frozen("TissueMotion.shift", self.shift, self.signals.specific_force.shape),
+        )
+
+
+def swing(signals: ImuSignals, tissue: SkinMount) -> TissueMotion:
+    """Signals of sensors on soft tissue, from those of the same sensors fixed to the bone.
+
+    The shift u obeys u'' + 2 z w u' + w^2 u = -(f - mean f) with f the rigid sensor's specific
+    force, linear between samples; it starts settled under the first sample. The sensor reads f +
+    amplitude u''.
+
+    Raises:
+        LegsimError: samples that are not even, or fewer than four a period of the resonance.
+    """
+    steps = np.diff(signals.times)
+    if len(steps) < 1 or np.ptp(steps) > 1e-6:
+        raise LegsimError(
+            "soft tissue needs signals of two or more samples at even times: simulate the sensors "
+            "at a fixed rate"
+        )
+    rate = 1 / float(steps.mean())
+    if rate < 4 * tissue.frequency_hz:
+        raise LegsimError(
+            f"soft tissue at {tissue.frequency_hz:g} Hz needs signals of at least "
+            f"{4 * tissue.frequency_hz:g} Hz; got {rate:g} Hz: "
+            "raise imu.rate_hz"
+        )
+    driven = signals.specific_force - signals.specific_force.mean(0)
+    second = _response(
+        [1.0, 0.0, 0.0], tissue.damping, 2 * np.pi * tissue.frequency_hz / rate, -driven
+    )
+    felt = ImuSignals(
+        signals.times,
+        signals.sensor_names,
+        signals.angular_velocity,
+        signals.specific_force + tissue.amplitude * second,
+    )
+    return TissueMotion(felt, shift(driven, rate, tissue))
+
+
+def shift(acceleration: FloatArray, rate_hz: float, tissue: SkinMount) -> FloatArray:
+    """How far (n, ...) m what hangs on the tissue is from where it rests, its holder accelerating
+    by ``acceleration`` (n, ...) m/s^2, linear between samples at ``rate_hz``; it starts settled
+    under the first sample."""
+    w = 2 * np.pi * tissue.frequency_hz
+    # in units of 1/w, so that no coefficient is tiny
+    return tissue.amplitude * (_response([1.0], tissue.damping, w / rate_hz, -acceleration) / w**2)
+
+
+def _response(numerator: list[float], damping: float, step: float, drive: FloatArray) -> FloatArray:
+    """Output (n, ...) of numerator(s) / (s^2 + 2 damping s + 1) to a drive linear between samples
+    ``step`` apart, settled at the start.
+    """
+    # its annotation leaves open how many parts there are
+    discrete: Any = cont2discrete((numerator, [1.0, 2 * damping, 1.0]), step, method="foh")
+    top, bottom = discrete[:2]
+    gain = float(np.sum(top) / np.sum(bottom))
+    swung = lfilter(np.ravel(top), bottom, drive - drive[0], axis=0)
+    return np.asarray(swung + gain * drive[0], float)

@@ -1,0 +1,232 @@
+"""The least-squares problem of inverse kinematics: residuals, priors, limits and Jacobian."""
+
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+
+from legsim.core import transforms
+from legsim.core.errors import LegsimError
+from legsim.core.values import FloatArray
+from legsim.kinematics.leg_model import COORDINATES, Kinematics, LegModel, marker_rows
+from legsim.kinematics.marker_sites import MarkerSites
+from legsim.kinematics.skeleton import segment_index
+
+
+@dataclass(frozen=True, slots=True)
+class CoordinatePrior:
+    """A coordinate is pulled to a value: adds ``weight * (coordinate - value)^2`` to the sum over
+    the markers.
+    """
+
+    coordinate: str
+    weight: float
+    """m^2/rad^2: (marker error / coordinate's spread)^2"""
+    value: float = 0.0
+    """rad"""
+
+
+def _default_priors() -> tuple[CoordinatePrior, ...]:
+    # 5 mm of marker error against 10 degrees of spread: decides hip rotation when the knee is
+    # straight, hardly counts when it is bent
+    weak = (("hip_rotation", 8e-4), ("subtalar_angle", 1e-7), ("mtp_angle", 1e-7))
+    return tuple(
+        CoordinatePrior(f"{name}_{side}", weight) for name, weight in weak for side in "rl"
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class ReplayConfig:
+    """How markers become coordinates."""
+
+    priors: tuple[CoordinatePrior, ...] = field(default_factory=_default_priors)
+    """hip rotation toward neutral, toes straight; subtalar so weakly that the flat foot decides"""
+    flat_foot_weight: float = 1e-5
+    """m^2: of the squared horizontal part of each foot's upright axis; where no marker sits on the
+    foot it stands flat on the floor
+    """
+    tolerance: float = 1e-9
+    """m: converged when no free coordinate's gradient, over the root of its own curvature, exceeds
+    this
+    """
+    max_iterations: int = 200
+    """of one frame; a frame that has not converged by then is counted in the report"""
+    strides: tuple[int, ...] = (64, 8, 1)
+    """frames between those solved first, from scratch; then ever closer ones, each started between
+    solved neighbors
+    """
+
+
+class State(NamedTuple):
+    """The sum at some coordinates, n frames."""
+
+    values: FloatArray
+    cost: FloatArray
+    gradient: FloatArray
+    curvature: FloatArray
+    scale: FloatArray
+    """(n, 20) diagonal of the Gauss-Newton matrix"""
+
+
+class Problem:
+    """The least-squares problem of one leg and marker set."""
+
+    def __init__(self, leg: LegModel, sites: MarkerSites, config: ReplayConfig) -> None:
+        self.leg, self.sites, self.config = leg, sites, config
+        for side, word in (("r", "right"), ("l", "left")):
+            if not any(s.endswith(f"_{side}") for s in sites.segments):
+                raise LegsimError(f"no marker sits on the {word} leg; complete the marker map")
+        self.rows = marker_rows(sites)
+        self.pelvis_rows = [k for k, segment in enumerate(sites.segments) if segment == "pelvis"]
+        self.subtrees = leg.moves[:, self.rows].astype(float)
+        related = (leg.moves[:, None] & leg.moves[None]).any(-1)
+        self._related = np.triu(related).astype(float)
+        # the pelvis translates along the world's axes, whatever its turn
+        self._turning = self._related.copy()
+        self._turning[:3, 3:6] = 0
+        self._diagonal = np.arange(len(COORDINATES))
+        self._feet = [segment_index(f"calcn_{side}") for side in "rl"]
+        self._prior_weights, self._prior_values = np.zeros((2, len(COORDINATES)))
+        for prior in config.priors:
+            if prior.coordinate not in COORDINATES:
+                raise LegsimError(
+                    f"no coordinate named {prior.coordinate!r} for a prior; there are: "
+                    f"{', '.join(COORDINATES)}"
+                )
+            column = COORDINATES.index(prior.coordinate)
+            self._prior_weights[column], self._prior_values[column] = prior.weight, prior.value
+        limits = leg.coordinate_ranges.copy()
+        limits[:6] = -np.inf, np.inf
+        self.low, self.high = limits.T
+
+    def at(
+        self, values: FloatArray, measured: FloatArray, weights: FloatArray, exact: np.ndarray
+    ) -> State:
+        """Cost, gradient and curvature at values (n, 20); ``weights`` (n, m) are 0 where a marker
+        is not seen.
+
+        The curvature is Gauss and Newton's, with the second derivatives of the markers where
+        ``exact`` (n,) says so.
+        """
+        pose = self.leg.kinematics(values)
+        # about the pelvis, so that a subject far from the world's origin loses no digits
+        center = pose.origins[:, :1]
+        angular, linear = pose.angular, pose.linear + _cross(pose.angular, center)
+        points = (
+            pose.origins[:, self.rows]
+            + (pose.rotations[:, self.rows] @ self.sites.positions[..., None])[..., 0]
+        )
+        residuals = np.where(weights[..., None] > 0, points - measured, 0.0)
+        cost = 0.5 * (weights * (residuals**2).sum(-1)).sum(1)
+        gradient, upper, bend = self._composite(
+            angular, linear, points - center, residuals, weights
+        )
+        away = values - self._prior_values
+        gradient += self._prior_weights * away
+        upper[:, self._diagonal, self._diagonal] += self._prior_weights
+        cost = (
+            cost
+            + 0.5 * (self._prior_weights * away**2).sum(1)
+            + self._add_flat_feet(pose, gradient, upper, bend)
+        )
+        scale = np.einsum("ncc->nc", upper).copy()
+        upper[exact] += bend[exact]
+        curvature = upper + np.swapaxes(np.triu(upper, 1), -1, -2)
+        return State(values, cost, gradient, curvature, scale)
+
+    def _composite(
+        self,
+        angular: FloatArray,
+        linear: FloatArray,
+        points: FloatArray,
+        residuals: FloatArray,
+        weights: FloatArray,
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Gradient (n, 20), upper triangles (n, 20, 20) of the Gauss-Newton matrix and of the
+        second derivatives, from sums over subtrees.
+
+        The knee's own glide is left out of its second derivative; that costs an iteration, not
+        accuracy.
+        """
+        n, m = weights.shape
+        force, mass_points = weights[..., None] * residuals, weights[..., None] * points
+        squares = (mass_points[..., :, None] * points[..., None, :]).reshape(n, m, 9)
+        works = (points[..., :, None] * force[..., None, :]).reshape(n, m, 9)
+        sums = self.subtrees @ np.concatenate(
+            [weights[..., None], mass_points, force, squares, works], -1
+        )
+        mass, first, push = sums[..., :1], sums[..., 1:4], sums[..., 4:7]
+        second, work = sums[..., 7:16].reshape(n, -1, 3, 3), sums[..., 16:].reshape(n, -1, 3, 3)
+        torque = np.stack(
+            [work[..., a, b] - work[..., b, a] for a, b in ((1, 2), (2, 0), (0, 1))], -1
+        )
+        gradient = (linear * push).sum(-1) + (angular * torque).sum(-1)
+        shift = mass * linear + _cross(angular, first)
+        twist = _cross(first, linear) + _traced(second, angular)
+        upper = (
+            np.concatenate([linear, angular], -1)
+            @ np.swapaxes(np.concatenate([shift, twist], -1), -1, -2)
+        ) * self._related
+        turned = _cross(linear, push) - _traced(work, angular)
+        return gradient, upper, (angular @ np.swapaxes(turned, -1, -2)) * self._turning
+
+    def _add_flat_feet(
+        self, pose: Kinematics, gradient: FloatArray, upper: FloatArray, bend: FloatArray
+    ) -> FloatArray:
+        """Adds the prior on the feet to gradient and upper triangles in place; returns its cost
+        (n,).
+        """
+        weight, cost = self.config.flat_foot_weight, np.zeros(len(gradient))
+        for foot in self._feet if weight > 0 else ():
+            angular, upright = (
+                pose.angular * self.leg.moves[:, foot, None],
+                pose.rotations[:, foot, :, 1],
+            )
+            lean = upright * (1.0, 0.0, 1.0)
+            turns = _cross(angular, upright[:, None])
+            flat = turns * (1.0, 0.0, 1.0)
+            gradient += weight * (turns @ lean[..., None])[..., 0]
+            upper += (weight * self._related) * (flat @ np.swapaxes(flat, -1, -2))
+            bend += (weight * self._related) * (
+                angular @ np.swapaxes(_cross(turns, lean[:, None]), -1, -2)
+            )
+            cost += 0.5 * weight * (lean**2).sum(1)
+        return cost
+
+    def pelvis_starts(self, measured: FloatArray) -> FloatArray:
+        """Pelvis coordinates (n, 6) from its own markers (n, m, 3), three seen at least; angles run
+        on past half a turn.
+        """
+        rows = np.array(self.pelvis_rows)
+        found = np.empty((len(measured), 6))
+        for i, frame in enumerate(measured[:, rows]):
+            use = np.isfinite(frame[:, 0])
+            pose = transforms.best_rigid(
+                self.sites.positions[rows[use]], frame[use], self.sites.weights[rows[use]]
+            )
+            found[i] = *_pelvis_angles(pose[:3, :3]), *pose[:3, 3]
+        found[:, :3] = np.unwrap(found[:, :3], axis=0)
+        return found
+
+
+def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
+    """Cross product on the last axis; np.cross without its overhead."""
+    x = a[..., 1] * b[..., 2] - a[..., 2] * b[..., 1]
+    y = a[..., 2] * b[..., 0] - a[..., 0] * b[..., 2]
+    return np.stack([x, y, a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]], -1)
+
+
+def _traced(matrices: FloatArray, vectors: FloatArray) -> FloatArray:
+    """(trace(M) - M) v."""
+    trace = matrices[..., 0, 0] + matrices[..., 1, 1] + matrices[..., 2, 2]
+    return trace[..., None] * vectors - np.einsum("ncij,ncj->nci", matrices, vectors)
+
+
+def _pelvis_angles(rotation: FloatArray) -> tuple[float, float, float]:
+    """Tilt (z), list (x), rotation (y) of a pelvis whose rotation is Rz Rx Ry."""
+    r = rotation
+    return (
+        float(np.arctan2(-r[0, 1], r[1, 1])),
+        float(np.arcsin(np.clip(r[2, 1], -1, 1))),
+        float(np.arctan2(-r[2, 0], r[2, 2])),
+    )

@@ -1,0 +1,204 @@
+"""A person that moves: the scaled leg, its joint coordinates, and how well the markers are
+followed.
+"""
+
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from legsim.kinematics.inverse_kinematics import IkReport
+from legsim.kinematics.leg_model import LegModel
+from legsim.kinematics.scaling import Scaling
+from legsim.mocap.cleaning import CleaningReport
+from legsim.mocap.trajectories import JointTrajectories, MarkerTrajectories
+
+_POOR_RMS, _POOR_WORST = 0.03, 0.1
+"""m: skin and placement of markers explain less than this"""
+
+_WORTH_TELLING = 0.005
+"""share of the samples"""
+"""more than any knee overextends"""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MarkerFit:
+    """What stands behind coordinates that came from markers."""
+
+    measured: MarkerTrajectories
+    """cleaned, by role"""
+    modelled: MarkerTrajectories
+    """where the solved model has them"""
+    cleaning: CleaningReport
+    scaling: Scaling
+    ik: IkReport
+    scaled_from: str
+    """name of the recording that the model's size comes from"""
+    settled_hz: float
+    """cut-off of the second low-pass, of the joint coordinates; 0 where there was none"""
+
+
+@dataclass(frozen=True, slots=True)
+class CoordinateRange:
+    """How far one coordinate goes."""
+
+    name: str
+    unit: str
+    """deg or mm"""
+    mean: float
+    rms: float
+    """around the mean"""
+    lowest: float
+    highest: float
+    highest_rate: float
+    """per s, between two samples"""
+    highest_rate_frame: int
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MovingLeg:
+    """A person's leg model and how it moves."""
+
+    name: str
+    leg: LegModel
+    trajectories: JointTrajectories
+    fit: MarkerFit | None
+    """None where the file held coordinates"""
+    notes: tuple[str, ...] = ()
+    """what was put right on the way in"""
+
+    def ranges(self) -> tuple[CoordinateRange, ...]:
+        """Mean, spread and extremes of every coordinate."""
+        rows, times = [], self.trajectories.times
+        for name in self.trajectories.coordinate_names:
+            unit, factor = (
+                ("mm", 1e3)
+                if name in ("pelvis_tx", "pelvis_ty", "pelvis_tz")
+                else ("deg", np.degrees(1.0))
+            )
+            values = factor * self.trajectories.coordinate(name)
+            rates = np.abs(np.diff(values) / np.diff(times)) if len(values) > 1 else np.zeros(1)
+            extremes = (
+                float(values.min()),
+                float(values.max()),
+                float(rates.max()),
+                int(rates.argmax()),
+            )
+            rows.append(
+                CoordinateRange(name, unit, float(values.mean()), float(values.std()), *extremes)
+            )
+        return tuple(rows)
+
+    def summary(self) -> dict[str, Any]:
+        """Numbers about the fit, for kinematics.json."""
+        if self.fit is None:
+            ranges = [asdict(row) for row in self.ranges()]
+            return {
+                "source": "coordinates",
+                "file": self.name,
+                "notes": list(self.notes),
+                "coordinates": ranges,
+            }
+        ik, cleaning = self.fit.ik, self.fit.cleaning
+        return {
+            "source": "markers",
+            "file": self.name,
+            "marker_set": cleaning.marker_set,
+            "notes": list(self.notes),
+            "scaled_from": self.fit.scaled_from,
+            "filter_hz": cleaning.filter_hz,
+            "coordinate_filter_hz": self.fit.settled_hz,
+            "marker_rms_mm": 1e3 * ik.rms,
+            "frames_unconverged": len(ik.frames_unconverged),
+            "markers": [
+                {
+                    "role": name,
+                    "rms_mm": 1e3 * float(ik.marker_rms[k]),
+                    "worst_mm": 1e3 * float(ik.marker_worst[k]),
+                    "worst_frame": int(ik.marker_worst_frame[k]),
+                    "worst_s": float(self.trajectories.times[ik.marker_worst_frame[k]]),
+                    "labels": list(cleaning.of(name).labels),
+                    "seen": int(ik.marker_seen[k]),
+                    "missing": cleaning.of(name).missing,
+                    "longest_gap_s": cleaning.of(name).longest_gap_s,
+                    "jumps_removed": cleaning.of(name).jumps_removed,
+                    "filled": cleaning.of(name).filled,
+                    "rebuilt": cleaning.of(name).rebuilt,
+                    "left_missing": cleaning.of(name).left_missing,
+                }
+                for k, name in enumerate(ik.marker_names)
+            ],
+            "coordinates": [
+                {
+                    **asdict(row),
+                    "decided_by_markers": float(ik.coordinate_share[k]),
+                    "frames_at_limit": int(ik.coordinate_at_limit[k]),
+                }
+                for k, row in enumerate(self.ranges())
+            ],
+            "lengths_mm": {m.name: 1e3 * m.measured for m in self.fit.scaling.measurements},
+        }
+
+    def lines(self) -> list[str]:
+        """A short account for the terminal."""
+        if self.fit is None:
+            count = len(self.trajectories.times)
+            return [
+                f"{self.name}: {count} samples of {len(self.trajectories.coordinate_names)} "
+                "coordinates",
+                *self.notes,
+            ]
+        ik, cleaning = self.fit.ik, self.fit.cleaning
+        filled, jumps = (
+            sum(r.filled for r in cleaning.roles),
+            sum(r.jumps_removed for r in cleaning.roles),
+        )
+        loose = [
+            n
+            for n, share in zip(ik.coordinate_names, ik.coordinate_share, strict=True)
+            if share < 0.5
+        ]
+        lines = [
+            f"{self.name}: {len(self.trajectories.times)} frames at {cleaning.rate_hz:g} Hz, "
+            f"marker set {cleaning.marker_set}",
+            *self.notes,
+            f"cleaned: {jumps} samples removed as jumps, {filled} bridged, low-pass "
+            f"{cleaning.filter_hz:g} Hz"
+            + (
+                f"; joint angles {self.fit.settled_hz:g} Hz, which moves no marker farther than "
+                "its noise"
+                if self.fit.settled_hz
+                else ""
+            ),
+            f"model follows the markers within {1e3 * ik.rms:.1f} mm RMS (worst "
+            f"{1e3 * np.nanmax(ik.marker_worst):.1f} mm)",
+        ]
+        worst = int(np.nanargmax(ik.marker_worst))
+        if ik.rms > _POOR_RMS or ik.marker_worst[worst] > _POOR_WORST:
+            when = self.trajectories.times[ik.marker_worst_frame[worst]]
+            lines.append(
+                f"warning: that is no good fit; worst is {ik.marker_names[worst]} at {when:.2f} "
+                "s: see whether labels are "
+                "exchanged there, or a marker stands still"
+            )
+        unseen = {
+            r.role: r.left_missing / r.samples
+            for r in cleaning.roles
+            if r.left_missing > _WORTH_TELLING * r.samples
+        }
+        if unseen:
+            shares = ", ".join(f"{role} {100 * share:.0f} %" for role, share in unseen.items())
+            lines.append(
+                "not seen for longer than can be bridged, so that joint angles are guessed "
+                f"there: {shares} of the time"
+            )
+        if loose:
+            lines.append(
+                f"decided by the stated priors rather than the markers: {', '.join(loose)}"
+            )
+        if len(ik.frames_unconverged):
+            lines.append(
+                f"{len(ik.frames_unconverged)} frames did not converge, the first is frame "
+                f"{ik.frames_unconverged[0]}"
+            )
+        return lines

@@ -1,0 +1,215 @@
+"""Marker trajectories of C3D files from any of the format's three processor families.
+
+The decoder is our own: it must neither hang nor crash on a damaged file, and it must know the
+big-endian (SGI/MIPS) files too. Facts of the format: "The C3D File Format, A Technical User Guide",
+c3d.org.
+"""
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from legsim.core.errors import file_error
+from legsim.core.values import FloatArray
+from legsim.mocap._c3d_header import BLOCK, C3dHeader, floats, integers, read_header
+from legsim.mocap.raw import RawMarkers
+from legsim.mocap.trajectories import MarkerTrajectories
+
+_CURE = "export the trial again as C3D"
+
+_MODEL_OUTPUTS = ("ANGLES", "FORCES", "MOMENTS", "POWERS", "SCALARS")
+
+_WIDEST = 1e7
+"""A coordinate beyond this, in any unit of length in use, is no position in a laboratory (10 km in
+mm).
+"""
+
+
+def load(path: Path | str, *, unit: str | None = None, up: str | None = None) -> MarkerTrajectories:
+    """Reads markers as meters in world; a marker not seen (negative residual, or exactly 0, 0, 0)
+    is NaN.
+
+    Args:
+        unit: "m", "cm" or "mm" where POINT:UNITS is wrong or absent.
+        up: lab axis that points up; judged from the markers by default, then by POINT:Y_SCREEN, z
+            being this format's habit.
+
+    Raises:
+        LegsimError: the file is not C3D, or it cannot be read without guessing.
+    """
+    return read(path).to_motion(unit=unit, up=up)
+
+
+def read(path: Path | str) -> RawMarkers:
+    """Reads markers in the file's own unit and axes, with notes about what was put right.
+
+    Raises:
+        LegsimError: as :func:`load`.
+    """
+    path = Path(path)
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise file_error(path, f"cannot be read ({error.strerror})", "check the path") from error
+    header = read_header(path, data)
+    notes = list(header.notes)
+    frames = _frame_count(header, len(data), notes)
+    rate = _rate(header, notes)
+    positions = _positions(header, data, frames)
+    labels, kept = _labels(header, notes)
+    _check_positions(header, positions[:, kept])
+    times = (max(header.first_frame, 1) - 1 + np.arange(frames)) / rate
+    unit = next(iter(header.texts("POINT", "UNITS")), "")
+    return RawMarkers(
+        str(path), times, labels, positions[:, kept], unit, _screen_up(header), "z", tuple(notes)
+    )
+
+
+def _frame_count(header: C3dHeader, size: int, notes: list[str]) -> int:
+    """Frames to read: as many as the header says, which must be there.
+
+    Raises:
+        LegsimError: no frame or no point, or the file ends before the last frame.
+    """
+    if header.points == 0 or header.scale == 0 or not np.isfinite(header.scale):
+        what = "holds no point" if header.points == 0 else f"has the scale {header.scale:g}"
+        raise file_error(header.path, f"the file {what}", _CURE, place="header")
+    if header.data_block < 2 or (header.data_block - 1) * BLOCK >= size:
+        problem = (
+            f"the data should start at block {header.data_block}, outside the file of "
+            f"{size // BLOCK} blocks"
+        )
+        raise file_error(header.path, problem, _CURE, place="header")
+    said = _said_frames(header)
+    held = (size - (header.data_block - 1) * BLOCK) // _frame_bytes(header)
+    if said < 1:
+        raise file_error(
+            header.path,
+            f"frames {header.first_frame} to {header.last_frame} are none",
+            _CURE,
+            place="header",
+        )
+    if said > held:
+        problem = f"the file ends after frame {held} of {said}"
+        raise file_error(header.path, problem, "copy the file again, or " + _CURE, place="header")
+    parameter = header.numbers("POINT", "FRAMES")
+    if parameter.size and parameter[0] % 65536 != said % 65536:
+        notes.append(
+            f"POINT:FRAMES says {parameter[0]:.0f} frames, the header {said}; {said} are read"
+        )
+    return said
+
+
+def _said_frames(header: C3dHeader) -> int:
+    """Frames the file says it has; 16 bits of the header hold 65535, longer trials are told by a
+    parameter.
+    """
+    said = header.last_frame - header.first_frame + 1
+    if header.last_frame < 65535:
+        return said
+    start, end = (
+        header.numbers("TRIAL", "ACTUAL_START_FIELD"),
+        header.numbers("TRIAL", "ACTUAL_END_FIELD"),
+    )
+    if start.size == 2 and end.size == 2:
+        low, high = (int(x[0] % 65536) + 65536 * int(x[1] % 65536) for x in (start, end))
+        return high - low + 1
+    for name in ("LONG_FRAMES", "FRAMES"):
+        numbers = header.numbers("POINT", name)
+        if numbers.size and numbers[0] > said:
+            return int(numbers[0])
+    return said
+
+
+def _frame_bytes(header: C3dHeader) -> int:
+    return (4 * header.points + header.analog_words) * (2 if header.scale > 0 else 4)
+
+
+def _rate(header: C3dHeader, notes: list[str]) -> float:
+    """Frames per second: POINT:RATE, or the header's where that is absent.
+
+    Raises:
+        LegsimError: neither is a positive number.
+    """
+    numbers = header.numbers("POINT", "RATE")
+    rate = float(numbers[0]) if numbers.size else header.rate
+    if not (np.isfinite(rate) and 1e-3 < rate < 1e6):
+        raise file_error(header.path, f"the frame rate is {rate:g} Hz", _CURE, place="POINT:RATE")
+    if abs(header.rate - rate) > 1e-3 * rate:
+        notes.append(
+            f"POINT:RATE says {rate:g} Hz, the header {header.rate:g} Hz; {rate:g} Hz is taken"
+        )
+    return rate
+
+
+def _positions(header: C3dHeader, data: bytes, frames: int) -> FloatArray:
+    """(frames, points, 3) in the file's unit; NaN where the fourth number, the residual, is
+    negative.
+    """
+    start = (header.data_block - 1) * BLOCK
+    block = data[start : start + frames * _frame_bytes(header)]
+    if header.scale > 0:
+        table = integers(block, header.processor).reshape(frames, -1).astype(float)
+        scale = header.scale
+    else:
+        table = floats(block, header.processor).reshape(frames, -1)
+        scale = 1.0
+    points = table[:, : 4 * header.points].reshape(frames, header.points, 4)
+    with np.errstate(invalid="ignore"):
+        return np.where(points[..., 3:] < 0, np.nan, points[..., :3] * scale)
+
+
+def _labels(header: C3dHeader, notes: list[str]) -> tuple[tuple[str, ...], NDArray[np.intp]]:
+    """(labels of the kept points, their indices); what a body model computed (angles, moments) is
+    left out: it is no position.
+
+    Raises:
+        LegsimError: POINT:LABELS is absent.
+    """
+    labels = header.texts("POINT", "LABELS")[: header.points]
+    if not any(labels):
+        raise file_error(
+            header.path,
+            "no point has a label",
+            "label the markers and export again",
+            place="POINT:LABELS",
+        )
+    named = [label or f"*{k + 1}" for k, label in enumerate(labels)]
+    named += [f"*{k + 1}" for k in range(len(labels), header.points)]
+    computed = {text for name in _MODEL_OUTPUTS for text in header.texts("POINT", name) if text}
+    kept = np.array([k for k, label in enumerate(named) if label not in computed], dtype=np.intp)
+    if len(kept) < header.points:
+        notes.append(
+            f"{header.points - len(kept)} trajectories are results of a body model (angles, "
+            "forces, ...), not markers: left out"
+        )
+    if kept.size == 0:
+        raise file_error(
+            header.path,
+            "every point is a result of a body model, none a marker",
+            "export the marker trajectories too",
+            place="POINT:LABELS",
+        )
+    return tuple(named[k] for k in kept), kept
+
+
+def _check_positions(header: C3dHeader, positions: FloatArray) -> None:
+    """Refuses numbers that cannot be positions: the sign of damage, or of numbers in another format
+    than the file says.
+    """
+    with np.errstate(invalid="ignore"):
+        wild = np.isinf(positions) | (np.abs(positions) > _WIDEST)
+    if wild.any():
+        frame, point = (int(k) for k in np.argwhere(wild)[0][:2])
+        problem = (
+            f"coordinate {positions[wild][0]:g} cannot be a position (frame {frame + 1}, "
+            f"point {point + 1})"
+        )
+        raise file_error(header.path, problem, _CURE, place="data section")
+
+
+def _screen_up(header: C3dHeader) -> str:
+    """Lab axis that POINT:Y_SCREEN calls up, empty where it names none."""
+    text = next(iter(header.texts("POINT", "Y_SCREEN")), "").lower().lstrip("+")
+    return text if text in ("x", "y", "z", "-x", "-y", "-z") else ""

@@ -1,0 +1,238 @@
+"""Which label of a recording plays which role on the body, and how labels are found in spite of
+prefixes and spelling.
+"""
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from legsim.core.errors import LegsimError
+
+PAPER_ROLES = (
+    "sacrum",
+    *(
+        f"{part}_{side}"
+        for part in ("asis", "epicondyle_lateral", "malleolus_lateral")
+        for side in "rl"
+    ),
+)
+"""The seven markers that suffice for the lower body: sacrum, front of the pelvis, outer knees and
+ankles.
+"""
+
+SEGMENT_OF_PART = {
+    **dict.fromkeys(("sacrum", "asis", "psis", "iliac_crest"), "pelvis"),
+    **dict.fromkeys(
+        ("greater_trochanter", "epicondyle_lateral", "epicondyle_medial", "patella_superior"),
+        "femur",
+    ),
+    **dict.fromkeys(
+        ("malleolus_lateral", "malleolus_medial", "tibial_tuberosity", "fibula_head"), "tibia"
+    ),
+    **dict.fromkeys(
+        (
+            "heel",
+            "meta1",
+            "meta5",
+            "midfoot_superior",
+            "midfoot_lateral",
+            "toe_lateral",
+            "toe_medial",
+        ),
+        "calcn",
+    ),
+    "toe": "calcn",
+}
+"""Part of the body that a role names, and the segment (OpenSim body) that carries it."""
+
+_CLUSTER = re.compile(r"(thigh|shank|foot)_(\d|upper|front|rear)")
+
+_CLUSTER_SEGMENT = {"thigh": "femur", "shank": "tibia", "foot": "calcn"}
+
+
+@dataclass(frozen=True, slots=True)
+class MarkerMap:
+    """Roles on the body and the labels that play them in one marker set."""
+
+    name: str
+    roles: tuple[str, ...]
+    alternatives: tuple[tuple[tuple[str, ...], ...], ...]
+    """for each role, in order of preference: labels whose mean plays it"""
+
+    def __post_init__(self) -> None:
+        if len(self.roles) != len(self.alternatives):
+            raise LegsimError(
+                f"marker map {self.name!r}: {len(self.roles)} roles need as many entries; got "
+                f"{len(self.alternatives)}"
+            )
+        doubles = sorted({role for role in self.roles if self.roles.count(role) > 1})
+        if doubles:
+            raise LegsimError(
+                f"marker map {self.name!r}: role {doubles[0]} is there twice; keep one"
+            )
+        for role in self.roles:
+            segment_of(role)
+
+    @classmethod
+    def one_to_one(cls, name: str, roles: Sequence[str], labels: Sequence[str]) -> "MarkerMap":
+        """The plain case: each role is played by one label."""
+        return cls(name, tuple(roles), tuple(((label,),) for label in labels))
+
+    def found_in(self, marker_names: Sequence[str]) -> dict[str, tuple[str, ...]]:
+        """Role to the recording's own labels whose mean plays it, for the roles that the recording
+        covers.
+        """
+        finder = _Finder(marker_names)
+        found = {}
+        for role, alternatives in zip(self.roles, self.alternatives, strict=True):
+            for labels in alternatives:
+                names = tuple(finder.find(label) for label in labels)
+                if all(names):
+                    found[role] = names
+                    break
+        return found
+
+    def missing_in(
+        self, marker_names: Sequence[str], required: Sequence[str] = PAPER_ROLES
+    ) -> tuple[str, ...]:
+        """Required roles that the recording does not cover."""
+        found = self.found_in(marker_names)
+        return tuple(role for role in required if role not in found)
+
+
+def segment_of(role: str) -> str:
+    """Body of the leg model that carries a role, such as ``tibia_r``.
+
+    Raises:
+        LegsimError: no such role is known; the message lists them.
+    """
+    part, _, side = role.rpartition("_")
+    if role == "sacrum":
+        return "pelvis"
+    if side in ("r", "l"):
+        cluster = _CLUSTER.fullmatch(part)
+        if cluster:
+            return f"{_CLUSTER_SEGMENT[cluster[1]]}_{side}"
+        if part in SEGMENT_OF_PART and part != "sacrum":
+            segment = SEGMENT_OF_PART[part]
+            return segment if segment == "pelvis" else f"{segment}_{side}"
+    known = ", ".join(f"{name}_r" for name in SEGMENT_OF_PART if name != "sacrum")
+    raise LegsimError(
+        f"no role is named {role!r}; there are sacrum, {known}, thigh_1_r, shank_1_r, foot_1_r "
+        "and so on, with _l on the left"
+    )
+
+
+def guess(
+    maps: Sequence[MarkerMap], marker_names: Sequence[str], *, required: Sequence[str] = PAPER_ROLES
+) -> MarkerMap:
+    """The map that covers the required roles and, among those that do, most roles in all; the first
+    of equals.
+
+    Raises:
+        LegsimError: none covers the required roles; the message names the nearest, what it lacks,
+            and the labels there are.
+    """
+    scores = [
+        (
+            -len(m.missing_in(marker_names, required)),
+            len(m.found_in(marker_names)),
+            -len(m.roles),
+            -k,
+        )
+        for k, m in enumerate(maps)
+    ]
+    best = maps[max(range(len(maps)), key=lambda k: scores[k])]
+    people = _people(maps, marker_names, required)
+    if len(people) > 1:
+        raise LegsimError(
+            f"the labels tell of {len(people)} people ({', '.join(people)}): export one of them, "
+            "or give a marker map (TOML) "
+            f"with whole labels, as in sacrum = {people[0] + ':SACR'!r}"
+        )
+    if not best.found_in(marker_names):
+        raise LegsimError(
+            f"no marker set knows any of the markers {_listed(marker_names)}; give a marker map "
+            f"(TOML) with {', '.join(required)}"
+        )
+    check_covered(best, marker_names, required)
+    return best
+
+
+def _people(
+    maps: Sequence[MarkerMap], marker_names: Sequence[str], required: Sequence[str]
+) -> list[str]:
+    """Prefixes of labels (``Name:LABEL``) under each of which some map finds all that is
+    required.
+    """
+    prefixes = list(dict.fromkeys(name.rpartition(":")[0] for name in marker_names if ":" in name))
+    owned = (
+        {p: [name for name in marker_names if name.startswith(f"{p}:")] for p in prefixes}
+        if len(prefixes) > 1
+        else {}
+    )
+    return [
+        p
+        for p, names in owned.items()
+        if required and any(not m.missing_in(names, required) for m in maps)
+    ]
+
+
+def check_covered(
+    marker_map: MarkerMap, marker_names: Sequence[str], required: Sequence[str] = PAPER_ROLES
+) -> None:
+    """Refuses a recording that lacks required roles.
+
+    Raises:
+        LegsimError: names the roles that are missing and the labels there are.
+    """
+    missing = marker_map.missing_in(marker_names, required)
+    if missing:
+        nearest = f"marker set {marker_map.name!r} finds no marker for " + ", ".join(missing)
+        raise LegsimError(
+            f"{nearest} among {_listed(marker_names)}; give a marker map (TOML) with [roles] and "
+            "the labels that play them"
+        )
+
+
+def _listed(names: Sequence[str], limit: int = 100) -> str:
+    shown = ", ".join(name for name in names[:limit])
+    return f"{shown} and {len(names) - limit} more" if len(names) > limit else shown
+
+
+class _Finder:
+    """Finds labels in one recording: as they are, without the subject's prefix, then whatever the
+    case and punctuation.
+    """
+
+    def __init__(self, marker_names: Sequence[str]) -> None:
+        named = [name for name in marker_names if not name.startswith("*")]
+        prefix = named[0].partition("_")[0] + "_" if named else ""
+        prefix = prefix if len(named) > 1 and all(name.startswith(prefix) for name in named) else ""
+        bare = {name: name.rpartition(":")[2] for name in named}
+        self._stages = [
+            _unique({name: name for name in named}),
+            _unique(bare),
+            _unique({name: name.removeprefix(prefix) for name in named}),
+            _unique({name: _plain(text) for name, text in bare.items()}),
+            _unique({name: _plain(name.removeprefix(prefix)) for name in named}),
+        ]
+
+    def find(self, label: str) -> str:
+        """The recording's own label, empty where there is none or more than one."""
+        for stage in self._stages[:3]:
+            if label in stage:
+                return stage[label]
+        return next(
+            (stage[_plain(label)] for stage in self._stages[3:] if _plain(label) in stage), ""
+        )
+
+
+def _plain(label: str) -> str:
+    return re.sub(r"[^a-z0-9]", "", label.lower())
+
+
+def _unique(key_of: dict[str, str]) -> dict[str, str]:
+    """Key to name, for the keys that only one name has."""
+    keys = list(key_of.values())
+    return {key: name for name, key in key_of.items() if keys.count(key) == 1}

@@ -1,0 +1,58 @@
+"""Values over time: markers, joint coordinates, segment poses, IMU signals, rigid motion. Time is
+the first axis, in seconds.
+"""
+
+from dataclasses import dataclass
+
+from legsim.core.values import FloatArray, frozen, increasing_times, index_of, unique_names
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MarkerTrajectories:
+    """Marker trajectories; a marker that is not seen is NaN in all three coordinates."""
+
+    times: FloatArray
+    """(n,) s"""
+    marker_names: tuple[str, ...]
+    positions_world: FloatArray
+    """(n, m, 3) m, in world"""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "times", increasing_times("Motion.times", self.times))
+        object.__setattr__(self, "marker_names", unique_names("marker", self.marker_names))
+        shape = (len(self.times), len(self.marker_names), 3)
+        object.__setattr__(
+            self, "positions_world", frozen("Motion.positions_world", self.positions_world, shape)
+        )
+
+    @property
+    def rate_hz(self) -> float:
+        """Mean sampling rate."""
+        return (len(self.times) - 1) / float(self.times[-1] - self.times[0])
+
+    def marker(self, name: str) -> FloatArray:
+        """Positions (n, 3) of one marker in world."""
+        return self.positions_world[:, index_of("marker", self.marker_names, name)]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class JointTrajectories:
+    """Independent coordinates of the leg model over time, under OpenSim's names."""
+
+    times: FloatArray
+    """(n,) s"""
+    coordinate_names: tuple[str, ...]
+    values: FloatArray
+    """(n, c) rad, and m for pelvis_tx, pelvis_ty, pelvis_tz"""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "times", increasing_times("JointTrajectories.times", self.times))
+        object.__setattr__(
+            self, "coordinate_names", unique_names("coordinate", self.coordinate_names)
+        )
+        shape = (len(self.times), len(self.coordinate_names))
+        object.__setattr__(self, "values", frozen("JointTrajectories.values", self.values, shape))
+
+    def coordinate(self, name: str) -> FloatArray:
+        """Values (n,) of one coordinate."""
+        return self.values[:, index_of("coordinate", self.coordinate_names, name)]

@@ -1,0 +1,454 @@
+"""Marker files of the TRC format (Motion Analysis; the one OpenSim reads): text in, text out.
+
+Facts of the format: OpenSim's documentation, "Marker (.trc) Files"; what is unusual but understood
+is listed in docs/formats.md.
+"""
+
+import math
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from legsim.core import files
+from legsim.core.errors import file_error
+from legsim.core.values import FloatArray
+from legsim.mocap.raw import RawMarkers
+from legsim.mocap.trajectories import MarkerTrajectories
+
+_EXPORT_AGAIN = "export the trial again as TRC"
+
+_WINDOWS_NAN = re.compile(r"[+-]?1\.#(qnan|snan|ind)\d*", re.I)
+
+_MARKS = ("\t", ";", ",")
+"""between cells, in this order: semicolons where the comma is decimal"""
+
+_HEADER_KEYS = (
+    "DataRate",
+    "CameraRate",
+    "NumFrames",
+    "NumMarkers",
+    "Units",
+    "OrigDataRate",
+    "OrigDataStartFrame",
+    "OrigNumFrames",
+)
+
+
+@dataclass(frozen=True, slots=True)
+class _Header:
+    rate: float
+    frames: int | None
+    units: str
+    names: tuple[str, ...]
+    """blank where a column has no name"""
+    first_row: int
+    """index of the first line after the header"""
+
+
+@dataclass(frozen=True, slots=True)
+class _Rows:
+    lines: list[int]
+    """line number of each row, counted from 1"""
+    frames: list[int]
+    time_texts: list[str]
+    values: list[list[float]]
+    unlabeled: int
+    """rows that hold more columns than there are names"""
+
+
+def load(path: Path | str, *, unit: str | None = None, up: str | None = None) -> MarkerTrajectories:
+    """Reads markers as meters in world; a marker not seen (blank, NaN or exactly 0, 0, 0) is NaN.
+
+    Args:
+        unit: "m", "cm" or "mm" where the header is wrong.
+        up: lab axis that points up ("y", "z", ...); judged from the markers by default, y being
+            this format's habit.
+
+    Raises:
+        LegsimError: the file is not TRC, or it cannot be read without guessing.
+    """
+    return read(path).to_motion(unit=unit, up=up)
+
+
+def read(path: Path | str) -> RawMarkers:
+    """Reads markers in the file's own unit and axes, with notes about what was put right.
+
+    Raises:
+        LegsimError: as :func:`load`.
+    """
+    path = Path(path)
+    lines = files.read(path, "TRC")
+    header = _header(path, lines)
+    rows = _rows(path, lines, header)
+    times, time_note = _times(path, header, rows)
+    kept = [k for k, name in enumerate(header.names) if name]
+    positions = np.array(rows.values).reshape(len(times), len(header.names), 3)[:, kept]
+    labels = tuple(header.names[k] for k in kept)
+    return RawMarkers(
+        str(path), times, labels, positions, header.units, "", "y", _notes(header, rows) + time_note
+    )
+
+
+def save(path: Path | str, motion: MarkerTrajectories) -> None:
+    """Writes markers in meters along world's axes (y up), every number so that reading it back
+    gives the same float64.
+
+    A marker not seen is written NaN: a blank would shift the columns of readers that split at white
+    space.
+
+    Raises:
+        LegsimError: there is no marker, a name cannot stand in the format, or the file cannot be
+            written.
+    """
+    for name in motion.marker_names:
+        if not name.strip() or name != name.strip() or re.search(r"[\t\r\n]", name):
+            raise file_error(
+                path,
+                f"marker name {name!r} cannot be written",
+                "rename the marker: no tabs, no blanks at its ends",
+                place="line 4",
+            )
+    if not motion.marker_names or len(motion.times) == 0:
+        raise file_error(
+            path, "there is no marker or no sample to write", "save a motion that has both"
+        )
+    files.write_text(path, _text(Path(path).name, motion))
+
+
+def _text(name: str, motion: MarkerTrajectories) -> str:
+    n, m = len(motion.times), len(motion.marker_names)
+    rate = repr(float(motion.rate_hz)) if n > 1 else "1.0"
+    axes = "\t".join(f"X{k}\tY{k}\tZ{k}" for k in range(1, m + 1))
+    lines = [
+        f"PathFileType\t4\t(X/Y/Z)\t{name}",
+        "\t".join(_HEADER_KEYS),
+        "\t".join([rate, rate, str(n), str(m), "m", rate, "1", str(n)]),
+        "Frame#\tTime\t" + "\t\t\t".join(motion.marker_names) + "\t\t",
+        f"\t\t{axes}",
+        "",
+    ]
+    table = motion.positions_world.reshape(n, 3 * m).tolist()
+    for k, (time, row) in enumerate(zip(motion.times.tolist(), table, strict=True), start=1):
+        lines.append(
+            f"{k}\t{time!r}\t" + "\t".join("NaN" if math.isnan(x) else repr(x) for x in row)
+        )
+    return "\n".join(lines) + "\n"
+
+
+def _header(path: Path, lines: list[str]) -> _Header:
+    filled = [k for k, line in enumerate(lines) if line.strip(" \t,;")]
+    starts = ("pathfiletype", "datarate", "", "frame#")
+    for order, (start, what) in enumerate(
+        zip(starts, ("PathFileType", "DataRate", "the numbers", "Frame#"), strict=True)
+    ):
+        if order >= len(filled):
+            raise file_error(
+                path,
+                f"the file ends before the header line with {what}",
+                _EXPORT_AGAIN,
+                place=f"line {len(lines)}",
+            )
+        if not lines[filled[order]].strip(" \t,;\"'").lower().startswith(start):
+            raise file_error(
+                path,
+                f"the header line should start with {what}",
+                _EXPORT_AGAIN,
+                place=f"line {filled[order] + 1}",
+            )
+    keys, numbers, names = (lines[k] for k in filled[1:4])
+    place = f"line {filled[2] + 1}"
+    cells = _header_numbers(keys, numbers)
+    rate = _positive(path, place, "DataRate", cells.get("datarate", ""))
+    frames = cells.get("numframes", "")
+    labels = _names(path, names, f"line {filled[3] + 1}")
+    first = filled[3] + 1
+    if len(filled) > 4 and re.match(r"[xyz]\d*\b", lines[filled[4]].strip(" \t,;").lower()):
+        first = filled[4] + 1
+    return _Header(
+        rate, int(frames) if frames.isdecimal() else None, cells.get("units", ""), labels, first
+    )
+
+
+def _header_numbers(keys: str, numbers: str) -> dict[str, str]:
+    """Header key (lower case) to text; by tabs or commas where both lines have them alike, by white
+    space otherwise.
+    """
+    for mark in _MARKS:
+        key_cells, cells = keys.split(mark), numbers.split(mark)
+        if len(key_cells) >= 5 and len(cells) >= 5:
+            return {
+                k.strip().lower(): v.strip()
+                for k, v in zip(key_cells, cells, strict=False)
+                if k.strip()
+            }
+    return {
+        k.lower(): v
+        for k, v in zip(
+            re.split(r"[\s,]+", keys.strip()), re.split(r"[\s,]+", numbers.strip()), strict=False
+        )
+    }
+
+
+def _positive(path: Path, place: str, key: str, text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not (math.isfinite(value) and value > 0):
+        raise file_error(
+            path,
+            f"{key} is {text!r}, not a positive number",
+            f"write the sampling rate in hertz under {key}",
+            place=place,
+        )
+    return value
+
+
+def _names(path: Path, line: str, place: str) -> tuple[str, ...]:
+    """Marker names in column order, blank where three columns have none."""
+    mark = next(
+        (m for m in _MARKS if len(c := line.split(m)) > 1 and c[1].strip().lower() == "time"), None
+    )
+    cells = [cell.strip() for cell in line.split(mark)][2:]
+    filled = [k for k, cell in enumerate(cells) if cell]
+    if not filled:
+        raise file_error(
+            path,
+            "no marker is named, so that no column can be told from another",
+            "label the markers and export again",
+            place=place,
+        )
+    if all(k % 3 == 0 for k in filled):
+        return tuple(cells[0 : filled[-1] + 1 : 3])
+    return tuple(cells[k] for k in filled)
+
+
+def _rows(path: Path, lines: list[str], header: _Header) -> _Rows:
+    width = 3 * len(header.names)
+    rows = _Rows([], [], [], [], 0)
+    unlabeled = 0
+    for k in range(header.first_row, len(lines)):
+        line = lines[k]
+        if not re.sub(r"[\s,;]", "", line):
+            continue
+        place = f"line {k + 1}"
+        frame, time_text, cells = _cells(path, place, line, width)
+        unlabeled += len(cells) > width
+        rows.lines.append(k + 1)
+        rows.frames.append(frame)
+        rows.time_texts.append(time_text)
+        rows.values.append(_coordinates(path, place, cells[:width], header.names))
+    if not rows.lines:
+        raise file_error(
+            path, "there is no row of data", _EXPORT_AGAIN, place=f"line {header.first_row + 1}"
+        )
+    _check_end(path, lines, header, rows)
+    return _Rows(rows.lines, rows.frames, rows.time_texts, rows.values, unlabeled)
+
+
+def _cells(path: Path, place: str, line: str, width: int) -> tuple[int, str, list[str]]:
+    """(frame, text of the time, cells of the coordinates without trailing blanks) of one row."""
+    mark = next((m for m in _MARKS if m in line), None)
+    cells = [cell.strip() for cell in line.split(mark)]
+    if cells[0] == "":
+        cells = cells[1:]
+    while cells and cells[-1] == "":
+        cells.pop()
+    if not re.fullmatch(r"[+-]?\d+(\.0*)?", cells[0]):
+        raise file_error(
+            path,
+            f"frame number {cells[0]!r} is not a whole number",
+            "check the row's first column",
+            place=place,
+        )
+    values = cells[2:]
+    if len(values) % 3:
+        cure = "complete the row, or leave all three coordinates blank"
+        raise file_error(
+            path,
+            f"the row holds {len(values)} coordinates, not a multiple of three (up to {width})",
+            cure,
+            place=place,
+        )
+    if mark is None and values and len(values) != width:
+        cure = "separate the columns by tabs, so that blanks can be told"
+        raise file_error(
+            path,
+            f"the row holds {len(values)} coordinates where {width} have names",
+            cure,
+            place=place,
+        )
+    return int(float(cells[0])), cells[1] if len(cells) > 1 else "", values
+
+
+def _coordinates(path: Path, place: str, cells: list[str], names: tuple[str, ...]) -> list[float]:
+    """The row's 3 m coordinates, NaN where not seen."""
+    plain = _plain_numbers(cells)
+    if plain is not None:
+        return plain + [math.nan] * (3 * len(names) - len(plain))
+    values = [
+        _number(path, place, cell, names[k // 3]) if cell else math.nan
+        for k, cell in enumerate(cells)
+    ]
+    for k in range(0, len(cells), 3):
+        blank = sum(not cell for cell in cells[k : k + 3])
+        if blank in (1, 2):
+            problem = f"marker {names[k // 3]!r} has {3 - blank} of its 3 coordinates"
+            raise file_error(
+                path, problem, "complete the row, or leave all three blank", place=place
+            )
+    return values + [math.nan] * (3 * len(names) - len(values))
+
+
+def _plain_numbers(cells: list[str]) -> list[float] | None:
+    """The numbers of a row that needs no second look, many times as fast; None for any other."""
+    try:
+        values = list(map(float, cells))
+    except ValueError:
+        return None
+    return None if any(map(math.isinf, values)) or any("_" in cell for cell in cells) else values
+
+
+def _number(path: Path, place: str, text: str, name: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan if _WINDOWS_NAN.fullmatch(text) else math.inf
+    if math.isinf(value) or "_" in text:
+        raise file_error(
+            path,
+            f"{text[:40]!r} of marker {name!r} is not a number",
+            "write decimal points, and nothing where it is not seen",
+            place=place,
+        )
+    return value
+
+
+def _check_end(path: Path, lines: list[str], header: _Header, rows: _Rows) -> None:
+    """Refuses a file cut off inside its last row, whose last number may have lost its last
+    digits.
+    """
+    if not lines[-1].strip(" \t,;"):
+        return
+    few = header.frames is not None and len(rows.lines) < header.frames
+    marks = [len(re.findall(r"[\t,;]", lines[k - 1].rstrip(" \t,;"))) for k in rows.lines[-2:]]
+    if few or marks[-1] < marks[0]:
+        of = f" of {header.frames}" if header.frames is not None else ""
+        problem = f"the file breaks off in this row, number {len(rows.lines)}{of}"
+        raise file_error(
+            path,
+            problem,
+            "copy the file again, or delete its last row",
+            place=f"line {rows.lines[-1]}",
+        )
+
+
+def _times(path: Path, header: _Header, rows: _Rows) -> tuple[FloatArray, tuple[str, ...]]:
+    """Times (n,) s: the column's, unless they are the even times of the header's rate printed with
+    few digits.
+    """
+    printed = np.array(
+        [
+            _number(path, f"line {k}", text, "Time") if text else math.nan
+            for k, text in zip(rows.lines, rows.time_texts, strict=True)
+        ]
+    )
+    frames = np.array(rows.frames, float)
+    printed, unit_note = _seconds(printed, frames, header.rate)
+    if np.isnan(printed).all():
+        return (frames - frames[0]) / header.rate, (
+            "no row has a time: times are from the frame numbers and DataRate",
+        )
+    known = ~np.isnan(printed)
+    step = 10.0 ** -max(_decimals(text) for text in rows.time_texts) / (1000 if unit_note else 1)
+    even = _even_times(printed, frames, known, header.rate, step)
+    notes = (
+        unit_note
+        if known.all()
+        else (
+            *unit_note,
+            f"{int((~known).sum())} rows have no time: filled from their frame numbers",
+        )
+    )
+    if even is not None:
+        return even, notes
+    printed[~known] = np.interp(frames[~known], frames[known], printed[known])
+    late = np.flatnonzero(np.diff(printed) <= 0)
+    if late.size:
+        k = int(late[0]) + 1
+        problem = f"time {rows.time_texts[k]} does not come after {rows.time_texts[k - 1]}"
+        raise file_error(
+            path,
+            problem,
+            "delete the repeated row or repair the time column",
+            place=f"line {rows.lines[k]}",
+        )
+    return printed, (*notes, *_rate_note(printed, frames, header.rate))
+
+
+def _seconds(
+    printed: FloatArray, frames: FloatArray, rate: float
+) -> tuple[FloatArray, tuple[str, ...]]:
+    """The time column in seconds, and a note where it was in milliseconds: from frame to frame a
+    thousand times what the rate says.
+    """
+    steps = np.diff(printed) / np.where(np.diff(frames) > 0, np.diff(frames), np.nan)
+    if not np.isfinite(steps).any() or abs(np.nanmedian(steps) * rate / 1000 - 1) > 0.02:
+        return printed, ()
+    return printed / 1000, ("the time column is in milliseconds",)
+
+
+def _rate_note(times: FloatArray, frames: FloatArray, rate: float) -> tuple[str, ...]:
+    """A word where the time column tells of another rate than the header."""
+    if len(times) < 2 or (np.diff(frames) != 1).any():
+        return ()
+    found = (len(times) - 1) / (times[-1] - times[0])
+    return (
+        ()
+        if abs(found / rate - 1) < 0.02
+        else (f"the header says {rate:g} Hz, the time column {found:.4g} Hz, which is taken",)
+    )
+
+
+def _even_times(
+    printed: FloatArray, frames: FloatArray, known: np.ndarray, rate: float, step: float
+) -> FloatArray | None:
+    """frame / rate where it explains every printed time to one unit of its last digit, and that
+    digit hides something; else None.
+    """
+    if len(printed) < 2 or (np.diff(frames) != 1).any():
+        return None
+    count = frames - frames[0]
+    starts = (frames[0] - 1, printed[known][0] * rate - count[known][0])
+    candidates = [(start + count) / rate for start in starts]
+    errors = [float(np.abs(printed - even)[known].max()) for even in candidates]
+    # times printed in full are kept to the last bit
+    if errors[1] <= 1e-9:
+        return None if known.all() else candidates[1]
+    # beyond three quarters of a sample the column tells of something else than rounding
+    tolerance = min(1.001 * step, 0.75 / rate)
+    return next(
+        (even for even, error in zip(candidates, errors, strict=True) if error <= tolerance), None
+    )
+
+
+def _decimals(text: str) -> int:
+    """Digits after the decimal point that are not closing zeros, an exponent counted in."""
+    mantissa, _, exponent = text.lower().partition("e")
+    digits = len(mantissa.partition(".")[2].rstrip("0"))
+    return max(0, digits - int(exponent or 0)) if re.fullmatch(r"[+-]?\d*", exponent) else 0
+
+
+def _notes(header: _Header, rows: _Rows) -> tuple[str, ...]:
+    notes = []
+    if header.frames is not None and header.frames != len(rows.lines):
+        notes.append(
+            f"the header says {header.frames} frames; {len(rows.lines)} are there and read"
+        )
+    if rows.unlabeled:
+        notes.append(
+            f"{rows.unlabeled} rows hold columns beyond the named markers: unlabeled, ignored"
+        )
+    return tuple(notes)

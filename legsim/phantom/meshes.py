@@ -1,0 +1,85 @@
+"""What is scanned: closed triangle meshes with an attenuation each, later ones displacing earlier
+ones.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from legsim.core.errors import LegsimError
+from legsim.core.values import FloatArray, frozen
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Part:
+    """One closed surface, outward-oriented, and what fills it."""
+
+    name: str
+    material: str
+    attenuation: float
+    """1/m, of the filling itself (not a difference)"""
+    vertices: FloatArray
+    """(p, 3) m, in world (of the reference pose where the part moves)"""
+    triangles: np.ndarray
+    """(t, 3) int32, anticlockwise seen from outside"""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(
+            self, "vertices", frozen(f"part {self.name!r} vertices", self.vertices, (None, 3))
+        )
+        object.__setattr__(
+            self,
+            "triangles",
+            frozen(f"part {self.name!r} triangles", self.triangles, (None, 3), np.int32),
+        )
+        if (
+            len(self.triangles) == 0
+            or self.triangles.min() < 0
+            or self.triangles.max() >= len(self.vertices)
+        ):
+            raise LegsimError(
+                f"part {self.name!r} has no triangles, or some that name vertices it does not "
+                f"have (0..{len(self.vertices) - 1})"
+            )
+        if (
+            not np.isfinite(self.vertices).all()
+            or not np.isfinite(self.attenuation)
+            or self.attenuation < 0
+        ):
+            raise LegsimError(
+                f"part {self.name!r} has a vertex or an attenuation that is not a finite number "
+                "(attenuation at least 0)"
+            )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Phantom:
+    """Parts in order of priority: at any point the last part that contains it decides the
+    attenuation; outside all it is 0.
+    """
+
+    parts: tuple[Part, ...]
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "parts", tuple(self.parts))
+        names = [part.name for part in self.parts]
+        doubles = sorted({n for n in names if names.count(n) > 1})
+        if not names or doubles:
+            raise LegsimError(
+                "a phantom needs parts with names of their own; twice: "
+                f"{', '.join(doubles) or 'none, but there is no part at all'}"
+            )
+
+    def only(self, indices: Sequence[int]) -> "Phantom":
+        """Some of the parts, in the order given."""
+        return Phantom(tuple(self.parts[k] for k in indices))
+
+    def with_vertices(self, vertices: "tuple[FloatArray, ...]") -> "Phantom":
+        """The same parts with their vertices elsewhere: one (p, 3) array a part."""
+        return Phantom(
+            tuple(
+                replace(part, vertices=moved)
+                for part, moved in zip(self.parts, vertices, strict=True)
+            )
+        )

@@ -1,0 +1,316 @@
+"""How soft tissue follows the bones of a leg: one smooth map of space a leg, the same for skin, fat
+and muscle.
+
+Because all soft surfaces ride on one map that keeps orientation (tested over the range of flexion),
+what is nested and free of self-intersection in the straight leg stays so, and any material point's
+way is known.
+
+The map turns points about the knee by a share of the flexion. The share depends on the direction
+from the knee axis: 0 toward the thigh, 1 toward the shank, changing over a wide wedge behind the
+knee (its tissue is compressed: a narrow transition would fold) and over the kneecap in front. A
+share of a turn is a normalized blend of quaternions about the joint's center (Kavan and Zara,
+Spherical blend skinning, I3D 2005), so nothing shrinks as it does under blended matrices. What the
+joint's center itself moves (the tibia rolls back on the condyles) is shared apart: the kneecap and
+what lies before it keep to the femur. To keep volume where a wedge is compressed or opened,
+distances from the axis grow or shrink with (1 + d turn / d direction)^-e.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import lazy_loader
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.spatial import KDTree
+
+from legsim.core import transforms
+from legsim.core.values import FloatArray
+
+if TYPE_CHECKING:
+    import trimesh
+else:
+    trimesh = lazy_loader.load("trimesh")
+
+
+# by direction in degrees from the shank, negative behind the knee, positive in front: the share of
+# the flexion that tissue takes, and the share of the way that the tibia's origin makes
+_DIRECTIONS = np.array([-180.0, -164, -140, -90, -40, -16, 0, 38, 62, 90, 110, 130, 150, 166, 180])
+
+_SHARES = np.array(
+    [0.0, 0.004, 0.115, 0.5, 0.885, 0.996, 1, 1, 0.95, 0.865, 0.79, 0.50, 0.15, 0.015, 0]
+)
+
+_SLIDES = np.array(
+    [0.0, 0.004, 0.115, 0.5, 0.885, 0.996, 0.98, 0.5, 0.15, -0.04, -0.03, 0, 0, 0, 0]
+)
+
+_SMOOTHING_DEG = 7.0
+
+_EXPONENT_BEHIND, _EXPONENT_FRONT = 0.20, 0.15
+
+_CORE, _RIM = 0.004, 0.045
+"""m from the knee axis within which, and from which on, direction does not and does alone decide
+the share
+"""
+
+_VOLUME_NEAR, _VOLUME_FAR = 0.075, 0.130
+"""m from the knee axis up to which volume is kept fully, and from which on distances from the axis
+stay
+"""
+
+_NEAR, _FAR = 0.120, 0.240
+"""m from the knee axis up to which direction alone decides, and from which on tissue keeps to its
+bone; nearer above the kneecap, where nothing folds and wide turns would lift the front of the
+thigh"""
+
+_CORE_HEIGHT = 0.065
+
+_CORE_PLANES = ((0.6, 0.16), (0.35, -0.10))
+"""(level, depth) of share and of slide in the core: planes level - y / _CORE_HEIGHT + x / depth
+that meet the rim's values best
+"""
+
+_PATELLA_NEAR, _PATELLA_FAR = 0.015, 0.065
+
+_ANKLE_HALF_HEIGHT, _FOOT_SLOPE = 0.045, 0.45
+
+
+def _on_circle(values: FloatArray) -> FloatArray:
+    """A row of the table above at every half degree, smoothed."""
+    offsets = np.arange(-60, 61) * 0.5
+    kernel = np.exp(-0.5 * (offsets / _SMOOTHING_DEG) ** 2)
+    padded = np.concatenate(
+        [np.zeros(60), np.interp(_HALF_DEGREES, _DIRECTIONS, values), np.zeros(60)]
+    )
+    return np.asarray(np.convolve(padded, kernel / kernel.sum(), mode="valid"), np.float64)
+
+
+_HALF_DEGREES = np.arange(-180.0, 180.5, 0.5)
+
+_ANGLES = np.radians(_HALF_DEGREES)
+
+_SHARE_TABLE, _SLIDE_TABLE = _on_circle(_SHARES), _on_circle(_SLIDES)
+
+_SLOPE_TABLE = np.gradient(_SHARE_TABLE, np.radians(0.5))
+
+
+def smooth_step(t: ArrayLike) -> FloatArray:
+    """0 below 0, 1 above 1, twice differentiable between (6 t^5 - 15 t^4 + 10 t^3)."""
+    t = np.clip(np.asarray(t, float), 0, 1)
+    return t * t * t * (t * (6 * t - 15) + 10)
+
+
+@dataclass(frozen=True, slots=True)
+class LegAxes:
+    """Where the joints and the kneecap of a straight leg are, in the frame of its femur, and how
+    large its knee is.
+    """
+
+    knee: tuple[float, float, float]
+    """m"""
+    ankle: tuple[float, float, float]
+    """m"""
+    patella: tuple[float, float, float]
+    """m, middle of the bone"""
+    size: float
+    """of the knee against the template's: all lengths of the map are multiplied by it"""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SoftWeights:
+    """What the map needs to know of each point; it depends on the straight leg only."""
+
+    axes: LegAxes
+    knee_share: FloatArray
+    """(p,) 0 moves with the femur, 1 with the tibia"""
+    knee_slope: FloatArray
+    """(p,) d share / d direction, 1/rad, positive where flexion opens the wedge, faded out where
+    volume is not kept
+    """
+    knee_slide: FloatArray
+    """(p,) share of the way of the tibia's origin"""
+    patella_share: FloatArray
+    """(p,) 1 moves with the patella whatever the other shares say"""
+    ankle_share: FloatArray
+    """(p,) 0 moves with the tibia, 1 with the foot"""
+
+    @classmethod
+    def at(cls, points: FloatArray, axes: LegAxes) -> "SoftWeights":
+        """Weights of points (p, 3) in the frame of the femur of the straight leg."""
+        share, slope, slide = _knee_weights((points - np.array(axes.knee)) / axes.size)
+        depth, height, _ = ((points - np.array(axes.ankle)) / axes.size).T
+        # instep and heel belong to the foot although they reach up to the ankle's height
+        ankle = smooth_step(0.5 - (height - _FOOT_SLOPE * np.abs(depth)) / (2 * _ANKLE_HALF_HEIGHT))
+        return cls(
+            axes,
+            _snapped(share),
+            slope,
+            slide,
+            _patella_weight((points - np.array(axes.patella)) / axes.size),
+            _snapped(ankle),
+        )
+
+
+def _snapped(share: FloatArray) -> FloatArray:
+    """Shares within 1e-6 of a bone's are the bone's: most points are then carried by one matrix."""
+    return np.where(share < 1e-6, 0.0, np.where(share > 1 - 1e-6, 1.0, share))
+
+
+def _knee_weights(from_knee: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Share of the flexion, its slope, and share of the slide at points (p, 3) seen from the knee,
+    in template meters.
+    """
+    x, y, _ = from_knee.T
+    radius, direction = np.hypot(x, y), np.arctan2(x, -y)
+    core = 1 - smooth_step((radius - _CORE) / (_RIM - _CORE))
+    closer = 1 - 0.4 * smooth_step((direction - np.radians(70)) / np.radians(40))
+    far = smooth_step((radius - closer * _NEAR) / (closer * (_FAR - _NEAR)))
+    bone = (y < 0).astype(float)
+    share, slide = (
+        polar
+        + (bone - polar) * far
+        + (np.clip(level - y / _CORE_HEIGHT + x / depth, 0, 1) - polar) * core
+        for polar, (level, depth) in zip(
+            (np.interp(direction, _ANGLES, table) for table in (_SHARE_TABLE, _SLIDE_TABLE)),
+            _CORE_PLANES,
+            strict=True,
+        )
+    )
+    keeps = smooth_step((_VOLUME_FAR - radius) / (_VOLUME_FAR - _VOLUME_NEAR)) * smooth_step(
+        radius / _RIM
+    )
+    return share, -np.interp(direction, _ANGLES, _SLOPE_TABLE) * keeps, slide
+
+
+def _patella_weight(from_patella: FloatArray) -> FloatArray:
+    """1 on and before the kneecap, falling to 0 around it and towards the joint."""
+    x, y, z = from_patella.T
+    reach = np.sqrt((np.minimum(x, 0.0) / 0.5) ** 2 + y**2 + z**2)
+    return smooth_step((_PATELLA_FAR - reach) / (_PATELLA_FAR - _PATELLA_NEAR))
+
+
+def deform(
+    points: FloatArray,
+    weights: SoftWeights,
+    *,
+    femur: FloatArray,
+    tibia: FloatArray,
+    patella: FloatArray,
+    foot: FloatArray,
+) -> FloatArray:
+    """Points (p, 3) of the straight leg, in its femur's frame, to where soft tissue carries them.
+
+    Each matrix (4, 4) says how a bone moved: it maps the frame of ``points`` with the leg straight
+    to world now.
+    """
+    knee, ankle = transforms.inverse(femur) @ tibia, transforms.inverse(tibia) @ foot
+    out = np.array(points, float)
+    lower = np.flatnonzero(weights.ankle_share)
+    out[lower] = _turned(
+        out[lower],
+        weights.ankle_share[lower],
+        weights.ankle_share[lower],
+        np.array(weights.axes.ankle),
+        ankle,
+    )
+    below = weights.knee_share == 1
+    out[below] = transforms.apply(knee, out[below])
+    middle = np.flatnonzero((weights.knee_share > 0) & ~below)
+    bulged = _keeping_volume(
+        out[middle], weights.knee_slope[middle], weights.axes, flexion_of(knee)
+    )
+    out[middle] = _turned(
+        bulged,
+        weights.knee_share[middle],
+        weights.knee_slide[middle],
+        np.array(weights.axes.knee),
+        knee,
+    )
+    front = np.flatnonzero(weights.patella_share)
+    share = weights.patella_share[front, None]
+    # a straight line between two places that are close to each other: the soft map turns nearly
+    # with the kneecap
+    out[front] += share * (
+        transforms.apply(transforms.inverse(femur) @ patella, points[front]) - out[front]
+    )
+    return transforms.apply(femur, out)
+
+
+def flexion_of(knee: FloatArray) -> float:
+    """Flexion in rad of a knee whose tibia turned by ``knee`` (4, 4): the twist about z, negative
+    sense.
+    """
+    w, _, _, z = transforms.quaternion_from_rotation(knee[:3, :3])
+    return float(-2 * np.arctan2(z, w))
+
+
+def _keeping_volume(
+    points: FloatArray, slope: FloatArray, axes: LegAxes, flexion: float
+) -> FloatArray:
+    """Points moved from or toward the knee axis by what compression or opening of their wedge asks
+    for.
+    """
+    opening = np.maximum(1 + flexion * slope, 0.08)
+    factor = opening ** -np.where(points[:, 0] < axes.knee[0], _EXPONENT_BEHIND, _EXPONENT_FRONT)
+    moved = points.copy()
+    moved[:, :2] = axes.knee[:2] + (points[:, :2] - axes.knee[:2]) * factor[:, None]
+    return moved
+
+
+def _turned(
+    points: FloatArray, share: FloatArray, slide: FloatArray, center: FloatArray, motion: FloatArray
+) -> FloatArray:
+    """Points (p, 3) turned about ``center`` by a share (p,) of a rigid ``motion`` (4, 4), and
+    shifted by a share of the center's way.
+    """
+    quaternion = transforms.quaternion_from_rotation(motion[:3, :3])
+    w, axis = 1 + share * (quaternion[0] - 1), quaternion[1:]
+    norm = 1 / np.sqrt(w * w + share * share * (axis @ axis))
+    w, v = w * norm, share * norm
+    once = _cross(axis, points - center)
+    turn = _cross(axis, once) * (v * v)[:, None] + once * (w * v)[:, None]
+    return points + 2 * turn + slide[:, None] * (transforms.apply(motion, center[None])[0] - center)
+
+
+def _cross(axis: FloatArray, points: FloatArray) -> FloatArray:
+    """axis (3,) x points (p, 3), as one product."""
+    return points @ transforms.cross_matrix(axis).T
+
+
+NEAR, FAR = 0.004, 0.024
+"""m from the nearest bone up to which tissue keeps to it, and from which on it swings freely"""
+
+FARTHEST_SWING = (FAR - NEAR) / 1.875 / 2
+"""m: half of what would press a layer on its neighbor's place (1.875 is the steepest slope of the
+step between)
+"""
+
+_EDGE = 0.004
+"""m that samples of a bone lie apart at most: no place of its surface is then farther than NEAR
+from one
+"""
+
+
+def swing_of(bone: str) -> str:
+    """The name under which poses hold the swing of a bone's soft tissue: a translation in world, by
+    which the free tissue is shifted.
+    """
+    return f"swing_of_{bone}"
+
+
+class TissueMobility:
+    """Of one leg, straight, in the frame of its femur."""
+
+    def __init__(self, surfaces: Sequence[tuple[FloatArray, np.ndarray]]) -> None:
+        """``surfaces`` are (vertices (p, 3), triangles (t, 3)) of all that is rigid."""
+        samples = [
+            trimesh.remesh.subdivide_to_size(vertices, triangles, _EDGE)[0]
+            for vertices, triangles in surfaces
+        ]
+        self._bones = KDTree(np.concatenate(samples))
+
+    def at(self, points: FloatArray) -> FloatArray:
+        """(p,) 0 to 1, of points (p, 3)."""
+        distance = self._bones.query(points, distance_upper_bound=FAR)[0]
+        return smooth_step((np.minimum(distance, FAR) - NEAR) / (FAR - NEAR))

@@ -1,0 +1,62 @@
+"""Phantom and grid to labels: which part each voxel center lies in, exactly, for regions of
+evaluation and true volumes.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from legsim.core.errors import LegsimError
+from legsim.core.values import FloatArray, frozen_owned
+from legsim.geometry.volume import Volume, VolumeGrid
+from legsim.opencl.device import Device
+from legsim.phantom.meshes import Phantom
+from legsim.phantom.raster import MeshRaster, TileKernel
+
+_MOST_PARTS = 65534
+
+
+def labels(
+    phantom: Phantom, grid: VolumeGrid, device: Device, *, posed: Sequence[FloatArray] | None = None
+) -> np.ndarray:
+    """Index + 1 of the last part that contains each voxel center, 0 outside all: (z, y, x) uint8,
+    or uint16 from 255 parts on.
+
+    Args:
+        posed: world vertices of every part, (p, 3) m each; None for the phantom at rest.
+
+    Raises:
+        LegsimError: a part is not closed, or posed vertices do not fit.
+    """
+    if len(phantom.parts) > _MOST_PARTS:
+        raise LegsimError(
+            f"a phantom of {len(phantom.parts)} parts cannot be labeled; the limit is {_MOST_PARTS}"
+        )
+    raster = MeshRaster(phantom, device)
+    raster.move(posed)
+    raster.place(_voxels_from_world(grid))
+    nz, ny, nx = grid.shape_zyx
+    name, dtype = ("uchar", np.uint8) if len(phantom.parts) < 255 else ("ushort", np.uint16)
+    kernel = TileKernel(raster, "label", "voxelize.cl", LABEL=name)
+    target = device.zeros(nx * ny * nz, dtype)
+    kernel.run(raster.sort((ny, nx)), (np.int32(nz),), target)
+    return frozen_owned(device.download(target, np.empty(grid.shape_zyx, dtype)))
+
+
+def attenuation(
+    phantom: Phantom, grid: VolumeGrid, device: Device, *, posed: Sequence[FloatArray] | None = None
+) -> Volume:
+    """The true volume: each voxel has the attenuation at its center. Arguments and errors as in
+    :func:`labels`.
+    """
+    table = np.array([0.0, *(part.attenuation for part in phantom.parts)], np.float32)
+    return Volume(grid, table[labels(phantom, grid, device, posed=posed)])
+
+
+def _voxels_from_world(grid: VolumeGrid) -> FloatArray:
+    """(4, 4): world (x, y, z, 1) to (x index, y index, z in voxels from the grid's middle, 1)."""
+    spacing = np.array(grid.spacing_xyz)
+    start = np.array([*grid.origin[:2], grid.center[2]])
+    rows = np.zeros((4, 4))
+    rows[:3, :3], rows[:3, 3], rows[3, 3] = np.diag(1 / spacing), -start / spacing, 1.0
+    return rows

@@ -1,0 +1,193 @@
+"""What back-projection will do and what memory it takes, decided before anything is allocated."""
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+
+from legsim.core.errors import LegsimError
+from legsim.core.values import FloatArray
+from legsim.deformation import models
+from legsim.deformation.models import ControlPointMotion, FieldMotion, Motion
+from legsim.geometry.cone_beam import ConeBeamGeometry
+from legsim.geometry.volume import VolumeGrid
+from legsim.opencl.device import Device
+
+Kernel = Literal["columns", "voxels"]
+
+LEAD, TRAIL, PAD, SPACING = 24, 40, 8, 8
+"""rows of zeros below and above a detector column, columns of zeros beside the detector, voxels
+worked on at once (backproject.cl)
+"""
+
+_MOST_ROWS_PER_VOXEL, _MOST_SLOPE = 2.5, 0.5
+
+# pixels by which a line may leave the chords of eight voxels, at the grid's corners, edges, faces
+# and middle
+_MOST_BEND = 0.25
+
+# pixels by which a line may leave a detector column where it is taken for one
+_STRAIGHT = 1e-4
+
+_SLAB_BYTES = 1 << 28
+
+_NODE_BYTES = 1 << 26
+
+_VIEWS_AT_ONCE = 32
+
+
+@dataclass(frozen=True, slots=True)
+class BackprojectionPlan:
+    """How a volume will be computed and what it takes, decided before anything is allocated."""
+
+    kernel: Kernel
+    column_axis: int
+    """world axis (0 x, 1 y, 2 z) that columns of voxels run along"""
+    curve: int
+    """what a column projects to: 0 a detector column, 1 a straight line, 2 a curve"""
+    mirrored: tuple[bool, ...] = field(repr=False)
+    """views whose rows run against the column axis"""
+    slab: int
+    """slices along z that are computed together"""
+    batch: int
+    """views that are back-projected together"""
+    image_bytes: int
+    """device memory for all filtered views"""
+    slab_bytes: int
+    """device memory for a slab, twice, and for what places its voxels"""
+
+    @property
+    def device_bytes(self) -> int:
+        """Device memory in all (on a CPU that is host memory)."""
+        return self.image_bytes + self.slab_bytes
+
+
+def plan(
+    geometry: ConeBeamGeometry,
+    grid: VolumeGrid,
+    device: Device,
+    *,
+    motion: Motion | None = None,
+    kernel: Kernel | None = None,
+    slab_bytes: int = _SLAB_BYTES,
+) -> BackprojectionPlan:
+    """Chooses kernel, column axis, slabs and batches; ``kernel`` None takes the fastest that is
+    right here.
+
+    "columns" needs every voxel in front of the source, at most 2.5 detector rows between
+    neighboring voxels along one of the world's axes, and lines along it that turn less than 27
+    degrees off the detector's columns in every view. What it looks up between every eighth voxel
+    has to lie within a quarter of a pixel of where the voxels are.
+
+    Raises:
+        LegsimError: ``kernel`` "columns" was asked for where it does not work, the motion has
+            another number of views, or the device's memory does not hold the views.
+    """
+    if motion is not None and len(motion.times) != len(geometry):
+        raise LegsimError(
+            f"the motion has {len(motion.times)} transforms for {len(geometry)} views; expected "
+            "one a view"
+        )
+    axis, mirrored, curve = _column_axis(geometry, grid, motion)
+    if kernel == "columns" and curve is None:
+        raise LegsimError(
+            "the column kernel does not work for this geometry and grid; leave the choice of the "
+            "kernel open, or take 'voxels'"
+        )
+    chosen: Kernel = kernel or ("columns" if curve is not None and device.is_cpu else "voxels")
+    rows, columns = geometry.shape_vu
+    image_bytes = 4 * len(geometry) * (columns + 2 * PAD) * stride(rows)
+    nz, ny, nx = grid.shape_zyx
+    per_slice = 4 * (ny + SPACING) * (nx + SPACING)
+    slab = int(np.clip(slab_bytes // per_slice, 1, nz))
+    node_bytes = 12 * (slab // SPACING + 2) * (ny // SPACING + 2) * (nx // SPACING + 2)
+    batch = int(np.clip(_NODE_BYTES // node_bytes, 1, _VIEWS_AT_ONCE))
+    if curve is None:
+        curve = 2 if isinstance(motion, ControlPointMotion | FieldMotion) else 1
+    found = BackprojectionPlan(
+        chosen,
+        axis,
+        curve,
+        mirrored,
+        slab,
+        batch,
+        image_bytes,
+        2 * slab * per_slice + batch * node_bytes,
+    )
+    if found.device_bytes > device.candidate.memory_bytes:
+        raise LegsimError(
+            f"{len(geometry)} views of {columns} x {rows} pixels and a slab need "
+            f"{found.device_bytes / 2**30:.1f} GiB, "
+            f"but {device.label} has {device.candidate.memory_bytes / 2**30:.1f} GiB; take fewer "
+            "views or bin the pixels"
+        )
+    return found
+
+
+def stride(rows: int) -> int:
+    """Elements between the columns of an image of that many rows as the kernels read it."""
+    return LEAD + -(-(rows + 1) // 8) * 8
+
+
+def _column_axis(
+    geometry: ConeBeamGeometry, grid: VolumeGrid, motion: Motion | None
+) -> tuple[int, tuple[bool, ...], int | None]:
+    """(axis, mirrored views, curve), from how a lattice of points and their neighbors one voxel on
+    project; curve None: no axis will do.
+    """
+    lattice = np.stack(
+        np.meshgrid(*(axis[np.unique([0, len(axis) // 2, len(axis) - 1])] for axis in grid.axes())),
+        -1,
+    ).reshape(-1, 3)
+
+    def seen(offset: FloatArray) -> tuple[FloatArray, FloatArray]:
+        points = lattice + offset
+        with np.errstate(
+            divide="ignore", invalid="ignore"
+        ):  # points beside the source, which the depths tell
+            return geometry.project(points if motion is None else models.carried(points, motion))
+
+    steps = np.diag(grid.spacing_xyz)
+    at, depths = seen(np.zeros(3))
+    if (
+        min(
+            depths.min(),
+            *(seen(side * SPACING * np.array(grid.spacing_xyz))[1].min() for side in (-1, 1)),
+        )
+        <= 0
+    ):
+        return 1, (False,) * len(geometry), None
+    axis, slope, change, further = 1, np.inf, np.zeros_like(at), depths
+    for candidate in (1, 0, 2):
+        beyond, depths_beyond = seen(steps[candidate])
+        rows = (beyond - at)[..., 1] * np.sign(np.median((beyond - at)[..., 1], axis=1))[:, None]
+        steepest = float(np.abs((beyond - at)[..., 0]).max() / max(rows.min(), 1e-12))
+        if steepest < 0.5 * slope:
+            axis, slope, change, further = candidate, steepest, beyond - at, depths_beyond
+    mirrored = tuple(bool(m) for m in np.median(change[..., 1], axis=1) < 0)
+    if slope >= _MOST_SLOPE or np.abs(change[..., 1]).max() > _MOST_ROWS_PER_VOXEL:
+        return axis, mirrored, None
+    bend = 0.0
+    for k in range(3):
+        (ahead, depths_ahead), (back, depths_back) = (
+            seen(0.5 * SPACING * steps[k]),
+            seen(-0.5 * SPACING * steps[k]),
+        )
+        # along columns the kernel goes straight from pixel to pixel, across them from homogeneous
+        # pixel to homogeneous pixel
+        share = (
+            np.full_like(depths, 0.5) if k == axis else depths_ahead / (depths_ahead + depths_back)
+        )
+        bend = max(
+            bend, float(np.abs(share[..., None] * ahead + (1 - share[..., None]) * back - at).max())
+        )
+    if not bend < _MOST_BEND:
+        return axis, mirrored, None
+    if isinstance(motion, ControlPointMotion | FieldMotion):
+        return axis, mirrored, 2
+    count = grid.shape_zyx[2 - axis]
+    straight = (
+        np.abs(change[..., 0]).max() * count < _STRAIGHT
+        and np.abs(further / depths - 1).max() * count * max(geometry.shape_vu) < _STRAIGHT
+    )
+    return axis, mirrored, 0 if straight else 1

@@ -1,0 +1,151 @@
+"""What happens to each projection before back-projection: truncation correction, cosine and
+redundancy weights, ramp filter.
+
+All weights come from the geometry of the projections. Filtering is row by row, in batches of
+float32 FFTs on all cores.
+"""
+
+import os
+from collections import deque
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from itertools import islice
+
+import numpy as np
+from scipy import fft
+
+from legsim.core.values import Float32Array
+from legsim.geometry.cone_beam import ConeBeamGeometry, Projections
+from legsim.reconstruction.ramp_filter import FilterOptions, filter_response
+from legsim.reconstruction.source_path import fan_angles, source_arc
+from legsim.reconstruction.truncation import EDGE_COLUMNS, extended_rows
+from legsim.reconstruction.weights import RayWeights, _rays, redundancy_weights, warn_if_incomplete
+
+_BATCH_ELEMENTS = 2_000_000
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FilterPlan:
+    """Everything about filtering that depends on the geometry alone."""
+
+    geometry: ConeBeamGeometry
+    reach: int
+    """columns added on either side for the truncation correction"""
+    water_pixels: float | None
+    length: int
+    response: Float32Array
+    shares: Float32Array
+    """(v, columns + 2 reach): redundancy weight x increment x radius"""
+    rays: RayWeights
+    first_rays: Float32Array
+    """(rows, columns + 2 reach) those of the first view, which serve all views of a circular
+    scan
+    """
+
+    def ray_weights(self, view: int) -> Float32Array:
+        """(rows, columns + 2 reach) :class:`RayWeights` of a view."""
+        return (
+            self.first_rays
+            if self.rays.alike(view, 0)
+            else self.rays.of(view, self.geometry.shape_vu, self.reach)
+        )
+
+
+def plan_filter(
+    geometry: ConeBeamGeometry, options: FilterOptions, added: tuple[int, int] = (0, 0)
+) -> FilterPlan:
+    """Weights and filter for a scan whose first and last ``added`` columns were not measured
+    (:mod:`legsim.reconstruction.detector_alignment`).
+
+    Warns where it is shorter than a complete short scan.
+
+    Raises:
+        LegsimError: the sources do not run on an arc.
+    """
+    arc = source_arc(geometry)
+    columns = geometry.shape_vu[1]
+    reach = (
+        columns // 2 if options.water_attenuation is not None and columns >= 2 * EDGE_COLUMNS else 0
+    )
+    u = np.arange(-reach, columns + reach, dtype=float)
+    fans = fan_angles(geometry, arc, u)
+    if options.parker:
+        warn_if_incomplete(arc, fan_angles(geometry, arc, np.array([-0.5, columns - 0.5])))
+    edges = (
+        fan_angles(geometry, arc, np.array([added[0] - 0.5, columns - added[1] - 0.5]))
+        if any(added)
+        else None
+    )
+    shares = redundancy_weights(arc, fans, edges) if options.parker else np.full(fans.shape, 0.5)
+    length, response = filter_response(columns + reach, options.window)
+    rays = _rays(geometry, arc)
+    pixel_at_axis = float(np.mean(arc.radii / rays.row_factors[:, geometry.shape_vu[0] // 2]))
+    water = (
+        options.water_attenuation * pixel_at_axis if options.water_attenuation is not None else None
+    )
+    weights = (shares * (arc.increments * arc.radii)[:, None]).astype(np.float32)
+    return FilterPlan(
+        geometry,
+        reach,
+        water,
+        length,
+        response,
+        weights,
+        rays,
+        rays.of(0, geometry.shape_vu, reach),
+    )
+
+
+def filtered_views(
+    projections: Projections,
+    options: FilterOptions,
+    progress: Callable[[int, int], None] | None = None,
+    *,
+    added: tuple[int, int] = (0, 0),
+    finish: Callable[[Float32Array, slice], Float32Array] = lambda filtered, _: filtered,
+) -> Iterator[tuple[slice, Float32Array]]:
+    """Yields (views, filtered (n, rows, columns)) in order; back-projected with 1 / depth^2 (m)
+    they add up to attenuation in 1/m.
+
+    Two batches per core are under way at once. ``finish`` is applied to (filtered, views) by the
+    thread that filtered them.
+    """
+    plan = plan_filter(projections.geometry, options, added)
+    views, rows, _ = projections.line_integrals.shape
+    size = max(1, _BATCH_ELEMENTS // (rows * plan.length))
+    slices = [slice(k, min(k + size, views)) for k in range(0, views, size)]
+    cores = (
+        len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else (os.cpu_count() or 1)
+    )
+
+    def filtered(where: slice) -> Float32Array:
+        return finish(filter_batch(plan, projections.line_integrals[where], where), where)
+
+    with ThreadPoolExecutor(cores) as pool:
+        waiting = iter(slices)
+        pending = deque((s, pool.submit(filtered, s)) for s in islice(waiting, 2 * cores))
+        while pending:
+            done, future = pending.popleft()
+            batch = future.result()
+            pending.extend((s, pool.submit(filtered, s)) for s in islice(waiting, 1))
+            yield done, batch
+            if progress is not None:
+                progress(done.stop, views)
+
+
+def filter_batch(plan: FilterPlan, images: Float32Array, views: slice) -> Float32Array:
+    """Filters images (n, rows, columns) of the given views."""
+    columns = images.shape[-1]
+    rows = (
+        extended_rows(images, plan.reach, plan.water_pixels)
+        if plan.reach and plan.water_pixels
+        else images.copy()
+    )
+    for k, view in enumerate(range(views.start, views.stop)):
+        rows[k] *= plan.ray_weights(view)
+        rows[k] *= plan.shares[view]
+    spectrum = np.asarray(fft.rfft(rows, plan.length, axis=-1, overwrite_x=True))
+    spectrum *= plan.response
+    filtered = np.asarray(fft.irfft(spectrum, plan.length, axis=-1, overwrite_x=True))
+    return np.ascontiguousarray(filtered[..., plan.reach : plan.reach + columns])

@@ -1,0 +1,164 @@
+"""How often a scan measures each ray, and what share of the angle each view stands for.
+
+Everything here is told by the sources, which run nearly on a circle. Where the scanned object
+moved, they are to be given as seen from it.
+"""
+
+import warnings
+from dataclasses import dataclass
+
+import numpy as np
+
+from legsim.core.values import Float32Array, FloatArray
+from legsim.geometry.cone_beam import ConeBeamGeometry
+from legsim.reconstruction.source_path import SourceArc
+
+_LEAST_TURNING = 0.05
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RayWeights:
+    """The cosine of the angle between each ray and the line from source to axis, over how fast rays
+    turn from pixel to pixel.
+
+    With a ray d(u, v) = B (u, v, 1), B inverting the matrix's left part, w the direction from
+    source to axis and e the one across w and the axis a, Feldkamp's formula filters x = (d . e) /
+    (d . w) and back-projects with 1 / L^2, L being the depth along w. On any flat detector x is
+    projective in u, for which the ramp of x is that of u times 1 / (dx/du): the two distances in
+    its kernel are (u - u') sqrt(x'(u) x'(u')). Together with depth^2 = L^2 / (d . w)^2 of the
+    kernels' weight that leaves 1 / (d . w)^2 (dx/du) = 1 / |a . (dB/du x d)|, which is the same in
+    a whole row. It is the focal length in pixels where the detector faces the axis.
+    """
+
+    numerators: FloatArray
+    """(v, 3): dot(ray (u, v, 1), direction to the axis)"""
+    squares: FloatArray
+    """(v, 3, 3): quadratic form of (u, v, 1) that gives the squared length of the ray"""
+    row_factors: FloatArray
+    """(v, rows): 1 / |a . (dB/du x d)|"""
+
+    def alike(self, view: int, other: int) -> bool:
+        """Whether two views have the same weights."""
+        return all(
+            np.allclose(a[view], a[other], rtol=1e-9, atol=1e-12)
+            for a in (self.numerators, self.squares, self.row_factors)
+        )
+
+    def of(self, view: int, shape_vu: tuple[int, int], reach: int) -> Float32Array:
+        """(rows, columns + 2 reach) of one view."""
+        factors = self.row_factors[view].astype(np.float32)[:, None]
+        return _ray_weights(shape_vu, reach, self.numerators[view], self.squares[view], factors)
+
+
+def _ray_weights(
+    shape_vu: tuple[int, int],
+    reach: int,
+    numerator: FloatArray,
+    square: FloatArray,
+    factors: Float32Array,
+) -> Float32Array:
+    u, v = (
+        np.arange(-reach, shape_vu[1] + reach, dtype=np.float32),
+        np.arange(shape_vu[0], dtype=np.float32)[:, None],
+    )
+    n, g = numerator.astype(np.float32), square.astype(np.float32)
+    lengths = (2 * g[0, 1] * v) * u
+    lengths += (g[0, 0] * u + 2 * g[0, 2]) * u
+    lengths += (g[1, 1] * v + 2 * g[1, 2]) * v + g[2, 2]
+    np.sqrt(lengths, out=lengths)
+    weights = (n[0] * factors) * u
+    weights += (n[1] * v + n[2]) * factors
+    return np.divide(weights, lengths, out=lengths)
+
+
+def _rays(geometry: ConeBeamGeometry, arc: SourceArc) -> RayWeights:
+    back = np.linalg.inv(geometry.matrices[:, :, :3])
+    outward = geometry.sources() - arc.center
+    outward -= (outward @ arc.axis)[:, None] * arc.axis
+    inward = -outward / np.linalg.norm(outward, axis=-1, keepdims=True)
+    per_row = np.cross(back[:, :, 0], back[:, :, 1]) @ arc.axis
+    turning = np.abs(
+        (np.cross(back[:, :, 0], back[:, :, 2]) @ arc.axis)[:, None]
+        + per_row[:, None] * np.arange(geometry.shape_vu[0])
+    )
+    # a row whose rays run along the axis tells nothing of the lines across it; it must not drown
+    # the others
+    factors = 1 / np.maximum(turning, _LEAST_TURNING * np.median(turning))
+    return RayWeights(
+        np.einsum("vji,vj->vi", back, inward), np.einsum("vji,vjk->vik", back, back), factors
+    )
+
+
+_GAP, _GAP_STEPS = np.radians(5.0), 4.0
+"""rad, and steps between views: a wider gap is no coarse or uneven scan but a missing part of
+one
+"""
+
+
+class ShortScanWarning(UserWarning):
+    """The views span less than half a turn plus the fan, or leave a part of it out: some rays are
+    not measured at all.
+    """
+
+
+def redundancy_weights(
+    arc: SourceArc, fans: FloatArray, edges: FloatArray | None = None
+) -> FloatArray:
+    """Shares (v, n) for rays at fan angles (v, n): the shares of all measurements of one line add
+    up to 1.
+
+    A line seen from angle b under fan angle g is seen again from b + pi + 2 g. The share is
+    sin^2(pi/2 x) with x = d / (d + d'), where d and d' are the distances of the two views from the
+    nearer end of the covered range, 0 where the second view is outside it. In a short scan this is
+    Parker's weight with Silver's virtual fan (Parker 1982; Silver 2000), in an overscan it stays
+    continuous, and below the minimum the lines that are measured once get 1. In a full turn it is
+    1/2, unless ``edges`` (v, 2), the fan angles at the outer edges of a detector that stands to one
+    side, are given: see :func:`_one_sided`.
+    """
+    if arc.full_turn:
+        return np.full(fans.shape, 0.5) if edges is None else _one_sided(fans, edges)
+    angles = np.broadcast_to(arc.angles[:, None], fans.shape)
+    opposite = np.mod(angles + np.pi + 2 * fans, 2 * np.pi)
+    own = np.minimum(angles, arc.coverage - angles)
+    other = np.maximum(np.minimum(opposite, arc.coverage - opposite), 0.0)
+    return np.sin(0.5 * np.pi * own / (own + other)) ** 2
+
+
+def _one_sided(fans: FloatArray, edges: FloatArray) -> FloatArray:
+    """Shares in a full turn of which one side of the fan is cut short (Wang, Med Phys 29, 2002): 0
+    there, 1 on the other.
+
+    Fan angle g is seen again at -g, and (1 + sin(pi/2 g / t)) / 2 for g from -t to t, t being the
+    short side of all views, adds up to 1.
+    """
+    widest = edges.max() > -edges.min()
+    short = -edges.min(1).max() if widest else edges.max(1).min()
+    towards_long = fans if widest else -fans
+    return 0.5 + 0.5 * np.sin(0.5 * np.pi * np.clip(towards_long / max(short, 1e-6), -1.0, 1.0))
+
+
+def warn_if_incomplete(arc: SourceArc, fans: FloatArray) -> None:
+    """Warns (:class:`ShortScanWarning`) with the numbers where the span is below half a turn plus
+    the fan (v, n), or views are missing.
+    """
+    fan = 2 * float(np.abs(fans).max())
+    if not arc.full_turn and arc.span < np.pi + fan:
+        warnings.warn(
+            f"short scan: the sources span {np.degrees(arc.span):.1f} deg "
+            f"({np.degrees(arc.coverage):.1f} deg with half a step at "
+            f"either end), but a complete one needs {180 + np.degrees(fan):.1f} deg (180 + fan of "
+            f"{np.degrees(fan):.1f}); "
+            "lines that were not measured are missing from the volume",
+            ShortScanWarning,
+            stacklevel=3,
+        )
+    steps = np.diff(np.sort(arc.angles))
+    widest = float(steps.max())
+    if widest > max(_GAP_STEPS * float(np.median(steps)), _GAP):
+        warnings.warn(
+            f"the sources leave {np.degrees(widest):.1f} deg out between two views, the step is "
+            f"{np.degrees(np.median(steps)):.2f} deg; "
+            "lines that were not measured there are taken from the views at either end",
+            ShortScanWarning,
+            stacklevel=3,
+        )

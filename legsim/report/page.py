@@ -1,0 +1,116 @@
+"""One self-contained page a run: nothing is fetched, nothing runs, it reads on a phone and
+prints.
+"""
+
+import base64
+import re
+from dataclasses import dataclass
+
+from jinja2 import Environment, PackageLoader, StrictUndefined
+
+from legsim.core.errors import LegsimError
+
+
+@dataclass(frozen=True, slots=True)
+class Table:
+    """A table with a row of headings; a row of one cell heads the rows that follow it."""
+
+    caption: str
+    columns: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+    note: str = ""
+    name: str = ""
+    """stem of the file that holds it by itself, where there is one"""
+    links: tuple[str, ...] = ()
+    """an address a row, relative to the report, for the row's head; none where empty"""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "columns", tuple(self.columns))
+        object.__setattr__(self, "rows", tuple(tuple(row) for row in self.rows))
+        for row in self.rows:
+            if len(row) not in (1, len(self.columns)):
+                raise LegsimError(
+                    f"table {self.caption!r} has {len(self.columns)} columns but a row of "
+                    f"{len(row)} cells: {row}"
+                )
+        if self.links and len(self.links) != len(self.rows):
+            raise LegsimError(
+                f"table {self.caption!r} has {len(self.rows)} rows but {len(self.links)} links"
+            )
+
+
+@dataclass(frozen=True, slots=True)
+class Picture:
+    """A figure with the words that stand for it where it cannot be seen."""
+
+    caption: str
+    png: bytes
+    alt: str = ""
+    """what it shows, for those who cannot see it; the caption where empty"""
+    file: str = ""
+    """where it also lies by itself, relative to the report"""
+
+    @property
+    def source(self) -> str:
+        """The picture as a data address."""
+        return "data:image/png;base64," + base64.b64encode(self.png).decode("ascii")
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """(width, height) in pixels, from the PNG's header, so that the page does not jump while it
+        loads.
+        """
+        return int.from_bytes(self.png[16:20], "big"), int.from_bytes(self.png[20:24], "big")
+
+
+@dataclass(frozen=True, slots=True)
+class PageSection:
+    """A part of the page."""
+
+    title: str
+    lines: tuple[str, ...] = ()
+    tables: tuple[Table, ...] = ()
+    figures: tuple[Picture, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class FileNote:
+    """A file of the run folder and what is in it."""
+
+    name: str
+    """relative to the report"""
+    what: str
+
+
+@dataclass(frozen=True, slots=True)
+class ReportContent:
+    """All that a page says."""
+
+    title: str
+    summary: tuple[str, ...]
+    """the most important first; each a sentence"""
+    sections: tuple[PageSection, ...] = ()
+    provenance: tuple[tuple[str, str], ...] = ()
+    """(what, value): version, device, seed, hash of the configuration ..."""
+    files: tuple[FileNote, ...] = ()
+    warnings: tuple[str, ...] = ()
+
+
+def render(content: ReportContent) -> str:
+    """The page as HTML."""
+    environment = Environment(
+        loader=PackageLoader("legsim"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.tests["numeric"] = is_numeric
+    return environment.get_template("report.html.j2").render(content=content)
+
+
+def is_numeric(cell: str) -> bool:
+    """Whether a cell is set to the right: a number, with or without unit, deviation or a printed
+    value beside it.
+    """
+    return re.match(r"[+\-−±<>≤≥]*\d|[–—]$", cell) is not None

@@ -1,0 +1,137 @@
+"""Tables of our values with the printed ones and the difference beside them."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from legsim.evaluation.scores import MeanAndDeviation
+from legsim.report import published
+from legsim.report.page import Table
+from legsim.report.published import Score
+
+NONE = "–"
+
+CAVEAT = "another phantom, other recordings, and a third digit that means little"
+
+ENTROPY = (
+    "Entropy (nats) of the normalized gradient magnitude, without any reference: blur and "
+    "streaks raise it. Only differences count."
+)
+
+_HEADINGS = {"30": "30 degree squats", "60": "60 degree squats", "all": "all scans"}
+
+
+@dataclass(frozen=True, slots=True)
+class Entry:
+    """What one row has in one column: ours, and what the study printed there."""
+
+    group: str
+    """heads the rows that follow; nothing where empty"""
+    row: str
+    column: str
+    ours: MeanAndDeviation | None
+    printed: Score | None
+
+
+def counted(count: int, what: str) -> str:
+    """ "1 scan", "2 scans"."""
+    return f"{count} {what}" if count == 1 else f"{count} {what}s"
+
+
+def heading(condition: str) -> str:
+    """A block's name in words."""
+    return _HEADINGS.get(condition, condition)
+
+
+def text(ours: MeanAndDeviation | Score | None, digits: int = 3) -> str:
+    """A mean, and its deviation where it is one of several."""
+    if ours is None:
+        return NONE
+    alone = isinstance(ours, MeanAndDeviation) and ours.count < 2
+    return (
+        f"{ours.mean:.{digits}f}"
+        if alone
+        else f"{ours.mean:.{digits}f} ± {ours.deviation:.{digits}f}"
+    )
+
+
+def difference(ours: MeanAndDeviation | None, printed: Score | None, digits: int = 3) -> str:
+    """Ours minus the printed mean, signed."""
+    if ours is None or printed is None:
+        return NONE
+    away = round(ours.mean - printed.mean, digits)
+    return f"{away:+.{digits}f}".replace("-", "−") if away else f"{0:.{digits}f}"
+
+
+def table(
+    caption: str,
+    head: str,
+    entries: Sequence[Entry],
+    *,
+    note: str,
+    source: str = "",
+    name: str = "",
+) -> Table:
+    """Three columns for each column of the entries, one where nothing was printed; ``head`` is that
+    of the row names.
+
+    ``source`` says in the note where the printed values stand.
+    """
+    beside = any(e.printed is not None for e in entries)
+    columns = tuple(dict.fromkeys(e.column for e in entries))
+    found = {(e.group, e.row, e.column): e for e in entries}
+    rows: list[tuple[str, ...]] = []
+    group = ""
+    for place in dict.fromkeys((e.group, e.row) for e in entries):
+        if place[0] != group:
+            group = place[0]
+            rows.append((group,))
+        cells = [found.get((*place, column)) for column in columns]
+        rows.append(
+            (place[1], *(cell for entry in cells for cell in _cells(entry)[: 3 if beside else 1]))
+        )
+    heads = (
+        h
+        for column in columns
+        for h in (column, f"printed {column}", f"difference {column}")[: 3 if beside else 1]
+    )
+    note = f"{note} Printed: {source}; {CAVEAT}." if beside and source else note
+    return Table(caption, (head, *heads), tuple(rows), note, name)
+
+
+def _cells(entry: Entry | None) -> tuple[str, str, str]:
+    if entry is None:
+        return NONE, NONE, NONE
+    return text(entry.ours), text(entry.printed), difference(entry.ours, entry.printed)
+
+
+def quality_entry(
+    measure: str,
+    condition: str,
+    method: str,
+    region: str,
+    ours: MeanAndDeviation | None,
+    *,
+    group: str = "",
+) -> Entry:
+    """An entry of Table 1; ``measure`` is SSIM or RMSE."""
+    printed = (published.ssim if measure == "SSIM" else published.rmse)(method, region, condition)
+    return Entry(group, method, region, ours, printed)
+
+
+def quality_tables(
+    ssim: Sequence[Entry], rmse: Sequence[Entry], source: str
+) -> tuple[Table, Table]:
+    """Both measures of image quality; ``source`` says where the printed values stand."""
+    source = f"Maier et al. 2021, {source}"
+    similar = "Structural similarity (SSIM) to the motion-free reconstruction"
+    return (
+        table(similar, "method", ssim, note="1 is equal.", source=source, name="ssim"),
+        table(
+            "RMSE against the motion-free reconstruction",
+            "method",
+            rmse,
+            note="Of volumes scaled from 0 to 1; 0 is equal.",
+            source=source,
+            name="rmse",
+        ),
+    )

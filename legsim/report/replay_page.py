@@ -1,0 +1,252 @@
+"""The page of `legsim replay`: how well the model follows each marker, how far each coordinate
+goes, and pictures of both.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from legsim import figures
+from legsim.kinematics.moving_leg import MarkerFit, MovingLeg
+from legsim.mocap.cleaning import CleaningReport
+from legsim.report.page import FileNote, PageSection, Picture, ReportContent, Table
+from legsim.scene.values import ReplayScene
+
+if TYPE_CHECKING:
+    from legsim.figures import Figure
+
+
+REPLAY_FILES = (
+    FileNote("recording.rrd", "everything over time; open with `legsim view` or the rerun viewer"),
+    FileNote("coordinates.mot", "joint coordinates, for OpenSim"),
+    FileNote("joint_centres.csv", "hip, knee and ankle centers in world, m"),
+    FileNote("poses.npz", "segment poses"),
+    FileNote("imu.csv", "what the sensors read, in their own frames"),
+)
+"""of a replay, and among those of a run"""
+
+
+def replay_figures(scene: ReplayScene) -> tuple[tuple[str, str, Figure], ...]:
+    """(file stem, caption, figure) of the movement itself."""
+    pictures = [
+        (
+            "joint-angles",
+            "Joint angles over the recording; knee flexion is negative, as in gait2392.",
+            figures.joint_angles(scene.trajectories),
+        ),
+        (
+            "sway",
+            "How far the joint centers stray from their means.",
+            figures.sway(scene.joint_centers),
+        ),
+    ]
+    if scene.measured is not None:
+        pictures.append(
+            (
+                "markers",
+                "Distance between measured markers and the model's.",
+                figures.marker_residuals(scene),
+            )
+        )
+    return tuple(pictures)
+
+
+def replay_report_lines(recovered: MovingLeg, out: Path) -> list[str]:
+    """What `legsim replay` prints."""
+    files = ", ".join(note.name for note in REPLAY_FILES)
+    return [
+        *recovered.lines(),
+        f"report: {out / 'report.html'}",
+        f"files: {files} in {out}",
+        f"to look around: legsim view {out}",
+    ]
+
+
+_LARGE_RESIDUAL = 0.03
+"""m RMS: a marker this far off is mislabeled, or sits elsewhere than its role says"""
+
+
+def still(scene: ReplayScene) -> bytes:
+    """PNG of the body in the middle of the recording."""
+    return figures.png(figures.still(scene, _middle(scene)))
+
+
+def content(
+    recovered: MovingLeg, scene: ReplayScene, posture: bytes, provenance: Sequence[tuple[str, str]]
+) -> ReportContent:
+    """What the page says; ``posture`` is the :func:`still`, all other figures are drawn here."""
+    seen = f"The middle of the recording, {_middle(scene):.2f} s."
+    curves = (
+        []
+        if scene.imu is None
+        else [("imu", "What the sensors read, by their own clock.", figures.imu_curves(scene.imu))]
+    )
+    fit = recovered.fit
+    marker_sections = [] if fit is None else [PageSection("Markers", tables=_marker_tables(fit))]
+    return ReportContent(
+        title=f"Replay of {recovered.name}",
+        summary=tuple(recovered.lines()),
+        sections=(
+            PageSection("Posture", figures=(Picture(seen, posture, seen),)),
+            *marker_sections,
+            PageSection("Joint coordinates", tables=(coordinate_table(recovered),)),
+            PageSection("Curves", figures=_drawn([*replay_figures(scene), *curves])),
+        ),
+        provenance=tuple(provenance),
+        files=(
+            *REPLAY_FILES,
+            FileNote("kinematics.json", "the numbers of this page"),
+            FileNote("manifest.json", "versions, seconds and sha256 of every file"),
+        ),
+        warnings=() if fit is None else warnings(fit),
+    )
+
+
+def _middle(scene: ReplayScene) -> float:
+    return float(np.mean(scene.trajectories.times[[0, -1]]))
+
+
+def marker_table(fit: MarkerFit) -> Table:
+    """A row a marker: how far the model stays off, and what was mended."""
+    ik, times = fit.ik, fit.measured.times
+    rows = []
+    for k, name in enumerate(ik.marker_names):
+        cleaned = fit.cleaning.of(name)
+        seen = ik.marker_seen[k] > 0
+        rows.append(
+            (
+                name,
+                ", ".join(cleaned.labels),
+                f"{1e3 * ik.marker_rms[k]:.1f}" if seen else "–",
+                f"{1e3 * ik.marker_worst[k]:.1f}" if seen else "–",
+                f"{ik.marker_worst_frame[k]} ({times[ik.marker_worst_frame[k]]:.2f} s)"
+                if seen
+                else "–",
+                *(
+                    str(count)
+                    for count in (
+                        cleaned.missing,
+                        cleaned.jumps_removed,
+                        cleaned.filled,
+                        cleaned.rebuilt,
+                        cleaned.left_missing,
+                    )
+                ),
+                f"{cleaned.longest_gap_s:.2f}",
+            )
+        )
+    heads = (
+        "role",
+        "labels",
+        "RMS (mm)",
+        "worst (mm)",
+        "worst frame",
+        "missing",
+        "jumps removed",
+        "filled",
+        "rebuilt",
+        "left out",
+    )
+    return Table(
+        "Markers",
+        (*heads, "longest gap (s)"),
+        tuple(rows),
+        "RMS and worst: distance to the model. Missing, jumps, filled, rebuilt, left out: "
+        "samples. Rebuilt ones, among the filled, come "
+        "from other markers on the same segment; left out ones stayed unseen for the solver. "
+        "Frames count from 0.",
+    )
+
+
+def coordinate_table(recovered: MovingLeg) -> Table:
+    """A row a coordinate: where it goes, and who decides it."""
+    fit = recovered.fit
+    rows = []
+    for k, row in enumerate(recovered.ranges()):
+        cells = (
+            row.name,
+            row.unit,
+            *(f"{v:.2f}" for v in (row.mean, row.rms, row.lowest, row.highest)),
+        )
+        rate = (f"{row.highest_rate:.1f}", str(row.highest_rate_frame))
+        known = (
+            ()
+            if fit is None
+            else (f"{fit.ik.coordinate_share[k]:.2f}", str(fit.ik.coordinate_at_limit[k]))
+        )
+        rows.append((*cells, *rate, *known))
+    heads = (
+        "coordinate",
+        "unit",
+        "mean",
+        "RMS about it",
+        "lowest",
+        "highest",
+        "fastest (per s)",
+        "at frame",
+    )
+    note = "Knee flexion is negative, as in gait2392."
+    if fit is None:
+        return Table("Joint coordinates", heads, tuple(rows), note)
+    told = " Decided by markers: 1 where the markers alone decide it, 0 where the stated priors do."
+    return Table(
+        "Joint coordinates",
+        (*heads, "decided by markers", "frames at limit"),
+        tuple(rows),
+        note + told,
+    )
+
+
+def warnings(fit: MarkerFit) -> tuple[str, ...]:
+    """What a reader should look at first."""
+    ik, lines = fit.ik, []
+    far = [
+        name
+        for name, rms in zip(ik.marker_names, ik.marker_rms, strict=True)
+        if rms > _LARGE_RESIDUAL
+    ]
+    if far:
+        lines.append(
+            f"The model stays more than {1e3 * _LARGE_RESIDUAL:g} mm from {', '.join(far)}: check "
+            "the labels and the marker map."
+        )
+    if fit.cleaning.never_seen:
+        lines.append(f"Never seen: {', '.join(fit.cleaning.never_seen)}.")
+    if len(ik.frames_unconverged):
+        lines.append(
+            f"{len(ik.frames_unconverged)} frames did not converge, the first is frame "
+            f"{ik.frames_unconverged[0]}."
+        )
+    if len(ik.frames_unseen):
+        lines.append(
+            f"{len(ik.frames_unseen)} frames show no marker and are bridged, the first is frame "
+            f"{ik.frames_unseen[0]}."
+        )
+    if _filled_share(fit.cleaning) > 0.1:
+        lines.append(
+            f"{100 * _filled_share(fit.cleaning):.0f} % of the samples of a marker were bridged: "
+            "see the table."
+        )
+    return tuple(lines)
+
+
+def _filled_share(cleaning: CleaningReport) -> float:
+    return max(role.filled / max(role.samples, 1) for role in cleaning.roles)
+
+
+def _marker_tables(fit: MarkerFit) -> tuple[Table, ...]:
+    scales = tuple((m.name, f"{1e3 * m.measured:.1f}") for m in fit.scaling.measurements)
+    lengths = Table(
+        f"Lengths that scaled the model, from {fit.scaled_from}",
+        ("length", "measured (mm)"),
+        scales,
+    )
+    return marker_table(fit), lengths
+
+
+def _drawn(pictures: Sequence[tuple[str, str, Figure]]) -> tuple[Picture, ...]:
+    return tuple(Picture(caption, figures.png(figure), caption) for _, caption, figure in pictures)

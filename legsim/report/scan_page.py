@@ -1,0 +1,188 @@
+"""What a run or a replay shows: the scene for recording and figures, the pictures, and the words
+and tables of the report.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from legsim import figures
+from legsim.core import files
+from legsim.core.values import FloatArray
+from legsim.deformation.models import RigidMotion
+from legsim.evaluation.scores import MethodResult, spread
+from legsim.kinematics.moving_leg import MovingLeg
+from legsim.report import published_tables
+from legsim.report.page import FileNote, PageSection, Picture, ReportContent, Table
+from legsim.report.replay_page import REPLAY_FILES, replay_figures
+from legsim.scene.values import ScanScene
+
+if TYPE_CHECKING:
+    from legsim.figures import Figure
+
+
+def scan_figures(
+    scene: ScanScene,
+    truth: RigidMotion,
+    motions: Sequence[tuple[str, RigidMotion]],
+    knee: FloatArray,
+) -> tuple[tuple[str, str, Figure], ...]:
+    """(file stem, caption, figure) of everything there is to see of a scan."""
+    if scene.planes is None:
+        return ()
+    replay = scene.replay
+    corrected = scene.volumes[1:]
+    pictures = [
+        (
+            "slices",
+            "Axial slices 5 cm below and above the knee center, and the sagittal slice through "
+            "it, one column a method.",
+            figures.slices(scene.volumes, scene.planes),
+        ),
+        (
+            "projections",
+            "Projections of the moving leg through the scan.",
+            figures.projection_montage(scene.projections),
+        ),
+    ]
+    if corrected:
+        pictures.insert(
+            1,
+            (
+                "overlay",
+                "The motion-free volume in red and each method in green; where they agree it is "
+                "yellow.",
+                figures.overlay(scene.volumes[0], corrected, scene.planes),
+            ),
+        )
+    if motions:
+        pictures.append(
+            (
+                "motion-errors",
+                "How far each estimate puts the knee center from where the shank carried it.",
+                figures.motion_errors(truth, motions, knee),
+            )
+        )
+    if replay.imu is not None:
+        pictures.append(("imu", "What the sensors read.", figures.imu_curves(replay.imu)))
+    return (*pictures, *replay_figures(replay))
+
+
+def quality(results: Sequence[MethodResult], condition: str) -> tuple[Table, Table, Table]:
+    """SSIM and RMSE by method and region, beside the printed values of that block ("30", "60" or
+    "all"); gradient entropy.
+    """
+    ssim, rmse = [], []
+    for result in results:
+        for m in result.metrics.regions:
+            ssim.append(
+                published_tables.quality_entry(
+                    "SSIM", condition, result.method, m.region, spread([m.ssim])
+                )
+            )
+            rmse.append(
+                published_tables.quality_entry(
+                    "RMSE", condition, result.method, m.region, spread([m.rmse])
+                )
+            )
+    regions = [m.region for m in results[0].metrics.regions]
+    entropy = tuple(
+        (r.method, *(f"{r.metrics.of(region).gradient_entropy:.3f}" for region in regions))
+        for r in results
+    )
+    return (
+        *published_tables.quality_tables(
+            ssim, rmse, f"Table 1, {published_tables.heading(condition)}"
+        ),
+        Table(
+            "Sharpness by gradient entropy", ("method", *regions), entropy, published_tables.ENTROPY
+        ),
+    )
+
+
+def scan_report(
+    recovered: MovingLeg,
+    results: Sequence[MethodResult],
+    pictures: Sequence[Picture],
+    summary: Sequence[str],
+    provenance: Sequence[tuple[str, str]],
+) -> ReportContent:
+    """The page of a run."""
+    condition = _condition(recovered)
+    further = _residual_table(results)
+    images = PageSection(
+        "Image quality", tables=(*quality(results, condition), further), figures=tuple(pictures[:3])
+    )
+    return ReportContent(
+        title=f"Scan of {recovered.name}",
+        summary=tuple(summary),
+        sections=(
+            images,
+            PageSection("Motion", lines=tuple(recovered.lines()), figures=tuple(pictures[3:])),
+        ),
+        provenance=tuple(provenance),
+        files=(
+            *REPLAY_FILES,
+            FileNote("config.toml", "every setting of this run"),
+            FileNote("manifest.json", "versions, device, seconds and sha256 of every file"),
+            FileNote("geometry.json", "a 3x4 matrix a view, mm to pixels"),
+            FileNote("geometry_rtk.xml", "the same for RTK"),
+            FileNote("projections.mha", "line integrals"),
+            FileNote("metrics.json", "the numbers of the tables"),
+            *(FileNote(f"volume-{r.method}.mha", "attenuation, 1/mm") for r in results),
+        ),
+    )
+
+
+def _residual_table(results: Sequence[MethodResult]) -> Table:
+    """What each method left of the motion, by structure, and its time."""
+    structures = [r.structure for r in results[0].residuals]
+    rows = []
+    for result in results:
+        left = [(_number(r.mm), _number(r.degrees), _number(r.pixels)) for r in result.residuals]
+        rows.append(
+            (result.method, *(cell for cells in left for cell in cells), f"{result.seconds:.1f}")
+        )
+    heads = (
+        f"{structure} {unit}" for structure in structures for unit in ("(mm)", "(deg)", "(px)")
+    )
+    note = (
+        "RMS over the views and points of each structure of the left knee within the field of "
+        "view: how far the method has them from "
+        "where they were, by how much it turns a bone in excess, and how far apart the images see "
+        "the two. Deformed images know no "
+        "depth: pixels alone."
+    )
+    return Table(
+        "Motion that was not undone, and time",
+        ("method", *heads, "seconds"),
+        tuple(rows),
+        f"Residual: {note}",
+    )
+
+
+def _number(value: float | None) -> str:
+    return "–" if value is None else f"{value:.2f}"
+
+
+def _condition(recovered: MovingLeg) -> str:
+    """Which block of the printed table to show beside ours: by the mean bend of the scanned
+    knee.
+    """
+    bend = -float(np.degrees(recovered.trajectories.coordinate("knee_angle_l").mean()))
+    return "30" if 15 <= bend < 45 else "60" if 45 <= bend <= 75 else "all"
+
+
+def write_pictures(folder: Path, drawn: Sequence[tuple[str, str, Figure]]) -> list[Picture]:
+    """Saves each figure as a PNG in ``folder`` and gives it back for the report."""
+    folder.mkdir(exist_ok=True)
+    pictures = []
+    for stem, caption, figure in drawn:
+        content = figures.png(figure)
+        files.write_bytes(folder / f"{stem}.png", content)
+        pictures.append(Picture(caption, content, caption, f"{folder.name}/{stem}.png"))
+    return pictures

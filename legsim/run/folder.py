@@ -1,0 +1,226 @@
+"""The run folder: a manifest vouches for what is done.
+
+A stage has a key, a hash of all that decides its output. Where the manifest holds the same key and
+the files still have the recorded sha256, the stage is skipped. One process at a time writes into a
+folder.
+"""
+
+import errno
+import fcntl
+import json
+import os
+import socket
+import subprocess
+import time
+import warnings
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from legsim.core import memory
+from legsim.core.errors import file_error
+from legsim.core.files import PREFIX, sha256, write_text
+from legsim.evaluation.registration import RegistrationError
+from legsim.run.store import StageCache
+
+_PACKAGE = Path(__file__).parents[1]
+
+SCHEMA = 2
+
+_ABANDONED_S = 3600.0
+"""after which a partial file that nobody writes to is taken for left behind"""
+
+
+def _remove_leftovers(folder: Path) -> None:
+    """Deletes what killed processes left half written; what was written to within the hour may be
+    another process's that lives.
+    """
+    for leftover in folder.glob(f"{PREFIX}*"):
+        with suppress(FileNotFoundError):
+            if time.time() - leftover.stat().st_ctime > _ABANDONED_S:
+                leftover.unlink()
+
+
+class RunFolder:
+    """A folder of results with its manifest."""
+
+    def __init__(self, path: Path, about: dict[str, Any], store: StageCache | None = None) -> None:
+        """Opens or makes the folder; ``about`` (version, device, config hash ...) heads the
+        manifest.
+
+        What ``store`` holds of finished stages is taken from there, and what is finished here is
+        left there for other folders.
+
+        Raises:
+            LegsimError: the folder cannot be made or written to.
+        """
+        self.path = path
+        try:
+            path.mkdir(parents=True, exist_ok=True)
+            trial = path / f"{PREFIX}{os.getpid()}-test"
+            trial.write_bytes(b"")
+            trial.unlink()
+        except OSError as error:
+            raise file_error(
+                path, f"cannot be written to ({error.strerror})", "choose another folder with --out"
+            ) from error
+        _remove_leftovers(path)
+        self._stages: dict[str, Any] = self._read().get("stages", {})
+        self._store = store
+        self.about = about
+        """What heads the manifest."""
+
+    def _read(self) -> dict[str, Any]:
+        manifest = self.path / "manifest.json"
+        if not manifest.exists():
+            return {}
+        try:
+            content = json.loads(manifest.read_text("utf-8"))
+        except (OSError, ValueError) as error:
+            raise file_error(
+                manifest,
+                f"is not a manifest ({error})",
+                "delete the file, or choose another folder with --out",
+            ) from error
+        return content if isinstance(content, dict) and content.get("schema") == SCHEMA else {}
+
+    def done(self, stage: str, key: str) -> bool:
+        """Whether the manifest vouches for the stage (same key, all its files there and unchanged),
+        or the store has it.
+        """
+        entry = self._stages.get(stage)
+        if entry is not None and entry["key"] == key and self._unchanged(entry):
+            return True
+        found = None if self._store is None else self._store.fetch(stage, key, self.path)
+        if self._store is None or found is None:
+            return False
+        if not self._unchanged(found):
+            self._store.drop(stage, key)
+            return False
+        self._stages[stage] = found
+        self.write_manifest()
+        return True
+
+    def _unchanged(self, entry: dict[str, Any]) -> bool:
+        return all(
+            (self.path / name).is_file() and sha256(self.path / name) == f["sha256"]
+            for name, f in entry["files"].items()
+        )
+
+    @contextmanager
+    def stage(self, stage: str, key: str, files: Sequence[str]) -> Iterator[None]:
+        """Runs a stage that writes ``files`` and then enters them in the manifest with their time,
+        memory and hash.
+        """
+        start = time.perf_counter()
+        memory.begin_peak()
+        yield
+        seconds, peak = round(time.perf_counter() - start, 3), memory.peak_mebibytes()
+        entries = {
+            name: {"sha256": sha256(self.path / name), "bytes": (self.path / name).stat().st_size}
+            for name in files
+        }
+        self._stages[stage] = {
+            "key": key,
+            "seconds": seconds,
+            "peak_mib": peak and round(peak),
+            "files": entries,
+        }
+        self.write_manifest()
+        if self._store is not None:
+            self._store.keep(stage, key, self._stages[stage], self.path)
+
+    def seconds(self, stage: str) -> float:
+        """How long the stage took when it was computed."""
+        return float(self._stages[stage]["seconds"])
+
+    def has(self, file: str) -> bool:
+        """Whether some finished stage wrote the file."""
+        return any(file in entry["files"] for entry in self._stages.values())
+
+    def hash_of(self, file: str) -> str:
+        """The recorded sha256 of a file that some stage wrote."""
+        return next(
+            entry["files"][file]["sha256"]
+            for entry in self._stages.values()
+            if file in entry["files"]
+        )
+
+    def write_manifest(self) -> None:
+        """Writes manifest.json as things stand."""
+        content = {"schema": SCHEMA, **self.about, "stages": self._stages}
+        write_text(self.path / "manifest.json", json.dumps(content, indent=1) + "\n")
+
+
+@dataclass(frozen=True, slots=True)
+class FinishedStage:
+    """What a manifest tells of a stage."""
+
+    stage: str
+    key: str
+    seconds: float
+    peak_mib: float | None
+
+
+def finished_stages(folder: Path) -> tuple[FinishedStage, ...]:
+    """Every stage that the folder's manifest vouches for; none where there is no manifest."""
+    path = folder / "manifest.json"
+    entries = json.loads(path.read_text("utf-8"))["stages"] if path.is_file() else {}
+    return tuple(
+        FinishedStage(stage, e["key"], e["seconds"], e["peak_mib"]) for stage, e in entries.items()
+    )
+
+
+REGISTRATION_ERROR_FILE = "registration-error.json"
+
+
+def registration_error(folder: Path) -> RegistrationError | None:
+    """What a run has measured of its registration's own error; None where it has not."""
+    path = folder / REGISTRATION_ERROR_FILE
+    return RegistrationError(**json.loads(path.read_text("utf-8"))) if path.is_file() else None
+
+
+def commit() -> str:
+    """The commit of a checkout, empty for an installed package."""
+    asked = ["git", "-C", str(_PACKAGE), "rev-parse", "HEAD"]
+    if not (_PACKAGE.parent / ".git").exists():
+        return ""
+    answer = subprocess.run(asked, capture_output=True, text=True, check=False)
+    return answer.stdout.strip()
+
+
+_LOCK = ".in-use"
+
+
+@contextmanager
+def sole_use(folder: Path) -> Iterator[None]:
+    """Holds the folder, which must be there, as long as the block runs; the system lets go of it
+    when the process ends, however it does.
+
+    Raises:
+        LegsimError: another process holds it.
+    """
+    with (folder / _LOCK).open("a+", encoding="utf-8") as stream:
+        try:
+            fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            stream.seek(0)
+            holder = stream.read().strip() or "another process"
+            raise file_error(
+                folder,
+                f"is in use by {holder}",
+                "wait until that has ended, or choose another folder with --out",
+            ) from None
+        except OSError as error:
+            if error.errno not in (errno.ENOLCK, errno.EOPNOTSUPP):
+                raise
+            warnings.warn(
+                f"{folder}: its file system has no locks; see to it that nothing else writes there",
+                stacklevel=3,
+            )
+        stream.truncate(0)
+        stream.write(f"process {os.getpid()} on {socket.gethostname()}")
+        stream.flush()
+        yield

@@ -1,0 +1,75 @@
+"""Kinematics, IMU signals and a recording of one motion file, without a scan."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from legsim import __version__, config, view
+from legsim.config import RunConfig
+from legsim.core import files
+from legsim.core.files import key_of
+from legsim.core.progress import OnProgress
+from legsim.kinematics import from_recording
+from legsim.kinematics.joint_splines import JointSplines
+from legsim.phantom import leg_phantom
+from legsim.report import page as report_page
+from legsim.report import replay_page
+from legsim.run import stages
+from legsim.run.folder import RunFolder, commit
+from legsim.run.sensors import noise_sentence, sensors
+from legsim.run.stages import read_sensors, write_kinematics
+from legsim.scene import build
+
+
+@dataclass(frozen=True, slots=True)
+class ReplayResult:
+    """What a replay ends with."""
+
+    printed: tuple[str, ...]
+
+    def lines(self) -> tuple[str, ...]:
+        """What to print."""
+        return self.printed
+
+
+def replay(
+    settings: RunConfig, out: Path, *, filtered: bool, image: Path | None, on_progress: OnProgress
+) -> ReplayResult:
+    """Kinematics, IMU signals and a recording of one motion file; nothing is scanned."""
+    about = {
+        "legsim": __version__,
+        "commit": commit(),
+        "config_hash": key_of(config.dump(settings)),
+        "sensors": noise_sentence(settings.imu, view_rate_hz=settings.scan.rate_hz),
+    }
+    folder = RunFolder(out, about)
+    on_progress("joint angles", 0, 1)
+    recovered = from_recording.solve_recording(settings.motion, filter_coordinates=filtered)
+    motion_key = (
+        key_of(stages.motion_key(settings), filtered) if filtered else stages.motion_key(settings)
+    )
+    write_kinematics(recovered, folder, motion_key)
+    on_progress("joint angles", 1, 1)
+    on_progress("sensors", 0, 1)
+    splines, placed = JointSplines(recovered.trajectories), sensors(settings.imu)
+    signals = read_sensors(settings, recovered, splines, placed, folder, motion_key)
+    on_progress("sensors", 1, 1)
+    on_progress("recording", 0, 1)
+    scene = build.replay_scene(
+        recovered, splines, placed, signals, leg_phantom.load(scales=recovered.leg.scales)
+    )
+    provenance = (
+        *folder.about.items(),
+        ("command", f"legsim replay {settings.motion.file} --out {out}"),
+    )
+    key = key_of(motion_key, provenance)
+    known = folder.done("replay", key)
+    posture = replay_page.still(scene) if image is not None or not known else b""
+    if not known:
+        with folder.stage("replay", key, ["recording.rrd", "report.html"]):
+            view.write_replay(out / "recording.rrd", scene)
+            page = replay_page.content(recovered, scene, posture, provenance)
+            files.write_text(out / "report.html", report_page.render(page))
+    if image is not None:
+        files.write_bytes(image, posture)
+    on_progress("recording", 1, 1)
+    return ReplayResult(tuple(replay_page.replay_report_lines(recovered, out)))

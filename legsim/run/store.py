@@ -1,0 +1,124 @@
+"""Finished stages that run folders share: one folder a stage and key, filled whole or not at all,
+its files hard links.
+
+A stage's key is a hash of all that decides its output, so that an entry never changes: several
+processes, also on other machines that see the same file system, may fill and read one store.
+"""
+
+import contextlib
+import errno
+import json
+import os
+import shutil
+import uuid
+from pathlib import Path
+from typing import Any
+
+from legsim.core.errors import file_error
+
+_ENTRY = "entry.json"
+
+
+class StageCache:
+    """A folder of finished stages."""
+
+    def __init__(self, path: Path) -> None:
+        """Opens the store; its folder is made when something is kept."""
+        self.path = path
+
+    def fetch(self, stage: str, key: str, into: Path) -> dict[str, Any] | None:
+        """Puts the stage's files into the folder ``into`` and returns its manifest entry; None
+        where the store does not have it whole.
+        """
+        place = self._place(stage, key)
+        try:
+            entry = json.loads((place / _ENTRY).read_text("utf-8"))
+            for name in entry["files"]:
+                _link(place / name, into / name)
+        except (FileNotFoundError, ValueError):
+            self.drop(stage, key)
+            return None
+        return entry
+
+    def keep(self, stage: str, key: str, entry: dict[str, Any], folder: Path) -> None:
+        """Keeps the files that ``entry`` names, as they are in ``folder``; whoever comes second
+        changes nothing.
+        """
+        place = self._place(stage, key)
+        if (place / _ENTRY).exists():
+            return
+        partial = place.with_name(f".partial-{uuid.uuid4().hex}")
+        partial.mkdir(parents=True)
+        try:
+            for name in entry["files"]:
+                _link(folder / name, partial / name)
+            (partial / _ENTRY).write_text(json.dumps(entry), "utf-8")
+            with contextlib.suppress(
+                OSError
+            ):  # another process was faster: the same content is there already
+                os.rename(partial, place)
+        finally:
+            shutil.rmtree(partial, ignore_errors=True)
+
+    def drop(self, stage: str, key: str) -> None:
+        """Forgets a damaged entry, so that the next one who makes it is kept."""
+        place = self._place(stage, key)
+        aside = place.with_name(f".partial-{uuid.uuid4().hex}")
+        with contextlib.suppress(
+            FileNotFoundError
+        ):  # it never was there, or another process was faster
+            os.rename(place, aside)
+            shutil.rmtree(aside, ignore_errors=True)
+
+    def _place(self, stage: str, key: str) -> Path:
+        return self.path / stage / key
+
+
+def check_shared(store: Path, folder: Path) -> None:
+    """Sees that finished stages can go from the store into the folder and back without being
+    copied; makes both.
+
+    Raises:
+        LegsimError: they are on two file systems, or the store is a study's own folder.
+    """
+    inside = store / "store"
+    if inside.is_dir():
+        raise file_error(
+            store, "is a study's folder, not a store of finished stages", f"give {inside}"
+        )
+    trial = f".partial-{uuid.uuid4().hex}"
+    try:
+        for made in (store, folder):
+            made.mkdir(parents=True, exist_ok=True)
+        (store / trial).touch()
+        os.link(store / trial, folder / trial)
+    except OSError as error:
+        if error.errno != errno.EXDEV:
+            raise file_error(
+                store,
+                f"cannot be shared with {folder} ({error.strerror})",
+                "choose another folder with --store",
+            ) from error
+        problem = (
+            f"is on another file system than {folder}, and finished stages are shared as hard "
+            "links, which need one"
+        )
+        raise file_error(
+            store, problem, "choose --store and --out on the same file system"
+        ) from error
+    finally:
+        for made in (store, folder):
+            with contextlib.suppress(OSError):  # it was not made
+                (made / trial).unlink()
+
+
+def _link(source: Path, target: Path) -> None:
+    """The same file under another name; a copy where the file system has no links."""
+    partial = target.with_name(f".partial-{uuid.uuid4().hex}-{target.name}")
+    try:
+        os.link(source, partial)
+    except OSError:
+        shutil.copy2(source, partial)
+    os.replace(partial, target)
+    # rename leaves both names where they are already one file
+    partial.unlink(missing_ok=True)

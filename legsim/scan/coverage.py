@@ -1,0 +1,193 @@
+"""What a scan geometry sees, in numbers: field of view, angular range, magnification, and what of a
+phantom is cut off.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from legsim.core.values import FloatArray
+from legsim.geometry.cone_beam import ConeBeamGeometry
+from legsim.phantom.meshes import Phantom
+
+
+@dataclass(frozen=True, slots=True)
+class CutOff:
+    """How a part reaches beyond the detector."""
+
+    name: str
+    views: int
+    """views in which it does"""
+    left: float
+    """largest reach in m, scaled to the isocenter, beyond the first column; likewise the others"""
+    right: float
+    below: float
+    above: float
+
+
+@dataclass(frozen=True, slots=True)
+class GeometrySummary:
+    """Distances in m, angles in rad; ranges are (least, largest) over the views."""
+
+    views: int
+    shape_vu: tuple[int, int]
+    pixel_pitch: float
+    duration: float
+    """s from first to last view"""
+    isocenter: tuple[float, float, float]
+    """point nearest to all principal rays"""
+    axis: tuple[float, float, float]
+    """normal of the plane that the sources lie in; the vertical where they fill no plane"""
+    angular_range: float
+    """from first to last view, turned by the source about the axis"""
+    largest_step: float
+    fan_angle: float
+    """full opening across the columns"""
+    source_isocenter: tuple[float, float]
+    source_detector: tuple[float, float]
+    magnification: tuple[float, float]
+    width: float
+    """of the detector, scaled to the isocenter"""
+    height: float
+    field_radius: float
+    """of the largest ball about the isocenter that every view sees whole across the columns"""
+    cut_off: tuple[CutOff, ...]
+
+    def lines(self) -> tuple[str, ...]:
+        """For people: mm and degrees."""
+        rows, columns = self.shape_vu
+        center = ", ".join(f"{1e3 * x:.1f}" for x in self.isocenter)
+        axis = ", ".join(f"{x:.3f}" for x in self.axis)
+        needed = np.pi + self.fan_angle
+        enough = "complete" if self.angular_range + self.largest_step >= needed else "incomplete"
+        lines = [
+            f"views              {self.views} in {self.duration:.3f} s",
+            f"detector           {columns} columns x {rows} rows, pixels of "
+            f"{1e3 * self.pixel_pitch:.4g} mm",
+            f"isocenter          ({center}) mm",
+            f"axis               ({axis})",
+            f"angular range      {np.rad2deg(self.angular_range):.2f} deg in steps up to "
+            f"{np.rad2deg(self.largest_step):.2f} deg",
+            f"short scan         {enough}: a fan of {np.rad2deg(self.fan_angle):.2f} deg needs "
+            f"{np.rad2deg(needed):.2f} deg",
+            f"source-isocenter   {_range_mm(self.source_isocenter)}",
+            f"source-detector    {_range_mm(self.source_detector)}",
+            f"magnification      {_span(self.magnification, '.4f')}",
+            f"field of view      {1e3 * self.width:.1f} mm wide, {1e3 * self.height:.1f} mm high "
+            "at the isocenter",
+            f"seen by all views  within {1e3 * self.field_radius:.1f} mm of the axis",
+        ]
+        return (*lines, *(_cut_line(part, self.views) for part in self.cut_off))
+
+
+def summarize(geometry: ConeBeamGeometry, phantom: Phantom | None = None) -> GeometrySummary:
+    """The summary; with a phantom also which of its parts, at rest, some view cuts off."""
+    center = geometry.rotation_center()
+    sources = geometry.sources()
+    axis, turned = _turning(sources - center)
+    distances = geometry.matrices[:, 2, :3] @ center + geometry.matrices[:, 2, 3]
+    focal = geometry.focal_lengths()
+    detector = focal * geometry.pixel_pitch
+    rows, columns = geometry.shape_vu
+    steps = np.abs(np.diff(turned))
+    edges = _edge_distances(geometry, center)
+    return GeometrySummary(
+        views=len(geometry),
+        shape_vu=geometry.shape_vu,
+        pixel_pitch=geometry.pixel_pitch,
+        duration=float(geometry.times[-1] - geometry.times[0]),
+        isocenter=(float(center[0]), float(center[1]), float(center[2])),
+        axis=(float(axis[0]), float(axis[1]), float(axis[2])),
+        angular_range=float(np.ptp(turned)),
+        largest_step=float(steps.max()) if len(steps) else 0.0,
+        fan_angle=float(_fan_angle(geometry)),
+        source_isocenter=(float(distances.min()), float(distances.max())),
+        source_detector=(float(detector.min()), float(detector.max())),
+        magnification=(float((detector / distances).min()), float((detector / distances).max())),
+        width=float((columns * distances / focal).min()),
+        height=float((rows * distances / focal).min()),
+        field_radius=float(edges.min()),
+        cut_off=() if phantom is None else _cut_off(geometry, phantom, distances / focal),
+    )
+
+
+def _range_mm(span: tuple[float, float]) -> str:
+    return _span((1e3 * span[0], 1e3 * span[1]), ".1f") + " mm"
+
+
+def _span(span: tuple[float, float], form: str) -> str:
+    low, high = (format(x, form) for x in span)
+    return low if low == high else f"{low} to {high}"
+
+
+def _cut_line(part: CutOff, views: int) -> str:
+    sides = {"left": part.left, "right": part.right, "below": part.below, "above": part.above}
+    reach = ", ".join(
+        f"{1e3 * length:.1f} mm {side}" for side, length in sides.items() if length > 0
+    )
+    return (
+        f"cut off            part {part.name!r} in {part.views} of {views} views: {reach} (at "
+        "the isocenter)"
+    )
+
+
+def _turning(arms: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Axis (3,) that the sources turn about, upwards, and the angle (v,) turned since the first
+    view, continuous.
+    """
+    _, sizes, directions = np.linalg.svd(arms)
+    planar = len(arms) > 2 and sizes[1] > 1e-6 * sizes[0]
+    axis = directions[2] if planar else np.array([0.0, 1.0, 0.0])
+    axis = axis if axis[np.argmax(np.abs(axis))] > 0 else -axis
+    first = arms[0] - axis * (axis @ arms[0])
+    angles = np.arctan2(arms @ np.cross(axis, first), arms @ first)
+    return axis, np.unwrap(angles)
+
+
+def _column_planes(geometry: ConeBeamGeometry, u: float) -> FloatArray:
+    """(v, 4) plane through the source and the column at u, unit normal towards larger u."""
+    planes = geometry.matrices[:, 0] - u * geometry.matrices[:, 2]
+    return planes / np.linalg.norm(planes[:, :3], axis=1, keepdims=True)
+
+
+def _edge_distances(geometry: ConeBeamGeometry, center: FloatArray) -> FloatArray:
+    """(v, 2) how far the center lies inside the outer edges of the first and the last column;
+    negative outside.
+    """
+    point = np.append(center, 1.0)
+    columns = geometry.shape_vu[1]
+    return np.stack(
+        [_column_planes(geometry, -0.5) @ point, -_column_planes(geometry, columns - 0.5) @ point],
+        axis=1,
+    )
+
+
+def _fan_angle(geometry: ConeBeamGeometry) -> float:
+    """Angle between the planes of the outer column edges, the widest of all views."""
+    first, last = (
+        _column_planes(geometry, -0.5)[:, :3],
+        _column_planes(geometry, geometry.shape_vu[1] - 0.5)[:, :3],
+    )
+    return np.arccos(np.clip(np.einsum("vi,vi->v", first, last), -1, 1)).max()
+
+
+def _cut_off(geometry: ConeBeamGeometry, phantom: Phantom, scale: FloatArray) -> tuple[CutOff, ...]:
+    """``scale`` (v,): m at the isocenter a pixel."""
+    rows, columns = geometry.shape_vu
+    found = []
+    for part in phantom.parts:
+        reach = np.empty((len(geometry), 4))
+        for view in range(len(geometry)):
+            pixels, _ = geometry[view : view + 1].project(part.vertices)
+            low, high = pixels[0].min(axis=0), pixels[0].max(axis=0)
+            reach[view] = (
+                -0.5 - low[0],
+                high[0] - columns + 0.5,
+                -0.5 - low[1],
+                high[1] - rows + 0.5,
+            )
+        beyond = np.maximum(reach, 0.0) * scale[:, None]
+        views = int((beyond > 0).any(axis=1).sum())
+        if views:
+            found.append(CutOff(part.name, views, *(float(x) for x in beyond.max(axis=0))))
+    return tuple(found)

@@ -1,0 +1,177 @@
+"""What a flat-panel detector makes of line integrals: scatter, photon noise, blur, afterglow,
+electronic noise.
+
+Intensities are shares of the unattenuated beam. A view passes, in this order,
+
+1. scatter, added to the primary exp(-p),
+2. Poisson noise of the photons that are absorbed,
+3. blur by the light's spread in the scintillator: it follows the absorption, so it smooths the
+  quantum noise too,
+4. lag: a part of the charge is held in traps and read in later views (the exponential model of
+  Hsieh, Gurmen and King, Proc. SPIE 3977
+   (2000), by fraction and time instead of per frame); before the first view the detector rested in
+   the dark,
+5. electronic noise of the readout, white,
+
+and the logarithm. A reading below half a photon counts as half a photon; without photon noise the
+floor is the smallest float.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.fft import dctn, idctn
+from scipy.ndimage import gaussian_filter
+
+from legsim.core.errors import LegsimError
+from legsim.core.values import FloatArray
+from legsim.geometry.cone_beam import Projections
+
+_FWHM = 2 * np.sqrt(2 * np.log(2))
+"""of a Gaussian of unit standard deviation"""
+
+LEAST_PHOTONS = 0.5
+
+MOST_PHOTONS = 1e12
+"""more are free of noise to float32, and soon too many for a whole number to count"""
+
+_DARKEST = float(np.finfo(float).tiny)
+
+
+@dataclass(frozen=True, slots=True)
+class Detector:
+    """What is wrong with a detector; the default is a perfect one."""
+
+    photons: float = 0.0
+    """of the unattenuated beam in one pixel and view; 0: as many as one likes, no noise"""
+    electronic_noise: float = 0.0
+    """photons, RMS of one reading"""
+    blur_fwhm: float = 0.0
+    """m on the detector, of a Gaussian"""
+    lag: tuple[tuple[float, float], ...] = ()
+    """(fraction of the signal that is held back, s in which what is left of it falls to 1/e), a
+    pair an exponential
+    """
+    scatter_to_primary: float = 0.0
+    """in every view: mean scatter over mean primary within the shadow"""
+    scatter_fwhm: float = 0.1
+    """m on the detector, of the Gaussian by which the scatter is smooth"""
+
+    def __post_init__(self) -> None:
+        named = (
+            ("photons", self.photons),
+            ("electronic_noise", self.electronic_noise),
+            ("blur_fwhm", self.blur_fwhm),
+        )
+        for name, value in (
+            *named,
+            ("scatter_to_primary", self.scatter_to_primary),
+            ("scatter_fwhm", self.scatter_fwhm),
+        ):
+            if not (np.isfinite(value) and value >= 0):
+                raise LegsimError(
+                    f"the detector's {name} must be a number, at least 0; got {value}"
+                )
+        if self.photons > MOST_PHOTONS:
+            raise LegsimError(
+                f"{self.photons:g} photons a pixel are noise-free (at most {MOST_PHOTONS:g} are "
+                "counted): set 0 for no noise"
+            )
+        if self.electronic_noise > 0 and self.photons == 0:
+            raise LegsimError(
+                "electronic noise is counted in photons: set the detector's photons too"
+            )
+        if (
+            not all(
+                0 <= fraction <= 1 and np.isfinite(time) and time > 0 for fraction, time in self.lag
+            )
+            or sum(f for f, _ in self.lag) > 1
+        ):
+            raise LegsimError(
+                "lag needs fractions of at most 1 in all, each with a time above 0 s; got "
+                f"{self.lag}"
+            )
+
+    @property
+    def perfect(self) -> bool:
+        """Whether line integrals pass as they are."""
+        return not (
+            self.photons
+            or self.blur_fwhm
+            or self.scatter_to_primary
+            or any(fraction for fraction, _ in self.lag)
+        )
+
+
+def detect(projections: Projections, detector: Detector, rng: np.random.Generator) -> Projections:
+    """The projections as the detector reads them; a perfect one hands back the very same.
+
+    Every view draws from a stream of its own, so its noise depends on the generator's seed and the
+    view's number alone.
+    """
+    if detector.perfect:
+        return projections
+    pitch, times = projections.geometry.pixel_pitch, projections.geometry.times
+    intervals = np.diff(
+        times, append=2 * times[-1] - times[-2] if len(times) > 1 else times[-1] + 1.0
+    )
+    held = np.zeros((len(detector.lag), *projections.geometry.shape_vu))
+    readings = np.empty_like(projections.line_integrals)
+    for view, stream in enumerate(rng.spawn(len(projections.geometry))):
+        intensity = np.exp(-projections.line_integrals[view].astype(float))
+        if detector.scatter_to_primary:
+            intensity += _scatter(intensity, detector, pitch)
+        if detector.photons:
+            intensity = stream.poisson(detector.photons * intensity) / detector.photons
+        if detector.blur_fwhm:
+            # what leaves over the edge comes in again: the total stays
+            intensity = gaussian_filter(
+                intensity, detector.blur_fwhm / _FWHM / pitch, mode="reflect"
+            )
+        intensity = _lagging(intensity, held, detector, float(intervals[view]))
+        if detector.electronic_noise:
+            intensity += stream.normal(
+                0.0, detector.electronic_noise / detector.photons, intensity.shape
+            )
+        readings[view] = -np.log(
+            np.maximum(
+                intensity, LEAST_PHOTONS / detector.photons if detector.photons else _DARKEST
+            )
+        )
+    return replace(projections, line_integrals=readings)
+
+
+def _scatter(primary: FloatArray, detector: Detector, pitch: float) -> FloatArray:
+    """Scatter of a view, from where photons both come through and are attenuated, I ln(1 / I),
+    smoothed: the form of Ohnesorge, Flohr and Klingenbeck-Regn, Eur. Radiol. 9 (1999) 563. Scaled
+    to the stated ratio."""
+    shadow = primary < 1
+    source = np.where(shadow, -primary * np.log(np.maximum(primary, _DARKEST)), 0.0)
+    smooth = _widely_smoothed(source, detector.scatter_fwhm / _FWHM / pitch)
+    within = smooth[shadow].sum()
+    return (
+        smooth * (detector.scatter_to_primary * primary[shadow].sum() / within)
+        if within > 0
+        else smooth
+    )
+
+
+def _widely_smoothed(image: FloatArray, sigma: float) -> FloatArray:
+    """A Gaussian of many pixels, mirrored at the edges: quick as a product of cosine transforms."""
+    rows, columns = (np.exp(-0.5 * (sigma * np.pi * np.arange(n) / n) ** 2) for n in image.shape)
+    return np.asarray(idctn(dctn(image) * rows[:, None] * columns), float)
+
+
+def _lagging(
+    arriving: FloatArray, held: FloatArray, detector: Detector, interval: float
+) -> FloatArray:
+    """What is read of an exposure and of what is ``held`` (exponentials, rows, columns) from those
+    before; updates ``held``.
+    """
+    reading = arriving
+    for charge, (fraction, time) in zip(held, detector.lag, strict=True):
+        charge += fraction * arriving
+        released = -np.expm1(-interval / time) * charge
+        charge -= released
+        reading = reading - fraction * arriving + released
+    return reading

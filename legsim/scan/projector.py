@@ -1,0 +1,140 @@
+"""Phantom and geometry to projections: exact line integrals through triangle meshes, no voxels and
+no sampling along the ray.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+
+import numpy as np
+
+from legsim.core.errors import LegsimError
+from legsim.core.values import Float32Array, FloatArray
+from legsim.geometry.cone_beam import ConeBeamGeometry, Projections
+from legsim.opencl.device import Device
+from legsim.phantom import materials
+from legsim.phantom.meshes import Phantom
+from legsim.phantom.raster import MeshRaster, TileKernel
+from legsim.scan.spectrum import Spectrum
+
+NEAREST_DEPTH = 1e-3
+"""m in front of the source, along the principal ray, that every vertex must keep"""
+
+
+def project(
+    phantom: Phantom,
+    geometry: ConeBeamGeometry,
+    device: Device,
+    *,
+    posed: Callable[[int], Sequence[FloatArray]] | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> Projections:
+    """Line integrals of attenuation from the source through each pixel's center and all of the
+    phantom, also what lies beyond the detector.
+
+    At each point the attenuation is that of the last part that contains it, 0 outside all. A part
+    contains a point that its surface winds around, in either direction; so inner surfaces that face
+    inward leave hollows.
+
+    Args:
+        posed: world vertices of every part, (p, 3) m each, at a view; None leaves the phantom at
+            rest. Return the same read-only array again (such as ``Part.vertices``) for a part that
+            did not move: it is then not sent to the device again.
+        progress: called as progress(views done, views).
+
+    Raises:
+        LegsimError: a part is not closed, surrounds the source or reaches behind it, or posed
+            vertices do not fit.
+    """
+    images = np.empty((len(geometry), *geometry.shape_vu), np.float32)
+    attenuations = np.array([[0.0], *([part.attenuation] for part in phantom.parts)], np.float32)
+    for view, (image,) in enumerate(_views(phantom, geometry, device, attenuations, posed)):
+        images[view] = image
+        if progress is not None:
+            progress(view + 1, len(geometry))
+    return Projections(geometry, images)
+
+
+def project_spectrum(
+    phantom: Phantom,
+    geometry: ConeBeamGeometry,
+    device: Device,
+    spectrum: Spectrum,
+    *,
+    posed: Callable[[int], Sequence[FloatArray]] | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> Projections:
+    """As :func:`project`, -ln of the share of a spectrum that comes through: beams harden.
+
+    The path through each material is exact; then the share of each energy. Parts of a known
+    material attenuate as it does, at every energy; others by their own attenuation, the same at all
+    energies.
+    """
+    known = materials.names()
+    fillings = [
+        (part.material, 0.0) if part.material in known else ("", part.attenuation)
+        for part in phantom.parts
+    ]
+    channels = sorted(set(fillings))
+    coefficients = np.stack(
+        [
+            spectrum.attenuations(name) if name else np.full(len(spectrum.energies_kev), value)
+            for name, value in channels
+        ]
+    )
+    present = np.zeros((len(phantom.parts) + 1, len(channels)), np.float32)
+    present[np.arange(len(fillings)) + 1, [channels.index(filling) for filling in fillings]] = 1
+    images = np.empty((len(geometry), *geometry.shape_vu), np.float32)
+    for view, lengths in enumerate(_views(phantom, geometry, device, present, posed)):
+        images[view] = spectrum.line_integral(coefficients, np.moveaxis(lengths, 0, -1))
+        if progress is not None:
+            progress(view + 1, len(geometry))
+    return Projections(geometry, images)
+
+
+def _views(
+    phantom: Phantom,
+    geometry: ConeBeamGeometry,
+    device: Device,
+    values: np.ndarray,
+    posed: Callable[[int], Sequence[FloatArray]] | None,
+) -> Iterator[Float32Array]:
+    """For each view the integrals (channels, rows, columns) of ``values`` (parts + 1, channels);
+    the array is used again for the next.
+    """
+    raster = MeshRaster(phantom, device)
+    images = np.empty((values.shape[1], *geometry.shape_vu), np.float32)
+    integrate = TileKernel(raster, "integrate", "project_mesh.cl", CHANNELS=values.shape[1])
+    uploaded = device.upload(values)
+    sources = geometry.sources()
+    for view, matrix in enumerate(geometry.matrices):
+        raster.move(None if posed is None else posed(view))
+        _require_in_front(raster, matrix, sources[view], view)
+        # (u w, v w, depth, w), depth measured from the phantom's middle so that float32 resolves it
+        rows = np.vstack([matrix, matrix[2]])
+        rows[2, 3] = -rows[2, :3] @ raster.center
+        raster.place(rows)
+        # columns of the map from (u, v, 1) to a ray of unit depth
+        directions = device.upload(np.ascontiguousarray(np.linalg.inv(matrix[:, :3]).T, np.float32))
+        target = device.zeros(images.size)
+        integrate.run(raster.sort(geometry.shape_vu), (uploaded, directions), target)
+        yield device.download(target, images)
+
+
+def _require_in_front(
+    raster: MeshRaster, matrix: FloatArray, source: FloatArray, view: int
+) -> None:
+    for part, (low, high), points in zip(raster.parts, raster.boxes, raster.vertices, strict=True):
+        if ((low <= source) & (source <= high)).all():
+            raise LegsimError(
+                f"view {view}: the source is inside the bounding box of part {part.name!r}; move "
+                "the phantom or the source apart"
+            )
+        nearest = np.where(matrix[2, :3] > 0, low, high) @ matrix[2, :3] + matrix[2, 3]
+        if (
+            nearest < NEAREST_DEPTH
+            and (points @ matrix[2, :3] + matrix[2, 3]).min() < NEAREST_DEPTH
+        ):
+            raise LegsimError(
+                f"view {view}: part {part.name!r} reaches the plane of the source or lies behind "
+                "it; "
+                "only what is in front of the source can be projected"
+            )

@@ -1,0 +1,215 @@
+"""What there is to see of a run, gathered for the recording and the figures: skeleton, surfaces,
+sensors, slices.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from legsim.core.errors import LegsimError
+from legsim.core.values import Float32Array, FloatArray, frozen, increasing_times
+from legsim.geometry.cone_beam import Projections
+from legsim.geometry.volume import NamedVolume, Volume
+from legsim.imu.signals import ImuSignals
+from legsim.kinematics.skeleton import JointCenters, SegmentPoses
+from legsim.mocap.trajectories import JointTrajectories, MarkerTrajectories
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SegmentMesh:
+    """A surface that moves rigidly with one segment."""
+
+    name: str
+    segment: str
+    vertices: FloatArray
+    """(p, 3) m, in the segment's frame"""
+    triangles: np.ndarray
+    """(t, 3) int32"""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(
+            self, "vertices", frozen(f"mesh {self.name!r} vertices", self.vertices, (None, 3))
+        )
+        object.__setattr__(
+            self,
+            "triangles",
+            frozen(f"mesh {self.name!r} triangles", self.triangles, (None, 3), np.int32),
+        )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MovingSurface:
+    """A surface that deforms: the skin at some of the views."""
+
+    name: str
+    times: FloatArray
+    """(k,) s"""
+    vertices: Float32Array
+    """(k, p, 3) m float32, in world"""
+    triangles: np.ndarray
+    """(t, 3) int32"""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(
+            self, "times", increasing_times(f"surface {self.name!r} times", self.times)
+        )
+        shape = (len(self.times), None, 3)
+        object.__setattr__(
+            self,
+            "vertices",
+            frozen(f"surface {self.name!r} vertices", self.vertices, shape, np.float32),
+        )
+        object.__setattr__(
+            self,
+            "triangles",
+            frozen(f"surface {self.name!r} triangles", self.triangles, (None, 3), np.int32),
+        )
+
+
+BONES = (
+    ("hip_r", "hip_l"),
+    ("hip_r", "pelvis"),
+    ("hip_l", "pelvis"),
+    *(
+        (f"{a}_{side}", f"{b}_{side}")
+        for side in "rl"
+        for a, b in (("hip", "knee"), ("knee", "ankle"))
+    ),
+    *(
+        (f"{a}_{side}", f"{b}_{side}")
+        for side in "rl"
+        for a, b in (("ankle", "calcn"), ("calcn", "toes"), ("toes", "ankle"))
+    ),
+)
+"""Joint centers, and origins of gait2392's segments, that a line joins in the skeleton; those that
+are not there are left out.
+"""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ReplayScene:
+    """A replayed recording. What a run does not have (markers of a coordinate file, say) is None or
+    empty.
+    """
+
+    name: str
+    trajectories: JointTrajectories
+    poses: SegmentPoses
+    joint_centers: JointCenters
+    imu: ImuSignals | None = None
+    sensor_poses: SegmentPoses | None = None
+    """world_from_sensor over time, with the sensors as the segments"""
+    measured: MarkerTrajectories | None = None
+    modelled: MarkerTrajectories | None = None
+    """where the solved model has the same markers at the same times"""
+    segment_meshes: tuple[SegmentMesh, ...] = ()
+    bones: tuple[tuple[str, str], ...] = BONES
+    floor_height: float = 0.0
+    """m, world y of the floor"""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "segment_meshes", tuple(self.segment_meshes))
+        if not np.array_equal(self.poses.times, self.joint_centers.times):
+            raise LegsimError("joint centers and segment poses must have the same times")
+        unknown = sorted(
+            {mesh.segment for mesh in self.segment_meshes} - set(self.poses.segment_names)
+        )
+        if unknown:
+            raise LegsimError(
+                f"meshes of segments without a pose: {', '.join(unknown)}; there are: "
+                f"{', '.join(self.poses.segment_names)}"
+            )
+        if self.modelled is not None and (
+            self.measured is None
+            or self.modelled.marker_names != self.measured.marker_names
+            or not np.array_equal(self.modelled.times, self.measured.times)
+        ):
+            raise LegsimError("modelled markers need measured ones with the same names and times")
+
+    def bone_lines(self) -> FloatArray:
+        """(n, b, 2, 3) m in world: both ends of each bone, at the times of the joint centers."""
+        places = {
+            name: self.joint_centers.positions_world[:, k]
+            for k, name in enumerate(self.joint_centers.names)
+        }
+        places |= {
+            name: self.poses.of(name)[:, :3, 3]
+            for name in self.poses.segment_names
+            if name not in places
+        }
+        lines = [
+            np.stack([places[a], places[b]], 1)
+            for a, b in self.bones
+            if a in places and b in places
+        ]
+        return np.stack(lines, 1) if lines else np.empty((len(self.joint_centers.times), 0, 2, 3))
+
+    def marker_residuals(self) -> FloatArray | None:
+        """(n, m) m from measured to modelled marker, NaN where not seen; None without markers of
+        both kinds.
+        """
+        if self.measured is None or self.modelled is None:
+            return None
+        return np.linalg.norm(
+            self.modelled.positions_world - self.measured.positions_world, axis=-1
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class SlicePlanes:
+    """The three planes of the study's pictures, in world meters."""
+
+    shank_y: float
+    """height of the axial slice through the shank"""
+    thigh_y: float
+    """height of the axial slice through the thigh"""
+    sagittal_z: float
+    """how far to the subject's right the sagittal slice lies"""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ScanScene:
+    """A simulated scan: the replay that it scans, what the detector sees and what was
+    reconstructed.
+    """
+
+    replay: ReplayScene
+    projections: Projections
+    surfaces: tuple[MovingSurface, ...] = ()
+    volumes: tuple[NamedVolume, ...] = ()
+    planes: SlicePlanes | None = None
+    """needed where there are volumes"""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "surfaces", tuple(self.surfaces))
+        object.__setattr__(self, "volumes", tuple(self.volumes))
+        if self.volumes and self.planes is None:
+            raise LegsimError("a scene with volumes needs the planes to cut them at")
+
+
+def axial(volume: Volume, y: float) -> Float32Array:
+    """Slice (x, z) at world height ``y`` (m, nearest voxel), 1/m: rows towards the front, columns
+    towards the subject's left.
+
+    Drawn with the origin below it is the radiological view from the feet: front above, the
+    subject's right on the left.
+    """
+    return volume.attenuation[:, _nearest(volume.grid.axes()[1], y), :].T[:, ::-1]
+
+
+def sagittal(volume: Volume, z: float) -> Float32Array:
+    """Slice (y, x) at world ``z`` (m, nearest voxel), 1/m: rows upwards, columns towards the back
+    (seen from the subject's left).
+    """
+    return volume.attenuation[_nearest(volume.grid.axes()[2], z)][:, ::-1]
+
+
+def white_level(volume: Volume) -> float:
+    """What pictures show as white, 1/m: the 99.6th percentile, which leaves the gray of soft tissue
+    in the middle of the scale.
+    """
+    return float(np.percentile(volume.attenuation, 99.6)) or 1.0
+
+
+def _nearest(axis: FloatArray, value: float) -> int:
+    return int(np.argmin(np.abs(axis - value)))

@@ -1,0 +1,205 @@
+"""The two kinds of work of a study, as functions that any process can call: one scan with its
+methods, one posture's noise ladder.
+
+Each leaves its scores in a file with a key, a hash of all that decides them, and takes them from
+there when it is asked again.
+"""
+
+import json
+import zlib
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from legsim import __version__
+from legsim.config import RunConfig
+from legsim.core import files
+from legsim.core.files import key_of
+from legsim.core.progress import OnProgress
+from legsim.evaluation import similarity
+from legsim.imu import drift, simulation
+from legsim.imu.noise import Convention, ImuNoise
+from legsim.kinematics import from_recording
+from legsim.kinematics.joint_splines import JointSplines
+from legsim.run import c_arm, methods, pipeline
+from legsim.run import sensors as run_sensors
+from legsim.run.store import StageCache
+from legsim.study import results
+from legsim.study.config import Ladder, exponent
+from legsim.study.results import LadderScore, NoiseLevel, ScanScore
+
+
+@dataclass(frozen=True, slots=True)
+class ScanJob:
+    """One scan of one person with the methods that its settings name, under one draw of noise."""
+
+    study_folder: Path
+    subject: str
+    posture: str
+    noise: NoiseLevel | None
+    repetition: int
+    settings: RunConfig
+    device: str | None
+    store: Path
+    """folder of finished stages"""
+
+    @property
+    def name(self) -> str:
+        """Unique in the study; the run's folder below runs/."""
+        level = "" if self.noise is None else f"-{self.noise.stem}-{self.repetition}"
+        return f"{self.subject}-{self.posture}{level}".replace("/", "_")
+
+    @property
+    def folder(self) -> Path:
+        return self.study_folder / "runs" / self.name
+
+
+@dataclass(frozen=True, slots=True)
+class LadderJob:
+    """All cells of the noise ladder for one recording in one convention."""
+
+    study_folder: Path
+    subject: str
+    posture: str
+    convention: Convention
+    ladder: Ladder
+    settings: RunConfig
+
+    @property
+    def name(self) -> str:
+        """Unique in the study."""
+        return f"ladder-{self.subject}-{self.posture}-{self.convention}".replace("/", "_")
+
+
+def seed_of(subject: str, posture: str, repetition: int) -> int:
+    """Of the noise of one scan: other scans and repetitions draw other noise, whatever else a study
+    holds.
+    """
+    return zlib.crc32(f"{subject}/{posture}/{repetition}".encode())
+
+
+def scan(job: ScanJob, on_progress: OnProgress | None = None) -> tuple[ScanScore, ...]:
+    """Scores of every method in one scan; the run stays in the study's folder."""
+    settings = job.settings
+    names = [(name, methods.fingerprint(name)) for name in settings.methods.run]
+    key = key_of(
+        __version__,
+        settings.model_dump(),
+        from_recording.fingerprint(settings.motion),
+        names,
+        similarity.PROTOCOL,
+    )
+
+    def run() -> list[dict[str, Any]]:
+        store = StageCache(job.store)
+        clean = job.noise is None
+        result = pipeline.run(
+            settings,
+            job.folder,
+            device=job.device,
+            on_progress=on_progress or _quiet,
+            store=store,
+            presented=clean,
+        )
+        place = job.folder.relative_to(job.study_folder).as_posix()
+        scores = [
+            ScanScore(
+                job.subject,
+                job.posture,
+                m.method,
+                job.noise,
+                job.repetition,
+                m.metrics,
+                m.residuals,
+                m.seconds,
+                place,
+            )
+            for m in result.methods
+        ]
+        return [asdict(score) for score in scores]
+
+    kept = job.study_folder / "scores" / f"{job.name}.json"
+    if not (job.folder / "manifest.json").is_file():
+        # the report shows the run's folder: where somebody deleted it, it is filled again from the
+        # store
+        kept.unlink(missing_ok=True)
+    return tuple(results.score_from(entry) for entry in _kept(kept, key, run))
+
+
+def ladder(job: LadderJob, on_progress: OnProgress | None = None) -> tuple[LadderScore, ...]:
+    """RMSE of translation and rotation in every cell and repetition."""
+    asked = job.ladder
+    key = key_of(
+        __version__,
+        job.settings.model_dump(),
+        from_recording.fingerprint(job.settings.motion),
+        asked.model_dump(),
+        job.convention,
+    )
+
+    def run() -> list[dict[str, Any]]:
+        return [asdict(score) for score in _ladder(job, on_progress or _quiet)]
+
+    entries = _kept(job.study_folder / "scores" / f"{job.name}.json", key, run)
+    return tuple(results.ladder_score_from(entry) for entry in entries)
+
+
+def _ladder(job: LadderJob, on_progress: OnProgress) -> list[LadderScore]:
+    settings, asked = job.settings, job.ladder
+    recovered = from_recording.solve_recording(settings.motion)
+    splines = JointSplines(recovered.trajectories)
+    placed = [s for s in run_sensors.sensors(settings.imu) if s.name == asked.sensor]
+    views = c_arm.view_times(settings.scan, recovered.trajectories.times)
+    clean = run_sensors.sense(recovered, splines, tuple(placed), settings.imu)
+    start = simulation.true_start(recovered.leg, splines, placed[0], float(views[0]))
+    seeds = [(seed_of(job.subject, job.posture, r), 1) for r in range(asked.repetitions)]
+    scores = []
+    for row, f_a in enumerate(map(exponent, asked.f_a)):
+        on_progress("noise ladder", row, len(asked.f_a))
+        for f_g in map(exponent, asked.f_g):
+            noise = ImuNoise.paper(
+                acceleration_exponent=f_a,
+                angular_velocity_exponent=f_g,
+                imu_rate_hz=settings.imu.rate_hz,
+                projection_rate_hz=settings.scan.rate_hz,
+                convention=job.convention,
+            )
+            level = NoiseLevel(job.convention, f_a, f_g)
+            found = drift.deviations(clean, start, views, noise, settings.methods.scheme, seeds)
+            scores += [
+                LadderScore(
+                    job.subject,
+                    job.posture,
+                    level,
+                    r,
+                    1e3 * d.translation,
+                    float(np.degrees(d.rotation)),
+                )
+                for r, d in enumerate(found)
+            ]
+    on_progress("noise ladder", len(asked.f_a), len(asked.f_a))
+    return scores
+
+
+def _quiet(*_: object) -> None:
+    """Progress that nobody watches."""
+
+
+def _kept(
+    path: Path, key: str, compute: Callable[[], list[dict[str, Any]]]
+) -> list[dict[str, Any]]:
+    """What the file holds if it was written under this key, else what is computed now and written
+    there.
+    """
+    if path.is_file():
+        content = json.loads(path.read_text("utf-8"))
+        if content["key"] == key:
+            return content["entries"]
+    entries = compute()
+    path.parent.mkdir(parents=True, exist_ok=True)
+    files.write_text(path, json.dumps({"key": key, "entries": entries}, indent=1) + "\n")
+    # as it will be read the next time, so that both times give the same
+    return json.loads(path.read_text("utf-8"))["entries"]

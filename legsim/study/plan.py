@@ -1,0 +1,239 @@
+"""What a study will run, and the memory and disk it needs."""
+
+import math
+import shutil
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from legsim.config import RunConfig
+from legsim.core import memory as core_memory
+from legsim.core.errors import LegsimError, file_error
+from legsim.geometry import volume
+from legsim.kinematics import from_recording
+from legsim.report.published_tables import counted
+from legsim.run import c_arm, methods, volumes
+from legsim.study import config
+from legsim.study import jobs as study_jobs
+from legsim.study.config import Ladder, StudyConfig
+from legsim.study.engine import Task
+from legsim.study.jobs import LadderJob, ScanJob, seed_of
+from legsim.study.results import NoiseLevel
+
+_FLOAT = 4
+
+_GIB = 2.0**30
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """Every task of a study, in an order that satisfies their needs."""
+
+    scans: tuple[ScanJob, ...]
+    ladders: tuple[LadderJob, ...]
+
+    def tasks(self) -> tuple[Task, ...]:
+        """Noisy runs wait for the clean one of their scan, whose projections they share."""
+        clean = {(job.subject, job.posture): job.name for job in self.scans if job.noise is None}
+        ladders = [Task(job.name, study_jobs.ladder, (job,)) for job in self.ladders]
+        scans = [
+            Task(
+                job.name,
+                study_jobs.scan,
+                (job,),
+                () if job.noise is None else (clean[job.subject, job.posture],),
+            )
+            for job in self.scans
+        ]
+        return (*ladders, *scans)
+
+    def disk(self) -> int:
+        """Bytes that all runs take."""
+        return sum(
+            _volumes(job.settings) * _volume_bytes(job.settings)
+            + _field_bytes(job.settings)
+            + _shared_bytes(job)
+            for job in self.scans
+        )
+
+    def memory(self) -> int:
+        """Bytes that one run holds at most: every method's volume and those that are compared,
+        projections as images and filtered.
+        """
+        return max(
+            _BASE_BYTES
+            + (1 + _volumes(job.settings) + _WORKING_VOLUMES) * _volume_bytes(job.settings)
+            + _EXPOSURES_HELD * _exposures_bytes(job.settings)
+            + _field_bytes(job.settings)
+            for job in self.scans
+        )
+
+
+# measured on a CPU, where the device's memory is the process's own, as the greatest peak_mib of
+# manifest.json and as du shows:   quick, clean run of 6 methods   1340 MiB held, 1478 told;   the
+# study of 2 clean and 4 noisy runs   823 MiB of disk, 817 told   quick, noisy run of 1 method
+# 1195 MiB held, 1297 told   table1, clean run of 7 methods  1978 MiB held, 2073 told
+# table1_paper, the same larger   8916 MiB held, 9114 told
+_BASE_BYTES = 640 * 2**20
+"""interpreter, libraries, OpenCL runtime, phantom"""
+
+_WORKING_VOLUMES = 4
+
+_EXPOSURES_HELD = 4
+
+_TABLES_BYTES = 25 * 2**20
+"""recording, reports, poses and signals of a clean run"""
+
+
+def _volumes(settings: RunConfig) -> int:
+    return len(set(settings.methods.run) - {methods.REFERENCE})
+
+
+def _volume_bytes(settings: RunConfig) -> int:
+    return _FLOAT * settings.grid.voxels**3
+
+
+def _exposures_bytes(settings: RunConfig) -> int:
+    """Of the moving and the resting scan."""
+    return 2 * _FLOAT * settings.scan.views * settings.scan.rows * settings.scan.columns
+
+
+def _field_bytes(settings: RunConfig) -> int:
+    """Of the true motion at the nodes of a coarse grid, three displacements a node and view."""
+    if "oracle-nonrigid" not in settings.methods.run:
+        return 0
+    grid = c_arm.volume_grid(settings.grid, np.zeros(3))
+    return (
+        3
+        * _FLOAT
+        * settings.scan.views
+        * math.prod(volume.nodes_over(grid, 1e-3 * settings.methods.node_mm).shape_zyx)
+    )
+
+
+def _shared_bytes(job: ScanJob) -> int:
+    """Of what a noisy run takes from the clean one: the exposures, unless each has photons of its
+    own, the reference, and the rest.
+    """
+    own = job.noise is None
+    images = (
+        _exposures_bytes(job.settings) + _volume_bytes(job.settings)
+        if own or job.settings.scan.detector.photons
+        else 0
+    )
+    return images + (_TABLES_BYTES if own else 0)
+
+
+def plan(
+    study: StudyConfig,
+    base: Path,
+    out: Path,
+    *,
+    device: str | None = None,
+    store: Path | None = None,
+) -> Plan:
+    """Every run of the study; nothing is computed, but every setting, recording and method is
+    looked up.
+
+    Args:
+        store: folder of finished stages, of this and of other studies; None for the study's own.
+
+    Raises:
+        LegsimError: a recording, a method, a sensor or a setting is not there.
+    """
+    found = Plan(
+        _scans(study, base, out, device, out / "store" if store is None else store),
+        () if study.ladder is None else _ladders(study, study.ladder, base, out),
+    )
+    called = [task.name for task in found.tasks()]
+    twice = next((name for name in called if called.count(name) > 1), None)
+    if twice is not None:
+        raise LegsimError(
+            f"two runs of the study would be called {twice}; name every subject and posture once, "
+            "each differently"
+        )
+    for job in (*found.scans, *found.ladders):
+        from_recording.fingerprint(job.settings.motion)
+        volumes.check(job.settings)
+    for job in found.ladders:
+        names = [sensor.name for sensor in job.settings.imu.sensors]
+        if job.ladder.sensor not in names:
+            raise LegsimError(
+                f"ladder.sensor: there is no sensor {job.ladder.sensor!r}; name one of "
+                f"{', '.join(names)}"
+            )
+    return found
+
+
+def _scans(
+    study: StudyConfig, base: Path, out: Path, device: str | None, store: Path
+) -> tuple[ScanJob, ...]:
+    """The clean run of every scan, followed by its noisy ones."""
+    levels: list[tuple[NoiseLevel | None, int]] = [(None, 0)] if study.methods else []
+    levels += [(level, r) for n in study.noise for level in n.noise() for r in range(n.repetitions)]
+    jobs = []
+    for subject in study.subjects:
+        for posture in study.postures:
+            for noise, repetition in levels:
+                seed = None if noise is None else seed_of(subject, posture, repetition)
+                settings = config.run_settings(study, base, subject, posture, noise, seed)
+                jobs.append(
+                    ScanJob(out, subject, posture, noise, repetition, settings, device, store)
+                )
+    return tuple(jobs)
+
+
+def _ladders(study: StudyConfig, ladder: Ladder, base: Path, out: Path) -> tuple[LadderJob, ...]:
+    jobs = []
+    for subject in ladder.subjects or study.subjects:
+        for posture in ladder.postures or study.postures:
+            settings = config.run_settings(study, base, subject, posture, None, None)
+            jobs += [
+                LadderJob(out, subject, posture, convention, ladder, settings)
+                for convention in ladder.conventions
+            ]
+    return tuple(jobs)
+
+
+def needs(planned: Plan, out: Path, workers: int = 0) -> str:
+    """What the study will take, for a person to read before it begins.
+
+    Args:
+        workers: on this machine; 0 where others do the work.
+
+    Raises:
+        LegsimError: the disk or the memory does not suffice.
+    """
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise file_error(
+            out, f"cannot be made ({error.strerror})", "choose another folder with --out"
+        ) from error
+    if not planned.scans:
+        return f"{counted(len(planned.ladders), 'noise ladder')}; no reconstruction"
+    # runs share files: each counts once
+    taken = sum(
+        {
+            status.st_ino: status.st_size for status in (p.stat() for p in out.glob("runs/*/*"))
+        }.values()
+    )
+    free = shutil.disk_usage(out).free
+    disk, held, there = planned.disk(), planned.memory(), core_memory.available()
+    if disk > taken + free:
+        raise LegsimError(
+            f"{out}: the study takes {disk / _GIB:.1f} GiB, {free / _GIB:.1f} GiB are free there; "
+            "choose another folder with --out, fewer scans, or a smaller --preset"
+        )
+    if there is not None and workers * held > there:
+        raise LegsimError(
+            f"{workers} at once, the study's runs hold {workers * held / _GIB:.1f} GiB of memory, "
+            f"{there / _GIB:.1f} GiB are free; "
+            + (f"use --workers {there // held}" if there >= held else "use a smaller --preset")
+        )
+    return (
+        f"{counted(len(planned.scans), 'run')}, {counted(len(planned.ladders), 'noise ladder')}; "
+        f"{disk / _GIB:.1f} GiB of disk, "
+        f"{held / _GIB:.1f} GiB of memory a worker"
+    )

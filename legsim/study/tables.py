@@ -1,0 +1,406 @@
+"""The tables of a study's report: ours beside the printed values, what was left of the motion,
+tests, and every scan with its folder.
+"""
+
+from collections.abc import Callable, Iterable, Sequence
+
+from legsim.evaluation.registration import RegistrationError
+from legsim.evaluation.scores import MeanAndDeviation, spread
+from legsim.imu.noise import Convention
+from legsim.report import published, published_tables
+from legsim.report.page import Table
+from legsim.report.published import Score
+from legsim.report.published_tables import NONE, Entry, counted, quality_entry
+from legsim.study import results, statistics
+from legsim.study.results import NoiseLevel, ScanScore, StageCost
+from legsim.study.statistics import LadderCell, Measure, PairedTest
+
+SPREAD_NOTE = "Mean ± standard deviation (of a sample, n − 1) over scans."
+
+
+def regions(scores: Iterable[ScanScore]) -> tuple[str, ...]:
+    """Names of all regions; the first is the whole leg."""
+    return tuple(dict.fromkeys(m.region for score in scores for m in score.metrics.regions))
+
+
+def quality(scores: Sequence[ScanScore]) -> tuple[Table, Table]:
+    """SSIM and RMSE by condition, method and region."""
+    kinds = []
+    for measure in ("SSIM", "RMSE"):
+        entries = []
+        for condition, method, group, label, of_method in _rows(scores):
+            for region in regions(scores):
+                ours = statistics.over_scans(
+                    of_method, statistics.of_region(measure.lower(), region)
+                )
+                printed = quality_entry(measure, condition, method, region, ours).printed
+                entries.append(Entry(group, label, region, ours, printed))
+        kinds.append(entries)
+    return published_tables.quality_tables(kinds[0], kinds[1], "Table 1, seven scans a condition")
+
+
+def _rows(scores: Sequence[ScanScore]) -> list[tuple[str, str, str, str, tuple[ScanScore, ...]]]:
+    """(condition, method, heading, label, scores) of each row of a table by condition and
+    method.
+    """
+    rows = []
+    for condition, block in statistics.blocks(scores).items():
+        counts = {
+            m: len({(s.subject, s.posture) for s in statistics.of_method(block, m)})
+            for m in results.methods_of(block)
+        }
+        most = max(counts.values())
+        group = f"{published_tables.heading(condition)} ({counted(most, 'scan')})"
+        for method, count in counts.items():
+            label = method if count == most else f"{method} ({counted(count, 'scan')})"
+            rows.append((condition, method, group, label, statistics.of_method(block, method)))
+    return rows
+
+
+def _by_method(
+    caption: str,
+    scores: Sequence[ScanScore],
+    columns: Sequence[tuple[str, Callable[[Sequence[ScanScore]], str]]],
+    note: str,
+    name: str,
+) -> Table | None:
+    """A row a condition and method; columns that have nothing anywhere are left out, and the table
+    where no column is left.
+    """
+    rows = _rows(scores)
+    filled = [(head, [take(of_method) for *_, of_method in rows]) for head, take in columns]
+    filled = [(head, cells) for head, cells in filled if set(cells) != {NONE}]
+    if not filled:
+        return None
+    lines: list[tuple[str, ...]] = []
+    for k, (_, _, group, label, _) in enumerate(rows):
+        if k == 0 or rows[k - 1][2] != group:
+            lines.append((group,))
+        lines.append((label, *(cells[k] for _, cells in filled)))
+    return Table(caption, ("method", *(head for head, _ in filled)), tuple(lines), note, name)
+
+
+def _mean_of(measure: Measure, digits: int) -> Callable[[Sequence[ScanScore]], str]:
+    return lambda scores: published_tables.text(statistics.over_scans(scores, measure), digits)
+
+
+def residuals(scores: Sequence[ScanScore]) -> tuple[Table, ...]:
+    """A table a unit: what was left of the motion, by structure."""
+    structures = tuple(dict.fromkeys(r.structure for score in scores for r in score.residuals))
+    notes = {
+        "mm": (
+            "How far the method has the points of each structure from where they were. "
+            "Deformed images know no depth: pixels alone."
+        ),
+        "degrees": "By how much a bone is turned in excess.",
+        "pixels": (
+            "How far apart the images see where the method has the points and where they were."
+        ),
+    }
+    tables = []
+    for unit, note in notes.items():
+        columns = [(s, _mean_of(statistics.of_structure(unit, s), 2)) for s in structures]
+        tables.append(
+            _by_method(
+                f"Motion that was not undone ({unit})",
+                scores,
+                columns,
+                f"RMS over views and points within a scan, before any registration. {note} "
+                f"{SPREAD_NOTE}",
+                f"residuals_{unit}",
+            )
+        )
+    return tuple(t for t in tables if t is not None)
+
+
+def sharpness(scores: Sequence[ScanScore]) -> Table | None:
+    """Gradient entropy by region, and seconds."""
+    columns = [
+        (f"gradient entropy {r}", _mean_of(statistics.of_region("gradient_entropy", r), 3))
+        for r in regions(scores)
+    ]
+    note = f"{published_tables.ENTROPY} Seconds: estimation and reconstruction. {SPREAD_NOTE}"
+    return _by_method(
+        "Sharpness and time",
+        scores,
+        [*columns, ("seconds", _mean_of(lambda s: s.seconds, 1))],
+        note,
+        "sharpness",
+    )
+
+
+def registration(
+    scores: Sequence[ScanScore], errors: Sequence[RegistrationError] = ()
+) -> Table | None:
+    """What the registration to the motion-free volume found: part of a method's error that SSIM and
+    RMSE do not see.
+
+    ``errors`` are the registration's own, a scan, and stand in the note.
+    """
+
+    def largest(field: str) -> Callable[[Sequence[ScanScore]], str]:
+        def take(chosen: Sequence[ScanScore]) -> str:
+            found = statistics.over_scans(chosen, statistics.of_registration(field))
+            return NONE if found is None else f"{found.largest:.2f}"
+
+        return take
+
+    def applied(chosen: Sequence[ScanScore]) -> str:
+        found = [
+            s.metrics.registration.applied for s in chosen if s.metrics.registration is not None
+        ]
+        return f"{sum(found)} of {len(found)}" if found else NONE
+
+    columns = []
+    for field, what in (("translation_mm", "shift (mm)"), ("rotation_deg", "rotation (deg)")):
+        columns += [
+            (what, _mean_of(statistics.of_registration(field), 2)),
+            (f"largest {what}", largest(field)),
+        ]
+    note = (
+        "The rigid transform found between each volume and the motion-free one before they were "
+        "compared, and in how many scans it was "
+        f"applied because it raised the correlation. {_own_error(errors)}{SPREAD_NOTE}"
+    )
+    return _by_method(
+        "Registration to the motion-free volume",
+        scores,
+        [*columns, ("applied", applied)],
+        note,
+        "registration",
+    )
+
+
+def _own_error(errors: Sequence[RegistrationError]) -> str:
+    shift, turn = spread(e.translation_mm for e in errors), spread(e.rotation_deg for e in errors)
+    if shift is None or turn is None:
+        return ""
+    mean, largest = (
+        f"{size(mm)} mm and {size(deg)}°"
+        for mm, deg in ((shift.mean, turn.mean), (shift.largest, turn.largest))
+    )
+    return (
+        "The registration's own error, by which it misses a known motion of about a millimeter "
+        "and a degree of the motion-free volume: "
+        f"mean {mean}, at most {largest}, in {counted(shift.count, 'scan')}. "
+    )
+
+
+def tests(caption: str, found: Sequence[PairedTest], name: str) -> Table:
+    """A matrix: the median difference above the diagonal, Holm's p below it."""
+    methods = tuple(dict.fromkeys(m for test in found for m in (test.first, test.second)))
+    pairs = {(test.first, test.second): test for test in found}
+
+    def cell(row: int, column: int) -> str:
+        if row == column:
+            return ""
+        test = pairs[methods[min(row, column)], methods[max(row, column)]]
+        if test.p_holm is None:
+            return "too few scans"
+        return (
+            f"{test.median_difference:+.4f}".replace("-", "−")
+            if row < column
+            else p_text(test.p_holm)
+        )
+
+    rows = tuple(
+        (method, *(cell(i, j) for j in range(len(methods)))) for i, method in enumerate(methods)
+    )
+    note = (
+        "Below the diagonal: p of Wilcoxon's signed-rank test (two-sided, exact), adjusted by "
+        "Holm for all pairs of this table. "
+        "Above it: the median difference, row minus column."
+    )
+    return Table(caption, ("method", *methods), rows, note, name)
+
+
+def p_text(p: float) -> str:
+    """Three digits after the point, or less than the last of them."""
+    return "<0.001" if p < 0.001 else f"{p:.3f}"
+
+
+def ladder(cells: dict[NoiseLevel, LadderCell], convention: Convention) -> Table:
+    """A row a pair of exponents, headed by the accelerometer's, ours beside the printed mean and
+    their ratio.
+    """
+    rows: list[tuple[str, ...]] = []
+    levels = [level for level in cells if level.convention == convention]
+    for f_a in sorted({level.f_a for level in levels}, key=_last):
+        rows.append((f"f_a = {exponent(f_a)}",))
+        for level in sorted(
+            (level for level in levels if level.f_a == f_a), key=lambda level: _last(level.f_g)
+        ):
+            cell, printed = cells[level], published.deviation(level.f_a, level.f_g)
+            shift = _beside(cell.translation_mm, printed and printed.translation_mm)
+            rows.append(
+                (
+                    exponent(level.f_g),
+                    *shift,
+                    *_beside(cell.rotation_deg, printed and printed.rotation_deg),
+                )
+            )
+    count = max((cells[level].translation_mm.count for level in levels), default=0)
+    over = (
+        "one draw of noise"
+        if count == 1
+        else f"mean ± standard deviation of {count} draws of noise"
+    )
+    note = (
+        f"RMSE over the views of noisy against noise-free motion, mean of three axes, {over}. "
+        f"Convention of the noise: {convention}. Printed: Maier et al. 2021, Table 2. The numbers "
+        "span nine powers of ten, so their ratio "
+        "stands where a difference would say nothing."
+    )
+    columns = ("f_g", "translation (mm)", "printed translation", "ours / printed translation")
+    columns = (*columns, "rotation (deg)", "printed rotation", "ours / printed rotation")
+    return Table(
+        f"Noise ladder, {convention} convention", columns, tuple(rows), note, f"ladder_{convention}"
+    )
+
+
+def exponent(value: float | None) -> str:
+    """As it is written in tables and pictures."""
+    return "no noise" if value is None else f"{value:g}"
+
+
+def _last(value: float | None) -> float:
+    """Sorts "no noise" behind all exponents."""
+    return float("inf") if value is None else value
+
+
+def _beside(ours: MeanAndDeviation, printed: float | None) -> tuple[str, str, str]:
+    alone = ours.count < 2
+    text = size(ours.mean) if alone else f"{size(ours.mean)} ± {size(ours.deviation)}"
+    ratio = NONE if not printed or not ours.mean else size(ours.mean / printed)
+    return text, NONE if printed is None else size(printed), ratio
+
+
+def size(value: float) -> str:
+    """Two or three digits of a number of any size: 8470, 0.943, 2.0e-5."""
+    if value == 0 or abs(value) >= 100:
+        return f"{value:.0f}"
+    if abs(value) >= 0.01:
+        return f"{value:.3g}"
+    mantissa, _, power = f"{value:.1e}".partition("e")
+    return f"{mantissa}e{int(power)}"
+
+
+def noisy_quality(scores: Sequence[ScanScore]) -> tuple[Table, Table]:
+    """SSIM and RMSE of reconstructions from noisy sensors, with the clean ones of the same scans,
+    by convention and method.
+    """
+    noisy = [s for s in scores if s.noise is not None]
+    scans = {(s.subject, s.posture) for s in noisy}
+    # the printed values are of held squats, and say nothing of other recordings
+    squats = all(results.condition(posture) in statistics.POOLED for _, posture in scans)
+    clean = [s for s in scores if s.noise is None and (s.subject, s.posture) in scans]
+    kinds = []
+    for measure, printed_of in (("ssim", published.noisy_ssim), ("rmse", published.noisy_rmse)):
+        entries = []
+        for convention in dict.fromkeys(s.noise.convention for s in noisy if s.noise is not None):
+            of_convention = [
+                s for s in noisy if s.noise is not None and s.noise.convention == convention
+            ]
+            for method in results.methods_of(of_convention):
+                group = f"{method}, noise read as {convention}"
+                of_method = statistics.of_method(of_convention, method)
+                levels = tuple(dict.fromkeys(s.noise for s in of_method if s.noise is not None))
+                for f_a, f_g in ((None, None), *((level.f_a, level.f_g) for level in levels)):
+                    if f_a is None and f_g is None:
+                        label, chosen = "no noise", statistics.of_method(clean, method)
+                    else:
+                        label = f"f_a = {exponent(f_a)}, f_g = {exponent(f_g)}"
+                        chosen = tuple(
+                            s
+                            for s in of_method
+                            if s.noise and (s.noise.f_a, s.noise.f_g) == (f_a, f_g)
+                        )
+                    for region in regions(noisy):
+                        ours = statistics.over_scans(chosen, statistics.of_region(measure, region))
+                        printed: Score | None = (
+                            printed_of(f_a, f_g, region) if method == "rigid" and squats else None
+                        )
+                        entries.append(Entry(group, label, region, ours, printed))
+        kinds.append(entries)
+    note = (
+        f"Over {counted(len(scans), 'scan')}; repetitions of a scan are averaged first. "
+        f"{SPREAD_NOTE} The noise of the sensors is divided "
+        "by 10^f_a (accelerometer) and 10^f_g (gyroscope)."
+    )
+    source = "Maier et al. 2021, Table 3"
+    return (
+        published_tables.table(
+            "SSIM from noisy sensors",
+            "noise",
+            kinds[0],
+            note=note,
+            source=source,
+            name="noisy_ssim",
+        ),
+        published_tables.table(
+            "RMSE from noisy sensors",
+            "noise",
+            kinds[1],
+            note=note,
+            source=source,
+            name="noisy_rmse",
+        ),
+    )
+
+
+def costs(stages: Sequence[StageCost]) -> Table:
+    """Seconds and memory of every stage that the runs went through."""
+    rows = [
+        (
+            c.stage,
+            str(c.runs),
+            f"{c.seconds:.1f}",
+            NONE if c.peak_mib is None else f"{c.peak_mib:.0f}",
+        )
+        for c in stages
+    ]
+    note = (
+        "Mean over the runs that computed the stage; what runs share is counted once. The "
+        "most memory that a process held during it."
+    )
+    return Table(
+        "Cost by stage",
+        ("stage", "runs", "seconds", "peak memory (MiB)"),
+        tuple(rows),
+        note,
+        "costs",
+    )
+
+
+def every_scan(scores: Sequence[ScanScore], name: str) -> tuple[Table, ...]:
+    """A row a run, linked to its folder: SSIM, then RMSE, of the whole leg by method."""
+    whole = regions(scores)[0]
+    methods = results.methods_of(scores)
+    runs: dict[tuple[str, str, str], dict[str, ScanScore]] = {}
+    for score in scores:
+        noise = "" if score.noise is None else f", {score.noise.label}, draw {score.repetition + 1}"
+        runs.setdefault((f"{score.subject}, {score.posture}{noise}", score.folder, noise), {})[
+            score.method
+        ] = score
+    tables = []
+    for measure in ("ssim", "rmse"):
+        take = statistics.of_region(measure, whole)
+        rows = []
+        for (label, folder, _), found in runs.items():
+            values = [take(found[m]) if m in found else None for m in methods]
+            rows.append((label, *(NONE if v is None else f"{v:.4f}" for v in values), folder))
+        caption = (
+            f"{measure.upper()} of the {'whole leg' if whole == 'leg' else whole}, scan by scan"
+        )
+        links = tuple(folder for _, folder, _ in runs)
+        tables.append(
+            Table(
+                caption,
+                ("scan", *methods, "run folder"),
+                tuple(rows),
+                "",
+                f"{name}_{measure}",
+                links,
+            )
+        )
+    return tuple(tables)

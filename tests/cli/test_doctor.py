@@ -1,0 +1,70 @@
+import dataclasses
+import importlib.metadata
+import os
+import shutil
+
+import pytest
+
+from legsim.cli import doctor
+from legsim.opencl import device, discovery
+
+
+def findings(folder, topic: str) -> dict[str, doctor.Finding]:
+    """By the second word of their topic."""
+    return {
+        f.topic.partition(" ")[2]: f for f in doctor.examine(folder) if f.topic.startswith(topic)
+    }
+
+
+def test_it_looks_at_devices_memory_disk_and_viewer(tmp_path):
+    findings = doctor.examine(tmp_path / "not" / "there" / "yet")
+    topics = {f.topic.split(" ")[0] for f in findings}
+    assert {"python", "package", "opencl", "memory", "disk", "models", "rerun"} <= topics
+    assert all(f.cure for f in findings if not f.good)
+
+
+def test_a_device_that_fails_the_probe_is_told_with_its_reason(tmp_path, monkeypatch):
+    broken = dataclasses.replace(
+        discovery.candidates()[0], seconds=None, failure="unknown target CPU"
+    )
+    monkeypatch.setattr(device, "candidates", lambda: (broken,))
+    found = [f for f in doctor.examine(tmp_path) if f.topic.startswith("opencl")]
+    assert not any(f.good for f in found)
+    assert any("unknown target CPU" in f.detail for f in found)
+    assert any("pip install" in f.cure for f in found)
+
+
+def test_packages_are_those_that_the_installation_asks_for(tmp_path, monkeypatch):
+    asked = [
+        "numpy>=2.2",
+        "scipy<1.0",
+        "no-such-package>=1",
+        "ezc3d>=1.6; extra == 'dev'",
+        "elsewhere; sys_platform == 'amiga'",
+    ]
+    monkeypatch.setattr(importlib.metadata, "requires", lambda _: asked)
+    found = findings(tmp_path, "package")
+    assert list(found) == ["legsim", "numpy", "scipy", "no-such-package"]
+    assert found["numpy"].good
+    assert found["scipy"].detail.endswith("but <1.0 is needed")
+    assert not found["scipy"].good
+    assert (found["no-such-package"].good, found["no-such-package"].cure) == (
+        False,
+        "pip install 'no-such-package>=1'",
+    )
+
+
+@pytest.mark.parametrize(("free", "writable"), [(3 * 2**30, True), (5 * 2**30, False)])
+def test_a_disk_that_is_full_or_closed_is_told(tmp_path, monkeypatch, free, writable):
+    monkeypatch.setattr(shutil, "disk_usage", lambda _: type("Usage", (), {"free": free}))
+    monkeypatch.setattr(os, "access", lambda *_: writable)
+    (disk,) = findings(tmp_path, "disk").values()
+    assert not disk.good
+    assert ("not writable" in disk.detail) is not writable
+
+
+def test_too_little_memory_is_told(tmp_path, monkeypatch):
+    monkeypatch.setattr(os, "sysconf", lambda name: {"SC_PAGE_SIZE": 4096}.get(name, 2**20))
+    (memory,) = findings(tmp_path, "memory").values()
+    assert not memory.good
+    assert memory.detail.startswith("4.0 GiB")

@@ -1,0 +1,62 @@
+import os
+from pathlib import Path
+
+import pytest
+
+from legsim.core import files
+from legsim.core.errors import LegsimError
+
+
+@pytest.mark.parametrize("error", [KeyboardInterrupt, RuntimeError])
+def test_what_breaks_off_leaves_the_old_file_and_nothing_else(
+    tmp_path: Path, error: type[BaseException]
+) -> None:
+    files.write_text(tmp_path / "a.txt", "old")
+    with pytest.raises(error), files.whole(tmp_path / "a.txt") as partial:
+        assert (partial.parent, partial.suffix) == (tmp_path, ".txt")
+        partial.write_text("half")
+        raise error
+    assert (tmp_path / "a.txt").read_text() == "old"
+    assert [p.name for p in tmp_path.iterdir()] == ["a.txt"]
+
+
+def test_the_file_is_not_there_before_it_is_whole(tmp_path: Path) -> None:
+    with files.whole(tmp_path / "a.bin") as partial:
+        partial.write_bytes(b"all of it")
+        assert not (tmp_path / "a.bin").exists()
+    assert (tmp_path / "a.bin").read_bytes() == b"all of it"
+
+
+@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="no /dev/full here")
+def test_a_full_disk_is_one_line_and_leaves_the_old_file(tmp_path: Path) -> None:
+    files.write_text(tmp_path / "a.txt", "old")
+    with (
+        pytest.raises(LegsimError, match=r"a\.txt: the disk is full; free some space"),
+        files.whole(tmp_path / "a.txt") as partial,
+    ):
+        partial.symlink_to("/dev/full")
+        with partial.open("w") as stream:
+            stream.write("new" * 10000)
+    assert (tmp_path / "a.txt").read_text() == "old"
+    assert [p.name for p in tmp_path.iterdir()] == ["a.txt"]
+
+
+@pytest.mark.parametrize("place", ["missing/a.txt", "file/a.txt", "folder"])
+def test_a_place_that_cannot_be_written_is_named(tmp_path: Path, place: str) -> None:
+    (tmp_path / "file").write_text("")
+    (tmp_path / "folder").mkdir()
+    with pytest.raises(LegsimError, match=rf"{place}: cannot be written \(.*folder exists"):
+        files.write_text(tmp_path / place, "text")
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["file", "folder"]
+
+
+def test_errors_about_other_files_stay_as_they_are(tmp_path: Path) -> None:
+    with pytest.raises(FileNotFoundError, match="elsewhere"), files.whole(tmp_path / "a.txt"):
+        (tmp_path / "elsewhere").read_text()
+
+
+def test_text_is_utf8_with_the_lines_as_given(tmp_path: Path) -> None:
+    files.write_text(tmp_path / "a.txt", "Hüfte\nKnie\r\n")
+    assert (tmp_path / "a.txt").read_bytes() == "Hüfte\nKnie\r\n".encode()
+    files.write_bytes(tmp_path / "a.txt", b"\r\n\0")
+    assert (tmp_path / "a.txt").read_bytes() == b"\r\n\0"

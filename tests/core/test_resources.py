@@ -1,0 +1,29 @@
+"""Shipped files are found, and a missing one is named."""
+
+import pytest
+
+from legsim.core import resources
+from legsim.core.errors import LegsimError
+
+
+def test_the_model_is_found():
+    assert resources.model_file("lower_body/lower_body.xml").read_text("utf-8").startswith("<!--")
+
+
+def test_files_inside_an_installed_package_come_first(tmp_path, monkeypatch):
+    package = tmp_path / "site" / "legsim"
+    for folder in (package / "data", package.parent):
+        (folder / "motions" / "walk").mkdir(parents=True)
+    monkeypatch.setattr(resources, "_PACKAGE", package)
+    assert resources.motion_file("walk") == package / "data" / "motions" / "walk"
+
+
+def test_a_missing_file_is_named_with_what_is_there():
+    with pytest.raises(
+        LegsimError,
+        match=(
+            r"models/leg\.xml is not part of this legsim installation; there are: "
+            r".*lower_body.*reinstall"
+        ),
+    ):
+        resources.model_file("leg.xml")

@@ -1,0 +1,90 @@
+import numpy as np
+
+from legsim.config import BeadsConfig
+from legsim.core import transforms
+from legsim.correction import bead_scan, bead_tracking
+from legsim.geometry.cone_beam import ConeBeamGeometry, Projections
+from legsim.kinematics.skeleton import SEGMENTS, SegmentPoses
+from legsim.opencl import device
+from legsim.phantom import leg_phantom, materials
+from legsim.phantom.skinning import swing_of
+
+TIMES = np.arange(6) / 31
+PHANTOM = leg_phantom.load()
+KNEE = PHANTOM.reference_world_from_segment[SEGMENTS.index("tibia_l")][:3, 3]
+
+
+def c_arm() -> ConeBeamGeometry:
+    return ConeBeamGeometry.circular(
+        times=TIMES,
+        angles=np.radians(0.8) * np.arange(6),
+        source_isocenter=0.78,
+        source_detector=1.198,
+        shape_vu=(240, 310),
+        pixel_pitch=1.232e-3,
+        isocenter=KNEE,
+    )
+
+
+def test_beads_lie_around_the_knee_on_the_skin():
+    places = bead_scan.bead_positions(PHANTOM, BeadsConfig(count=9, reach_mm=50))
+    assert places.shape == (9, 3)
+    np.testing.assert_allclose(places[[0, -1], 1] - KNEE[1], [-0.05, 0.05], atol=1e-12)
+    vertices = PHANTOM.phantom.parts[PHANTOM.part_index("skin_l")].vertices
+    assert np.linalg.norm(places[:, None] - vertices, axis=-1).min(-1).max() < 0.015
+
+
+def test_beads_that_move_with_the_leg_are_found_where_they_are(rng: np.random.Generator):
+    moved = np.stack([transforms.translation([0, 0.001 * k, 0.0005 * k]) for k in range(6)])
+    poses = SegmentPoses(TIMES, SEGMENTS, moved[:, None] @ PHANTOM.reference_world_from_segment)
+    plain = Projections(c_arm(), np.ones((6, 240, 310), np.float32))
+    settings = BeadsConfig(diameter_mm=3.0, guess_error_mm=1.0)
+    scan = bead_scan.add_beads(
+        plain, PHANTOM, poses, settings, device.open_device(), energy_kev=60.0, rng=rng
+    )
+    places = bead_scan.bead_positions(PHANTOM, settings)
+    assert 0 < np.abs(scan.guesses - places).max() < 6e-3
+    shadow = scan.projections.line_integrals - 1
+    assert shadow.min() > -1e-6
+    # the chord through the middle of a bead, a little less where a pixel misses it
+    assert 0.8 < shadow.max() / (materials.attenuation("tantalum", 60.0) * 3e-3) < 1.8
+    found = bead_tracking.track(scan.projections, scan.guesses, radius=scan.radius)
+    truth = c_arm().project(transforms.apply(moved, places))[0]
+    has = np.isfinite(found).all(-1)
+    assert has.sum() >= 24
+    assert np.linalg.norm(found - truth, axis=-1)[has].max() < 0.1
+
+
+def test_beads_swing_with_the_skin(rng: np.random.Generator):
+    """Of a leg that rests, upwards at the last view: their shadows are where spheres are that are
+    parts of the phantom.
+    """
+    swinging = leg_phantom.load(swinging=True)
+    names = (
+        *SEGMENTS,
+        *(swing_of(f"{bone}_{side}") for bone in ("femur", "tibia") for side in "lr"),
+    )
+    shifts = [transforms.translation([0, 0.004 if k == 5 else 0.0, 0]) for k in range(6)]
+    still = PHANTOM.reference_world_from_segment
+    poses = SegmentPoses(
+        TIMES, names, np.stack([np.concatenate([still, [shift] * 4]) for shift in shifts])
+    )
+    plain = Projections(c_arm(), np.zeros((6, 240, 310), np.float32))
+    settings = BeadsConfig(count=4, diameter_mm=3.0, guess_error_mm=0.0)
+    scan = bead_scan.add_beads(
+        plain, swinging, poses, settings, device.open_device(), energy_kev=60.0, rng=rng
+    )
+    beaded = swinging.with_spheres(
+        "bead", bead_scan.bead_positions(swinging, settings), segment="soft_l", radius=1.5e-3
+    )
+    centers = np.stack(
+        [
+            [part.mean(0) for part in beaded.posed(pose, names)[-4:]]
+            for pose in poses.world_from_segment
+        ]
+    )
+    assert (centers[5] - centers[4])[:, 1].min() > 0.0005
+    found = bead_tracking.track(scan.projections, scan.guesses, radius=scan.radius)
+    has = np.isfinite(found).all(-1)
+    assert has[4:].sum() >= 6
+    assert np.linalg.norm(found - c_arm().project(centers)[0], axis=-1)[has].max() < 0.1

@@ -1,0 +1,182 @@
+import numpy as np
+import pytest
+
+from legsim.core import transforms
+from legsim.core.errors import LegsimError
+from legsim.correction import bead_tracking
+from legsim.deformation.models import RigidMotion
+from legsim.geometry.cone_beam import ConeBeamGeometry, Projections
+
+VIEWS = 120
+TIMES = np.arange(VIEWS) / 15.5
+KNEE = np.array([0.1, 0.5, -0.1])
+
+
+def c_arm(views: int = VIEWS) -> ConeBeamGeometry:
+    return ConeBeamGeometry.circular(
+        times=TIMES[:views],
+        angles=np.radians(1.65) * np.arange(views),
+        source_isocenter=0.78,
+        source_detector=1.198,
+        shape_vu=(240, 310),
+        pixel_pitch=1.232e-3,
+        isocenter=KNEE,
+    )
+
+
+def beads(count: int = 12) -> np.ndarray:
+    turn = 2.4 * np.arange(count)
+    return KNEE + np.stack(
+        [0.06 * np.cos(turn), np.linspace(-0.06, 0.06, count), 0.06 * np.sin(turn)], -1
+    )
+
+
+def sway(seed: int, size: float = 1.0) -> RigidMotion:
+    """Millimeters and a degree, at rest at the first view."""
+    rng = np.random.default_rng(seed)
+    phases, rates = rng.uniform(0, 2 * np.pi, (2, 3, 6)) * np.array([1, 0.3])[:, None, None]
+    vectors = np.sin(phases[0][..., None] + 2 * np.pi * rates[..., None] * TIMES).sum(0).T * size
+    poses = transforms.rigid(
+        transforms.rotation_from_vector(np.radians(0.3) * vectors[:, :3]),
+        KNEE + 1e-3 * vectors[:, 3:],
+    )
+    return RigidMotion.from_poses(TIMES, poses @ transforms.translation(-KNEE))
+
+
+def seen(motion: RigidMotion, places: np.ndarray) -> np.ndarray:
+    return c_arm().project(transforms.apply(motion.moved_from_reference, places))[0]
+
+
+def worst(found: RigidMotion, true: RigidMotion) -> float:
+    around = KNEE + 0.05 * np.vstack([np.zeros(3), np.eye(3)])
+    a, b = (transforms.apply(m.moved_from_reference, around) for m in (found, true))
+    return float(np.linalg.norm(a - b, axis=-1).max())
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_exact_shadows_of_known_beads_give_the_exact_motion(seed: int):
+    motion = sway(seed)
+    assert worst(bead_tracking.poses(c_arm(), seen(motion, beads()), beads()), motion) < 1e-11
+
+
+def test_a_detection_error_costs_what_the_geometry_says(rng: np.random.Generator):
+    """Half a dozen beads at 0.65 pixels a mm: 0.1 px is some hundredths of a mm across the ray, and
+    many times that along it.
+    """
+    motion = sway(0)
+    pixels = seen(motion, beads())
+    found = bead_tracking.poses(c_arm(), pixels + rng.normal(0, 0.1, pixels.shape), beads())
+    shown = c_arm().project(transforms.apply(found.moved_from_reference, beads()))[0] - pixels
+    # six of the 24 numbers of a view go into its pose: the reprojected points carry that share of
+    # the noise
+    assert np.sqrt((shown**2).mean()) == pytest.approx(0.1 * np.sqrt(6 / 24), rel=0.1)
+    assert worst(found, motion) < 5e-3
+
+
+def test_beads_at_rest_are_placed_exactly():
+    found = bead_tracking.estimate(c_arm(), seen(RigidMotion.identity(TIMES), beads()))
+    np.testing.assert_allclose(found.positions, beads(), atol=1e-9)
+    np.testing.assert_allclose(
+        found.motion.moved_from_reference, np.broadcast_to(np.eye(4), (VIEWS, 4, 4)), atol=1e-9
+    )
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_shadows_of_a_swaying_knee_are_explained_up_to_its_size(seed: int):
+    """Free poses leave the size of the scene open (no camera tells it); all else is found."""
+    motion = sway(seed)
+    found = bead_tracking.estimate(c_arm(), seen(motion, beads()))
+    assert found.residual_px < 2e-3
+    assert found.used.all()
+    spans = [np.linalg.norm(p - p.mean(0), axis=-1) for p in (found.positions, beads())]
+    size = spans[0] / spans[1]
+    assert np.ptp(size) < 1e-3
+    assert np.abs(size - 1).max() < 0.01
+
+
+def test_wrong_shadows_are_rejected(rng: np.random.Generator):
+    motion = sway(1)
+    clean = seen(motion, beads()) + rng.normal(0, 0.02, (VIEWS, 12, 2))
+    spoilt = clean.copy()
+    views, which = rng.integers(0, VIEWS, 60), rng.integers(0, 12, 60)
+    spoilt[views, which] += rng.choice([-1, 1], (60, 2)) * rng.uniform(2, 5, (60, 2))
+    spoilt[5, 3] = np.nan
+    found, reference = (bead_tracking.estimate(c_arm(), pixels) for pixels in (spoilt, clean))
+    assert not found.used[views, which].any()
+    assert not found.used[5, 3]
+    assert found.used.mean() > 0.9
+    np.testing.assert_allclose(found.positions, reference.positions, atol=0.3e-3)
+    assert found.residual_px < 0.04
+
+
+def test_skin_that_bends_with_the_knee_loses_no_bead():
+    """Exact shadows, the lower half of the beads turned by up to 0.3 deg: nothing rigid fits, and
+    no shadow is wrong.
+    """
+    motion, places = sway(0), beads()
+    bend = np.radians(0.3) * np.sin(2 * np.pi * 0.3 * TIMES) * (TIMES > 4)
+    bent = (
+        transforms.apply(
+            transforms.rigid(transforms.axis_rotation([0, 0, 1], bend), np.zeros(3)), places - KNEE
+        )
+        + KNEE
+    )
+    at_views = np.where((places[:, 1] < KNEE[1])[None, :, None], bent, places)
+    pixels = np.stack(
+        [
+            c_arm().project(transforms.apply(m, p))[0][v]
+            for v, (m, p) in enumerate(zip(motion.moved_from_reference, at_views, strict=True))
+        ]
+    )
+    found = bead_tracking.estimate(c_arm(), pixels)
+    assert found.used.all()
+    assert 0.02 < found.residual_px < 0.5
+
+
+def test_a_bead_seen_too_seldom_is_left_out():
+    pixels = seen(sway(0), beads())
+    pixels[5:, 4] = np.nan
+    found = bead_tracking.estimate(c_arm(), pixels)
+    assert np.isnan(found.positions[4]).all()
+    assert np.isfinite(np.delete(found.positions, 4, 0)).all()
+
+
+def test_too_few_beads_are_refused():
+    pixels = seen(sway(0), beads())
+    pixels[17, 3:] = np.nan
+    with pytest.raises(LegsimError, match="view 17 shows 3 beads"):
+        bead_tracking.estimate(c_arm(), pixels)
+    with pytest.raises(LegsimError, match="view 17 shows 3 beads"):
+        bead_tracking.poses(c_arm(), pixels, beads())
+
+
+def shadows(centers: np.ndarray, radius: float) -> Projections:
+    """Images of spheres of contrast on a slope, in the exact shape of a chord smeared over a
+    pixel.
+    """
+    geometry = c_arm(len(centers))
+    v, u = np.mgrid[:240, :310].astype(float)
+    images = np.broadcast_to(1.0 + 0.002 * u + 0.001 * v, (len(centers), 240, 310)).copy()
+    for image, points in zip(images, centers, strict=True):
+        for cu, cv in points:
+            box = (slice(max(0, int(cv) - 8), int(cv) + 9), slice(max(0, int(cu) - 8), int(cu) + 9))
+            image[box] += 3 * np.exp(
+                -((u[box] - cu) ** 2 + (v[box] - cv) ** 2) / (2 * (0.6 * radius) ** 2)
+            )
+    return Projections(geometry, images.astype(np.float32))
+
+
+def test_beads_are_followed_through_overlaps_and_from_rough_guesses(rng: np.random.Generator):
+    motion = sway(2)
+    # a thirteenth bead lies before another one in the tenth view, and passes it
+    toward = c_arm().sources()[10] - beads()[6]
+    places = np.vstack([beads(), beads()[6] + 0.05 * toward / np.linalg.norm(toward)])
+    truth = seen(motion, places)[:20]
+    found = bead_tracking.track(
+        shadows(truth, 1.3), places + rng.normal(0, 1e-3, places.shape), radius=1e-3
+    )
+    has = np.isfinite(found).all(-1)
+    assert np.linalg.norm(found - truth, axis=-1)[has].max() < 0.15
+    assert not has[10, [6, 12]].any()
+    assert has[[0, 0, -1, -1], [6, 12, 6, 12]].all()
+    assert has[:, :6].all()

@@ -1,0 +1,219 @@
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+from legsim.cli import main as cli_main
+from legsim.cli.main import _warn
+from legsim.run import stages
+
+
+def legsim(*arguments: str, **changes: str) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "legsim", *arguments]
+    return subprocess.run(
+        command, capture_output=True, text=True, check=False, env=os.environ | changes
+    )
+
+
+def failure(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
+    """The one line that a bad command prints."""
+    with pytest.raises(SystemExit) as caught:
+        cli_main.main(list(arguments))
+    assert caught.value.code not in (0, None)
+    lines = [line for line in capsys.readouterr().err.splitlines() if line.startswith("error")]
+    assert len(lines) == 1
+    return lines[0]
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        "run",
+        "replay",
+        "convert",
+        "project",
+        "reconstruct",
+        "evaluate",
+        "study",
+        "geometry",
+        "view",
+        "doctor",
+    ],
+)
+def test_every_command_explains_itself(command, capsys):
+    with pytest.raises(SystemExit) as caught:
+        cli_main.main([command, "--help"])
+    assert caught.value.code == 0
+    assert "Usage" in capsys.readouterr().out
+
+
+def test_version(capsys):
+    with pytest.raises(SystemExit) as caught:
+        cli_main.main(["--version"])
+    assert caught.value.code == 0
+    assert capsys.readouterr().out.startswith("legsim ")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "expected"),
+    [
+        (("run", "nowhere.toml"), "nowhere.toml: no such file"),
+        (("run", "scan [2].toml"), "scan [2].toml: no such file"),
+        (
+            ("run", "--set", "scan.detector.photons=-1"),
+            "scan.detector.photons): Input should be greater than or equal to 0",
+        ),
+        (
+            (
+                "run",
+                "--set",
+                "scan.spectrum.kind=file",
+                "--set",
+                "scan.spectrum.file=no.csv",
+                "--out",
+                "{tmp}",
+            ),
+            "no.csv: cannot be read",
+        ),
+        (
+            ("project", "nowhere.toml", "--geometry", "nowhere.json", "--set", "grid.voxels=9"),
+            "heeds scan.spectrum.<key>",
+        ),
+        (("run", "--set", "scan.speed=3"), "scan.speed): there is no such key"),
+        (
+            ("run", "--set", "motion.file=nowhere.trc", "--out", "{tmp}"),
+            "nowhere.trc: no such motion file",
+        ),
+        (("run", "--set", "scan.views=9000", "--out", "{tmp}"), "the recording lasts"),
+        (
+            ("run", "--set", 'methods.run=["magic"]', "--out", "{tmp}"),
+            "no correction method named 'magic'",
+        ),
+        (
+            ("run", "--device", "abacus", "--out", "{tmp}"),
+            "no working OpenCL device matches 'abacus'",
+        ),
+        (("run", "--out", "/proc/nothing"), "/proc/nothing: cannot be written to"),
+        (("replay", "nowhere.c3d", "--out", "{tmp}"), "nowhere.c3d: no such motion file"),
+        (("convert", "nowhere.c3d", "--out", "{tmp}/a.trc"), "nowhere.c3d: cannot be read"),
+        (("project", "nowhere.toml", "--geometry", "nowhere.json"), "nowhere.json"),
+        (("reconstruct", "nowhere.mha", "--geometry", "nowhere.xml"), "nowhere.mha: no such file"),
+        (("evaluate", "nowhere.mha", "nowhere.mha"), "nowhere.mha: no such file"),
+        (("geometry", "show", "nowhere.json"), "nowhere.json"),
+        (("view", "{tmp}"), "no such recording"),
+        (("run", "--speed"), "No such option"),
+        (("dance",), "No such command"),
+    ],
+)
+def test_a_bad_command_prints_one_line_with_the_cure(arguments, expected, capsys, tmp_path):
+    assert expected in failure(capsys, *(a.format(tmp=tmp_path) for a in arguments))
+
+
+def test_a_full_disk_is_one_line(capsys, monkeypatch, tmp_path):
+    def full(*_: object, **__: object) -> None:
+        raise OSError(28, "No space left on device", str(tmp_path / "projections.mha"))
+
+    monkeypatch.setattr(stages, "run", full)
+    assert "projections.mha: the disk is full" in failure(capsys, "run", "--out", str(tmp_path))
+
+
+def test_an_error_of_ours_keeps_its_traceback(monkeypatch, tmp_path):
+    def broken(*_: object, **__: object) -> None:
+        raise ZeroDivisionError
+
+    monkeypatch.setattr(stages, "run", broken)
+    with pytest.raises(ZeroDivisionError):
+        cli_main.main(["run", "--out", str(tmp_path)])
+
+
+def test_no_opencl_runtime_is_one_line(tmp_path):
+    (tmp_path / "none.icd").write_text("/nowhere/libnone.so\n")
+    result = legsim(
+        "run",
+        "--out",
+        str(tmp_path / "o"),
+        OCL_ICD_VENDORS=str(tmp_path / "none.icd"),
+        OPENCL_VENDOR_PATH=str(tmp_path),
+    )
+    assert result.returncode == 1
+    assert result.stderr.startswith("error: no OpenCL device works")
+    assert "Traceback" not in result.stderr
+
+
+def test_debug_shows_where_an_error_came_from(tmp_path):
+    assert "Traceback" in legsim("run", "nowhere.toml", "--debug").stderr
+
+
+def test_ctrl_c_ends_with_a_word_of_comfort(tmp_path):
+    command = [
+        sys.executable,
+        "-c",
+        "from legsim.cli.main import main; main()",
+        "run",
+        "--out",
+        str(tmp_path),
+    ]
+    process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
+    deadline = time.monotonic() + 60
+    while not (tmp_path / "config.toml").exists() and time.monotonic() < deadline:
+        time.sleep(0.1)
+    process.send_signal(signal.SIGINT)
+    _, errors = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert "interrupted; finished stages are kept" in errors
+
+
+_WRITING = """
+import sys, time, types
+from legsim import cli, whole_files
+
+def reconstruct(projections, geometry, out, **_):
+    with whole_files.whole(out) as partial:
+        partial.write_text("half")
+        print("writing", flush=True)
+        time.sleep(60)
+
+sys.modules["legsim.cli.commands"] = types.SimpleNamespace(reconstruct=reconstruct)
+cli.main(["reconstruct", "p.mha", "--geometry", "g.json", "--out", sys.argv[1]])
+"""
+"""a reconstruction that writes its volume for a minute"""
+
+
+@pytest.mark.parametrize(
+    ("sent", "code", "word"),
+    [(signal.SIGINT, 130, "interrupted"), (signal.SIGTERM, 143, "terminated")],
+)
+def test_a_stopped_command_leaves_no_half_file_and_says_what_is_kept(sent, code, word, tmp_path):
+    command = [sys.executable, "-c", _WRITING, str(tmp_path / "volume.mha")]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    assert process.stdout is not None
+    assert process.stdout.readline() == "writing\n"
+    assert len(list(tmp_path.iterdir())) == 1
+    process.send_signal(sent)
+    _, errors = process.communicate(timeout=60)
+    assert process.returncode == code
+    assert list(tmp_path.iterdir()) == []
+    assert (
+        errors.splitlines()[-1]
+        == f"{word}; half-written files are removed, the same command starts anew"
+    )
+
+
+def test_replay_prints_how_well_the_markers_are_followed(tmp_path, capsys):
+    with pytest.raises(SystemExit) as caught:
+        cli_main.main(["replay", "subject01/squat_30.trc", "--out", str(tmp_path)])
+    assert caught.value.code == 0
+    assert "mm RMS" in capsys.readouterr().out
+
+
+def test_a_warning_is_told_once_whatever_its_numbers(capsys, monkeypatch):
+    monkeypatch.setattr(cli_main, "_warned", set())
+    for text in ("short scan: 197.6 deg", "short scan: 197.9 deg", "full disk"):
+        _warn(text)
+    told = capsys.readouterr().err
+    assert told.count("short scan") == 1
+    assert "197.6" in told
+    assert "full disk" in told

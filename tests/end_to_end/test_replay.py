@@ -1,0 +1,225 @@
+"""`legsim replay` as a whole: what the sensors' settings change and what they leave, going on where
+it stopped, one line for bad input.
+"""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from legsim import config
+from legsim.cli import main as cli_main
+from legsim.imu import simulation
+from legsim.imu.signals import ImuSignals
+from legsim.kinematics import from_recording
+from legsim.kinematics.joint_splines import JointSplines
+from legsim.mocap import opensim, trc
+from legsim.mocap.trajectories import MarkerTrajectories
+from legsim.run import files, stages
+from legsim.run import replay as run_replay
+from legsim.run import sensors as run_sensors
+
+TRUTH = ("coordinates.mot", "poses.npz", "joint_centres.csv")
+
+
+@pytest.fixture(scope="module")
+def standing(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The first two seconds of a held squat."""
+    whole = trc.load(from_recording.source("subject01/squat_30.trc"))
+    path = tmp_path_factory.mktemp("recording") / "squat.trc"
+    trc.save(
+        path, MarkerTrajectories(whole.times[:240], whole.marker_names, whole.positions_world[:240])
+    )
+    return path
+
+
+def replayed(file: Path, out: Path, *changes: str) -> Path:
+    settings = config.load(overrides=(f"motion.file={file}", *changes))
+    run_replay.replay(settings, out, filtered=False, image=None, on_progress=lambda *_: None)
+    return out
+
+
+@pytest.fixture
+def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Leaves out recording and pictures, which take most of the time."""
+    monkeypatch.setattr(stages.view, "write_replay", lambda path, _: path.write_text("recording"))
+    monkeypatch.setattr(stages.replay_report, "content", lambda *_: None)
+    monkeypatch.setattr(stages.report, "render", lambda _: "page")
+
+
+@pytest.fixture
+def plain(standing: Path, tmp_path: Path, undrawn: None) -> Path:
+    """A replay with sensors as they come."""
+    return replayed(standing, tmp_path / "plain")
+
+
+def signals(folder: Path) -> ImuSignals:
+    return files.load_imu(folder / "imu.csv")
+
+
+def contents(folder: Path, names: tuple[str, ...] = TRUTH) -> list[bytes]:
+    return [(folder / name).read_bytes() for name in names]
+
+
+def test_a_clock_offset_shifts_the_sensors_times_and_nothing_else(standing, plain, tmp_path):
+    late = replayed(standing, tmp_path / "late", "imu.clock_offset_s=0.25")
+    np.testing.assert_allclose(signals(late).times - signals(plain).times, 0.25, atol=1e-12)
+    np.testing.assert_array_equal(signals(late).specific_force, signals(plain).specific_force)
+    np.testing.assert_array_equal(signals(late).angular_velocity, signals(plain).angular_velocity)
+    assert contents(late) == contents(plain)
+
+
+def test_soft_tissue_without_amplitude_is_the_rigid_sensor_bit_for_bit(standing, plain, tmp_path):
+    rigid = replayed(
+        standing,
+        tmp_path / "rigid",
+        "imu.soft_tissue.amplitude=0",
+        "imu.soft_tissue.frequency_hz=7",
+    )
+    assert contents(rigid, (*TRUTH, "imu.csv")) == contents(plain, (*TRUTH, "imu.csv"))
+    solved, read = (
+        from_recording.solve_recording(config.MotionConfig(file=str(standing))),
+        signals(rigid),
+    )
+    alone = simulation.simulate(
+        solved.leg,
+        JointSplines(solved.trajectories),
+        run_sensors.sensors(config.ImuConfig()),
+        read.times,
+    )
+    np.testing.assert_array_equal(read.specific_force, alone.specific_force)
+
+
+def test_soft_tissue_shakes_the_accelerometer_and_leaves_gyroscope_and_truth(
+    standing, plain, tmp_path
+):
+    soft = replayed(standing, tmp_path / "soft", "imu.soft_tissue.amplitude=1")
+    shaken = signals(soft).specific_force - signals(plain).specific_force
+    assert 1e-4 < shaken.std() < 0.2
+    np.testing.assert_array_equal(signals(soft).angular_velocity, signals(plain).angular_velocity)
+    assert contents(soft) == contents(plain)
+
+
+def test_noise_that_is_asked_for_is_in_the_signals(standing, plain, tmp_path):
+    noisy = replayed(
+        standing,
+        tmp_path / "noisy",
+        "imu.noise.kind=rms",
+        "imu.noise.acceleration_mg=5",
+        "imu.noise.bandwidth_hz=60",
+    )
+    added = signals(noisy).specific_force - signals(plain).specific_force
+    assert added.std() == pytest.approx(5e-3 * 9.80665, rel=0.1)
+    assert contents(noisy) == contents(plain)
+
+
+def test_a_second_replay_writes_nothing_and_a_changed_sensor_only_what_hangs_on_it(standing, plain):
+    before = {p.name: p.stat().st_mtime_ns for p in plain.iterdir()}
+    replayed(standing, plain)
+    assert {p.name: p.stat().st_mtime_ns for p in plain.iterdir()} == before
+    replayed(standing, plain, "imu.rate_hz=60")
+    after = {p.name for p in plain.iterdir() if p.stat().st_mtime_ns != before[p.name]}
+    assert after == {"imu.csv", "recording.rrd", "report.html", "manifest.json"}
+
+
+def test_a_second_real_replay_leaves_every_byte(standing, tmp_path):
+    first = {p.name: p.read_bytes() for p in replayed(standing, tmp_path).iterdir()}
+    assert {p.name: p.read_bytes() for p in replayed(standing, tmp_path).iterdir()} == first
+
+
+@pytest.mark.parametrize("stage", ["coordinates.mot", "imu.csv", "report.html"])
+def test_ctrl_c_leaves_no_half_file_and_the_next_replay_ends_it(standing, tmp_path, undrawn, stage):
+    with pytest.MonkeyPatch.context() as patch, pytest.raises(KeyboardInterrupt):
+        patch.setattr(Path, "write_text", broken_off(stage, Path.write_text))
+        replayed(standing, tmp_path)
+    assert not (tmp_path / stage).exists()
+    assert not list(tmp_path.glob(".*"))
+    replayed(standing, tmp_path)
+    assert {
+        *TRUTH,
+        "imu.csv",
+        "recording.rrd",
+        "report.html",
+        "kinematics.json",
+        "manifest.json",
+    } == {p.name for p in tmp_path.iterdir()}
+
+
+def broken_off(name: str, write):
+    """``write``, but for files called ``name`` (with any prefix) it stops in their middle."""
+
+    def written(
+        path: Path,
+        text: str,
+        encoding: str | None = None,
+        errors: str | None = None,
+        newline: str | None = None,
+    ) -> int:
+        if path.name.endswith(name):
+            write(path, text[: len(text) // 2], encoding, errors, newline)
+            raise KeyboardInterrupt
+        return write(path, text, encoding, errors, newline)
+
+    return written
+
+
+def test_coordinates_in_degrees_and_in_radians_give_the_same_signals(standing, tmp_path):
+    solved = from_recording.solve_recording(config.MotionConfig(file=str(standing)))
+    read = []
+    for name, in_degrees in (("degrees.mot", True), ("radians.mot", False)):
+        opensim.save(tmp_path / name, solved.trajectories, in_degrees=in_degrees)
+        again = from_recording.solve_recording(config.MotionConfig(file=str(tmp_path / name)))
+        np.testing.assert_allclose(
+            again.trajectories.values, solved.trajectories.values, atol=1e-14
+        )
+        settings = config.ImuConfig()
+        read.append(
+            run_sensors.sense(
+                again, JointSplines(again.trajectories), run_sensors.sensors(settings), settings
+            )
+        )
+    np.testing.assert_allclose(read[0].specific_force, read[1].specific_force, atol=1e-7)
+    np.testing.assert_allclose(read[0].angular_velocity, read[1].angular_velocity, atol=1e-9)
+
+
+def refused(capsys: pytest.CaptureFixture[str], file: Path, *arguments: str) -> str:
+    """The one line that `legsim replay` prints."""
+    with pytest.raises(SystemExit) as caught:
+        cli_main.main(["replay", str(file), "--out", str(file.parent / "out"), *arguments])
+    assert caught.value.code == 1
+    lines = [line for line in capsys.readouterr().err.splitlines() if not line.endswith("...")]
+    assert len(lines) == 1
+    return lines[0]
+
+
+def test_a_file_without_a_needed_marker_is_one_line(standing, tmp_path, capsys):
+    whole = trc.load(standing)
+    kept = [k for k, name in enumerate(whole.marker_names) if name != "LKNE"]
+    file = tmp_path / "lacks.trc"
+    trc.save(
+        file,
+        MarkerTrajectories(
+            whole.times, tuple(whole.marker_names[k] for k in kept), whole.positions_world[:, kept]
+        ),
+    )
+    line = refused(capsys, file)
+    assert "lacks.trc" in line
+    assert "epicondyle_lateral_l" in line
+
+
+def test_a_wrong_unit_is_one_line_whose_cure_works(standing, tmp_path, capsys):
+    whole = trc.load(standing)
+    file = tmp_path / "unit.trc"
+    trc.save(
+        file, MarkerTrajectories(whole.times, whole.marker_names, 1000 * whole.positions_world)
+    )
+    assert "--set motion.unit=mm" in refused(capsys, file)
+    cured = from_recording.solve_recording(
+        config.load(overrides=(f"motion.file={file}", "motion.unit=mm")).motion
+    )
+    assert cured.fit is not None
+    assert cured.fit.ik.rms < 5e-3
+
+
+def test_a_wrong_vertical_is_one_line_with_the_option(standing, capsys):
+    assert "--set motion.up=" in refused(capsys, standing, "--set", "motion.up=x")

@@ -1,0 +1,431 @@
+"""Geometry files: round trips between all kinds, RTK's own reading and writing, and what malformed
+files are told.
+"""
+
+import importlib.util
+import json
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from legsim.core import transforms
+from legsim.core.errors import LegsimError
+from legsim.geometry import files
+from legsim.geometry.cone_beam import ConeBeamGeometry
+
+
+def circular(views: int = 5, **options) -> ConeBeamGeometry:
+    defaults = {
+        "source_isocenter": 0.78,
+        "source_detector": 1.198,
+        "shape_vu": (48, 62),
+        "pixel_pitch": 0.616e-3,
+    }
+    return ConeBeamGeometry.circular(
+        times=0.1 + np.arange(views) / 31.0,
+        angles=np.deg2rad(71.3 * np.arange(views)),
+        **(defaults | options),
+    )
+
+
+def corrected() -> ConeBeamGeometry:
+    """Views moved freely: every one of RTK's nine parameters differs from view to view."""
+    rng = np.random.default_rng(3)
+    moves = transforms.rigid(
+        transforms.rotation_from_vector(rng.normal(0, 0.2, (5, 3))), rng.normal(0, 0.05, (5, 3))
+    )
+    return circular(isocenter=(0.1, 0.4, -0.05)).moved(moves)
+
+
+def assert_same_rays(
+    first: ConeBeamGeometry, second: ConeBeamGeometry, tolerance: float = 1e-9
+) -> None:
+    """Pixels of points in the field agree to ``tolerance`` pixels, times to rounding."""
+    points = first.rotation_center() + np.random.default_rng(1).uniform(-0.1, 0.1, (50, 3))
+    np.testing.assert_allclose(
+        first.project(points)[0], second.project(points)[0], atol=tolerance, rtol=0
+    )
+    np.testing.assert_allclose(first.times, second.times, atol=1e-12)
+    assert first.shape_vu == second.shape_vu
+    assert first.pixel_pitch == pytest.approx(second.pixel_pitch, rel=1e-14)
+
+
+@pytest.mark.parametrize("suffix", ["json", "xml"])
+@pytest.mark.parametrize("geometry", [circular(), corrected()], ids=["circular", "corrected"])
+def test_round_trip(tmp_path, suffix, geometry):
+    files.save(tmp_path / f"g.{suffix}", geometry)
+    assert_same_rays(files.load(tmp_path / f"g.{suffix}"), geometry)
+
+
+@pytest.mark.parametrize("suffix", ["txt", "npy"])
+def test_round_trip_of_plain_matrices(tmp_path, suffix):
+    geometry = corrected()
+    files.save(tmp_path / f"g.{suffix}", geometry)
+    loaded = files.load(tmp_path / f"g.{suffix}", columns=62, rows=48, pixel_mm=0.616)
+    np.testing.assert_allclose(loaded.matrices, geometry.matrices, rtol=1e-14)
+    np.testing.assert_allclose(loaded.times, np.arange(5) / 31)
+
+
+def test_around_all_kinds_and_back(tmp_path):
+    geometry = corrected()
+    for name in ("a.json", "b.xml", "c.json", "d.xml"):
+        files.save(tmp_path / name, geometry)
+        geometry = files.load(tmp_path / name)
+    assert_same_rays(geometry, corrected())
+
+
+def test_json_is_as_documented(tmp_path):
+    geometry = circular(2)
+    files.save(tmp_path / "g.json", geometry)
+    content = json.loads((tmp_path / "g.json").read_text())
+    assert content["unit"] == "mm"
+    assert (content["columns"], content["rows"]) == (62, 48)
+    center_mm = np.array([content["matrices"][0]]).reshape(3, 4) @ (0, 0, 0, 1)
+    np.testing.assert_allclose(center_mm / center_mm[2], (30.5, 23.5, 1))
+    assert content["pixel_mm"] == pytest.approx(0.616)
+    del content["pixel_mm"]
+    (tmp_path / "h.json").write_text(json.dumps(content))
+    np.testing.assert_array_equal(
+        files.load(tmp_path / "h.json").matrices, files.load(tmp_path / "g.json").matrices
+    )
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    st.tuples(
+        *[st.floats(-180, 180)] * 2,
+        st.floats(-90, 90),
+        *[st.floats(-200, 200)] * 4,
+        st.floats(300, 2000),
+        st.floats(300, 3000),
+    )
+)
+def test_any_of_rtks_parameters_survive(tmp_path_factory, values):
+    gantry, in_plane, out_of_plane, sx, sy, ox, oy, sid, sdd = values
+    names = (
+        "GantryAngle",
+        "InPlaneAngle",
+        "OutOfPlaneAngle",
+        "SourceOffsetX",
+        "SourceOffsetY",
+        "ProjectionOffsetX",
+        "ProjectionOffsetY",
+    )
+    numbers = (gantry, in_plane, out_of_plane, sx, sy, ox, oy)
+    fields = "".join(f"<{n}>{x!r}</{n}>" for n, x in zip(names, numbers, strict=True))
+    distances = f"<SourceToIsocenterDistance>{sid!r}</SourceToIsocenterDistance><SourceToDetectorDistance>{sdd!r}</SourceToDetectorDistance>"
+    path = tmp_path_factory.mktemp("rtk") / "g.xml"
+    path.write_text(
+        "<RTKThreeDCircularGeometry "
+        f'version="3"><Projection>{fields}{distances}</Projection></RTKThreeDCircularGeometry>'
+    )
+    first = files.load(path, columns=62, rows=48, pixel_mm=0.5)
+    files.save(path, first)
+    second = files.load(path)
+    np.testing.assert_allclose(
+        second.matrices, first.matrices, atol=1e-9 * np.abs(first.matrices).max()
+    )
+
+
+def test_rtk_parameters_before_the_projections_hold_for_all(tmp_path):
+    files.save(tmp_path / "g.xml", circular(2))
+    path = tmp_path / "short.xml"
+    path.write_text(
+        '<?xml version="1.0"?>\n<!DOCTYPE RTKGEOMETRY>\n<RTKThreeDCircularGeometry version="3">'
+        "<SourceToIsocenterDistance>780</SourceToIsocenterDistance><SourceToDetectorDistance>1198</SourceToDetectorDistance>"
+        "<Projection><GantryAngle>0</GantryAngle></Projection><Projection><GantryAngle>71.3</GantryAngle></Projection>"
+        "</RTKThreeDCircularGeometry>"
+    )
+    loaded = files.load(path, columns=62, rows=48, pixel_mm=0.616)
+    np.testing.assert_allclose(loaded.matrices, circular(2).matrices, atol=1e-10)
+
+
+def test_rtk_matrix_alone_is_enough_and_a_contradiction_is_told(tmp_path):
+    matrix = "<Matrix>-1198 0 0 0 0 -1198 0 0 0 0 1 -780</Matrix>"
+    wrap = (
+        "<RTKThreeDCircularGeometry "
+        'version="3"><Projection>{}</Projection></RTKThreeDCircularGeometry>'
+    )
+    (tmp_path / "g.xml").write_text(wrap.format(matrix))
+    loaded = files.load(tmp_path / "g.xml", columns=62, rows=48, pixel_mm=0.616)
+    np.testing.assert_allclose(loaded.matrices, circular(1).matrices, atol=1e-10)
+    distances = "<SourceToIsocenterDistance>781</SourceToIsocenterDistance><SourceToDetectorDistance>1198</SourceToDetectorDistance>"
+    (tmp_path / "h.xml").write_text(wrap.format(distances + matrix))
+    with pytest.raises(LegsimError, match=r"h\.xml \(projection 0\): its <Matrix> contradicts"):
+        files.load(tmp_path / "h.xml", columns=62, rows=48, pixel_mm=0.616)
+
+
+def test_matrices_in_brackets_over_several_lines(tmp_path):
+    (tmp_path / "g.txt").write_text(
+        "# CONRAD\n[[-1944.8, 0.0, 30.5, -23790]; [0, -1944.8, 23.5, -18330];\n [0.0, 0.0, 1.0, "
+        "-780.0]]\n"
+    )
+    loaded = files.load(tmp_path / "g.txt", columns=62, rows=48)
+    np.testing.assert_allclose(loaded.sources()[0], (0, 0, 0.78), atol=1e-9)
+    assert loaded.matrices[0, 2, 3] > 0, "depth is positive in front of the source"
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        ("{", r"g\.json \(line 1, column 2\): is not JSON"),
+        ("[]", "holds no object"),
+        ('{"unit": "mm"}', "lacks columns, rows, times_s, matrices"),
+        (
+            '{"unit": "m", "columns": 2, "rows": 2, "times_s": [0], "matrices": [[1]]}',
+            r"\(unit\): the unit is 'm'",
+        ),
+        (
+            '{"unit": "mm", "columns": 2.5, "rows": 2, "times_s": [0], "matrices": [[1]]}',
+            r"\(columns\): 2.5 is not a count",
+        ),
+        (
+            '{"unit": "mm", "columns": 2, "rows": 2, "times_s": [0], "matrices": [[1]]}',
+            r"\(matrices\[0\]\): has 1 numbers",
+        ),
+        (
+            '{"unit": "mm", "columns": 2000000, "rows": 2, "times_s": [0], "matrices": [[1]]}',
+            r"\(columns\): 2000000 is not a count",
+        ),
+        (
+            '{"unit": "mm", "columns": 2, "rows": 2, "times_s": [0], "matrices": [[NaN]]}',
+            r"\(matrices\[0\]\): is not a list of finite",
+        ),
+        (
+            '{"unit": "mm", "columns": 2, "rows": 2, "times_s": [1'
+            + 400 * "0"
+            + '], "matrices": [[1]]}',
+            r"\(times_s\): is not a list of finite",
+        ),
+        ("[" * 100_000, "nests lists too deeply"),
+        (
+            '{"unit": "mm", "columns": 2, "rows": 2, "times_s": [0], "matrices": []}',
+            r"\(matrices\): is not a list",
+        ),
+        (
+            '{"unit": "mm", "columns": 2, "rows": 2, "times_s": [0, "x"], "matrices": [[1]]}',
+            r"\(times_s\): is not a list of finite",
+        ),
+        (
+            '{"unit": "mm", "columns": 2, "rows": 2, "times_s": [0, 1], "matrices": '
+            "[[1,0,0,0,0,1,0,0,0,0,1,5]]}",
+            "1 matrices but 2 times",
+        ),
+        (
+            '{"unit": "mm", "columns": 2, "rows": 2, "times_s": [0], "matrices": '
+            "[[1,0,0,0,0,1,0,0,0,1,0,5]]}",
+            "is singular",
+        ),
+    ],
+)
+def test_malformed_json_is_told_where(tmp_path, content, message):
+    (tmp_path / "g.json").write_text(content)
+    with pytest.raises(LegsimError, match=message) as caught:
+        files.load(tmp_path / "g.json")
+    assert "\n" not in str(caught.value)
+    assert "g.json" in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        ("<a>", "is not XML"),
+        ("<a/>", r"begins with <a version=None>"),
+        (
+            '<RTKThreeDCircularGeometry version="3"></RTKThreeDCircularGeometry>',
+            "holds no <Projection>",
+        ),
+        (
+            "<RTKThreeDCircularGeometry "
+            'version="3"><Projection><GantryAngle>x</GantryAngle></Projection></RTKThreeDCircularGeometry>',
+            r"\(projection 0\): <GantryAngle> holds 'x'",
+        ),
+        (
+            "<RTKThreeDCircularGeometry "
+            'version="3"><Projection><GantryAngle>1</GantryAngle></Projection></RTKThreeDCircularGeometry>',
+            "source distances are missing",
+        ),
+        (
+            "<RTKThreeDCircularGeometry "
+            'version="3"><Projection><Gantry>1</Gantry></Projection></RTKThreeDCircularGeometry>',
+            "unknown element <Gantry>",
+        ),
+        (
+            "<RTKThreeDCircularGeometry "
+            'version="3"><RadiusCylindricalDetector>9</RadiusCylindricalDetector></RTKThreeDCircularGeometry>',
+            "the detector is cylindrical",
+        ),
+        (
+            '<RTKThreeDCircularGeometry version="2"><Projection/></RTKThreeDCircularGeometry>',
+            "begins with .* version='2'",
+        ),
+        (
+            "<RTKThreeDCircularGeometry "
+            'version="3"><Projection><SourceToIsocenterDistance>9</SourceToIsocenterDistance></Projection>'
+            "</RTKThreeDCircularGeometry>",
+            "RTK's parallel beam",
+        ),
+        (
+            '<RTKThreeDCircularGeometry version="3"><!-- legsim {bad '
+            "--></RTKThreeDCircularGeometry>",
+            r"\(comment\): legsim's comment is not JSON",
+        ),
+        (
+            '<RTKThreeDCircularGeometry version="3"><!-- legsim {"rows": "x", "columns": 2, '
+            '"pixel_mm": 1, "times_s": [0]} -->'
+            "</RTKThreeDCircularGeometry>",
+            r"\(rows\): 'x' is not a count",
+        ),
+        (
+            '<RTKThreeDCircularGeometry version="3"><!-- legsim {"rows": 2, "columns": 2, '
+            '"pixel_mm": "1", "times_s": [0]} -->'
+            "</RTKThreeDCircularGeometry>",
+            r"\(pixel_mm\): '1' is not a positive number",
+        ),
+    ],
+)
+def test_malformed_xml_is_told_where(tmp_path, content, message):
+    (tmp_path / "g.xml").write_text(content)
+    with pytest.raises(LegsimError, match=message):
+        files.load(tmp_path / "g.xml", columns=2, rows=2, pixel_mm=1.0)
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        (np.full((2, 12), 1 + 2j), "not an .npy file of real numbers"),
+        (np.array(["a"] * 12), "not an .npy file of real numbers"),
+        (np.zeros((12, 1)), r"holds an array of shape \(12, 1\)"),
+        (np.tile(np.eye(4), (3, 1, 1)), r"holds an array of shape \(3, 4, 4\)"),
+        (
+            np.stack([np.eye(3, 4), np.full((3, 4), np.nan)]),
+            r"\(matrix 1\): holds numbers that are not finite",
+        ),
+    ],
+)
+def test_odd_arrays_are_refused(tmp_path, values, message):
+    np.save(tmp_path / "g.npy", values)
+    with pytest.raises(LegsimError, match=message):
+        files.load(tmp_path / "g.npy", columns=2, rows=2)
+
+
+def test_a_byte_order_mark_is_passed_over(tmp_path):
+    for name in ("g.json", "g.txt"):
+        files.save(tmp_path / name, circular())
+        (tmp_path / name).write_text("\ufeff" + (tmp_path / name).read_text("utf-8"), "utf-8")
+        np.testing.assert_allclose(
+            files.load(tmp_path / name, columns=62, rows=48).matrices, circular().matrices
+        )
+
+
+@settings(max_examples=30, deadline=None)
+@given(
+    st.lists(st.floats(1e-3, 1e3), min_size=5, max_size=5),
+    st.lists(st.booleans(), min_size=5, max_size=5),
+)
+def test_the_scale_and_sign_of_a_matrix_mean_nothing(tmp_path_factory, scales, flips):
+    factors = np.where(flips, -1.0, 1.0) * scales
+    path = tmp_path_factory.mktemp("scaled") / "g.npy"
+    np.save(path, factors[:, None, None] * corrected().matrices * np.array([1, 1, 1, 1e3]))
+    loaded = files.load(path, columns=62, rows=48)
+    np.testing.assert_allclose(loaded.matrices, corrected().matrices, rtol=1e-9, atol=1e-9)
+
+
+def test_other_refusals(tmp_path):
+    with pytest.raises(LegsimError, match=r"unknown kind of geometry '\.csv'"):
+        files.load(tmp_path / "g.csv")
+    with pytest.raises(LegsimError, match="cannot be read"):
+        files.load(tmp_path / "none.json")
+    (tmp_path / "g.txt").write_text("1 2 3 x")
+    with pytest.raises(LegsimError, match=r"\(line 1\): 'x' is not a number"):
+        files.load(tmp_path / "g.txt", columns=2, rows=2)
+    (tmp_path / "g.txt").write_text("1 2 3")
+    with pytest.raises(LegsimError, match="holds 3 numbers"):
+        files.load(tmp_path / "g.txt", columns=2, rows=2)
+    (tmp_path / "g.txt").write_text("1 0 0 0 0 1 0 0 0 0 1 5")
+    with pytest.raises(LegsimError, match="does not say how large the detector is"):
+        files.load(tmp_path / "g.txt")
+    with pytest.raises(LegsimError, match="both columns and rows"):
+        files.load(tmp_path / "g.txt", columns=4)
+    (tmp_path / "g.npy").write_bytes(b"nothing")
+    with pytest.raises(LegsimError, match=r"is not an \.npy file"):
+        files.load(tmp_path / "g.npy", columns=2, rows=2)
+
+
+@pytest.mark.parametrize(
+    ("camera", "message"),
+    [
+        (np.diag([-1.0, 1, 1]), "is mirrored"),
+        (np.diag([1.1, 1, 1]), "skewed or not square"),
+        (np.eye(3) + 0.1 * np.eye(3, k=1), "skewed"),
+    ],
+)
+def test_what_rtk_cannot_express_is_refused_and_leaves_no_file(tmp_path, camera, message):
+    geometry = circular()
+    odd = ConeBeamGeometry(geometry.times, camera @ geometry.matrices, geometry.shape_vu)
+    with pytest.raises(LegsimError, match=message):
+        files.save(tmp_path / "g.xml", odd)
+    assert not list(tmp_path.iterdir())
+    files.save(tmp_path / "g.json", odd)
+    np.testing.assert_allclose(files.load(tmp_path / "g.json").matrices, odd.matrices, rtol=1e-14)
+
+
+RTK_SCRIPT = """
+import json, sys
+from itk import RTK
+path, written, parameters = sys.argv[1], sys.argv[2], json.loads(sys.argv[3])
+geometry = RTK.ThreeDCircularProjectionGeometry.New()
+for numbers in parameters:
+    geometry.AddProjection(*numbers)
+RTK.write_geometry(geometry, written)
+def matrices(g, views):
+    return [[[g.GetMatrix(k)(i, j) for j in range(4)] for i in range(3)] for k in range(views)]
+print(json.dumps([matrices(RTK.read_geometry(path), len(parameters)), matrices(geometry, len(parameters))]))
+"""
+
+
+@pytest.mark.peer
+def test_rtk_reads_what_we_write_and_we_read_what_rtk_writes(tmp_path):
+    """RTK runs in a process of its own: its libraries and pyopencl's do not get along in one."""
+    if importlib.util.find_spec("itk") is None:
+        pytest.skip("RTK is not installed (pip install itk-rtk)")
+    rng = np.random.default_rng(4)
+    spans = [
+        (500, 900),
+        (1000, 1500),
+        (0, 360),
+        (-30, 30),
+        (-30, 30),
+        (-60, 60),
+        (-60, 60),
+        (-30, 30),
+        (-30, 30),
+    ]
+    parameters = [[rng.uniform(*span) for span in spans] for _ in range(5)]
+    ours = corrected()
+    files.save(tmp_path / "ours.xml", ours)
+    arguments = [str(tmp_path / "ours.xml"), str(tmp_path / "theirs.xml"), json.dumps(parameters)]
+    done = subprocess.run(
+        [sys.executable, "-c", RTK_SCRIPT, *arguments],
+        capture_output=True,
+        text=True,
+        check=True,
+        timeout=300,
+    )
+    read_from_ours, theirs = (np.array(m) for m in json.loads(done.stdout.splitlines()[-1]))
+
+    points_mm = 1e3 * (ours.rotation_center() + rng.uniform(-0.1, 0.1, (50, 3)))
+    detector = np.einsum("vij,pj->vpi", read_from_ours, np.column_stack([points_mm, np.ones(50)]))
+    middle = (np.array(ours.shape_vu[::-1]) - 1) / 2
+    np.testing.assert_allclose(
+        detector[..., :2] / detector[..., 2:] / 0.616 + middle,
+        ours.project(points_mm / 1e3)[0],
+        atol=1e-8,
+    )
+
+    loaded = files.load(tmp_path / "theirs.xml", columns=1, rows=1, pixel_mm=1.0)
+    np.testing.assert_allclose(loaded.matrices, -theirs * np.array([1, 1, 1, 1e-3]), atol=1e-9)

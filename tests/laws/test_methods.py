@@ -1,0 +1,264 @@
+"""What every method must do: leave a resting leg alone, and undo one rigid motion of everything."""
+
+from dataclasses import replace
+from typing import Never
+
+import numpy as np
+import pytest
+import trimesh
+
+from legsim.core import transforms
+from legsim.correction import control_points
+from legsim.correction.bead_scan import BeadScan
+from legsim.correction.control_points import AttachedPoint
+from legsim.correction.method import Scan
+from legsim.deformation import models
+from legsim.deformation.models import FieldMotion, RigidMotion
+from legsim.geometry.cone_beam import ConeBeamGeometry, Projections
+from legsim.geometry.volume import VolumeGrid, node_positions, nodes_over
+from legsim.imu.signals import ImuSignals, SensorStart
+from legsim.opencl import device
+from legsim.phantom.meshes import Part, Phantom
+from legsim.reconstruction import fdk
+from legsim.run import methods
+from legsim.scan import projector
+from tests.references.sway import Sway
+
+pytestmark = pytest.mark.filterwarnings("ignore::legsim.reconstruction.weights.ShortScanWarning")
+VIEWS = np.arange(62) / 7.75
+SAMPLES = np.arange(966) / 120
+SWAY = Sway.standing(3, position_mm=8.0, angle_deg=1.5)
+KNEE = SWAY.center
+JOINTS = KNEE + np.array([[-0.1, 0.4, 0.0], [0, 0, 0], [-0.05, -0.4, 0.02]])
+GRID = VolumeGrid.cubic(48, 4e-3, KNEE.tolist())
+MOVING = ("oracle", "oracle-nonrigid", "marker-based", "rigid", "nonrigid-2d", "nonrigid-3d")
+DEVICE = device.open_device()
+
+
+def c_arm() -> ConeBeamGeometry:
+    return ConeBeamGeometry.circular(
+        times=VIEWS,
+        angles=np.radians(3.2) * np.arange(62),
+        source_isocenter=0.78,
+        source_detector=1.198,
+        shape_vu=(96, 124),
+        pixel_pitch=3.08e-3,
+        isocenter=KNEE,
+    )
+
+
+def body() -> Phantom:
+    """A few balls of different weight: nothing is symmetric."""
+    places = [
+        ([0, 0, 0], 0.055, 20.0),
+        ([0.02, 0.03, 0.01], 0.02, 60.0),
+        ([-0.02, -0.03, 0.02], 0.015, 50.0),
+        ([0, -0.01, -0.03], 0.01, 80.0),
+    ]
+    parts = []
+    for k, (place, radius, value) in enumerate(places):
+        ball = trimesh.creation.icosphere(subdivisions=3, radius=radius)
+        parts.append(
+            Part(
+                f"ball_{k}",
+                "made",
+                value,
+                np.asarray(ball.vertices) + KNEE + np.array(place),
+                np.asarray(ball.faces),
+            )
+        )
+    return Phantom(tuple(parts))
+
+
+def bead_places() -> np.ndarray:
+    turn = 2.4 * np.arange(8)
+    return KNEE + np.stack(
+        [0.07 * np.cos(turn), np.linspace(-0.05, 0.05, 8), 0.07 * np.sin(turn)], -1
+    )
+
+
+def exposed(phantom: Phantom, motion: RigidMotion) -> Projections:
+    at_views = [
+        tuple(transforms.apply(m, part.vertices) for part in phantom.parts)
+        for m in motion.moved_from_reference
+    ]
+    return projector.project(phantom, c_arm(), DEVICE, posed=lambda view: at_views[view])
+
+
+def beaded() -> BeadScan:
+    ball = trimesh.creation.icosphere(subdivisions=1, radius=0.004)
+    beads = [
+        Part(f"bead_{k}", "made", 1500.0, np.asarray(ball.vertices) + p, np.asarray(ball.faces))
+        for k, p in enumerate(bead_places())
+    ]
+    return BeadScan(exposed(Phantom((*body().parts, *beads)), true_motion()), bead_places(), 0.004)
+
+
+def true_motion() -> RigidMotion:
+    return RigidMotion.from_poses(VIEWS, SWAY.poses(VIEWS))
+
+
+def field() -> FieldMotion:
+    nodes = nodes_over(GRID, 0.03)
+    points = node_positions(nodes)
+    moved = models.carried(points, true_motion()) - points
+    return FieldMotion(
+        VIEWS, nodes, moved.reshape(len(VIEWS), *nodes.shape_zyx, 3).astype(np.float32)
+    )
+
+
+@pytest.fixture(scope="module")
+def scan() -> Scan:
+    """Two sensors on one body that sways as a whole; their frames differ."""
+    rate, force = SWAY.signals(SAMPLES)
+    start = SensorStart(SWAY.poses(VIEWS[:1])[0], SWAY.velocities(VIEWS[:1])[0])
+    turned = transforms.rotation_from_vector([0.3, -0.5, 0.2])
+    thigh = SensorStart(
+        start.world_from_sensor @ transforms.rigid(turned, np.zeros(3)), start.velocity
+    )
+    signals = ImuSignals(
+        SAMPLES,
+        ("shank_l", "thigh_l"),
+        np.stack([rate, rate @ turned], 1),
+        np.stack([force, force @ turned], 1),
+    )
+    return Scan(exposed(body(), true_motion()), signals, (start, thigh))
+
+
+def setup(scan: Scan) -> methods.Setup:
+    carriers = ("thigh_l", "shank_l", "shank_l")
+    points = [
+        AttachedPoint.at_start(s, scan.start(s).world_from_sensor, p)
+        for s, p in zip(carriers, JOINTS, strict=True)
+    ]
+    return methods.Setup(
+        "accurate",
+        "shank_l",
+        (tuple(points),),
+        DEVICE,
+        nodes_over(GRID, 0.03),
+        true_motion(),
+        field,
+        beaded,
+    )
+
+
+def volume(projections: Projections, motion: models.Motion | None = None) -> np.ndarray:
+    return fdk.reconstruct(projections, GRID, DEVICE, motion=motion).attenuation
+
+
+@pytest.fixture(scope="module")
+def still() -> np.ndarray:
+    return volume(exposed(body(), RigidMotion.identity(VIEWS)))
+
+
+@pytest.mark.parametrize("name", MOVING)
+def test_one_rigid_motion_of_everything_is_undone(scan: Scan, still: np.ndarray, name: str):
+    """The truth bounds what can be reached: turned rays sample the body anew. Deformed images lose
+    depth.
+    """
+    found = methods.build(name, setup(scan))(scan)
+    left, before = (
+        float(np.sqrt(np.mean((v - still) ** 2)))
+        for v in (volume(found.projections, found.motion), volume(scan.projections))
+    )
+    bound = float(np.sqrt(np.mean((volume(scan.projections, true_motion()) - still) ** 2)))
+    assert (
+        left < (0.4 if name == "nonrigid-2d" else 0.35 if name == "marker-based" else 0.3) * before
+    )
+    if name not in ("nonrigid-2d", "marker-based"):
+        assert left < 1.02 * bound
+
+
+def test_joints_that_move_as_one_body_give_the_rigid_volume(scan: Scan):
+    rigid, free = (methods.build(name, setup(scan))(scan) for name in ("rigid", "nonrigid-3d"))
+    np.testing.assert_allclose(
+        volume(scan.projections, free.motion), volume(scan.projections, rigid.motion), atol=2e-3
+    )
+
+
+def test_more_control_points_are_sampled_and_say_the_same(scan: Scan):
+    """A field between nodes 3 cm apart is linear: a turn of 3 degrees bends by microns."""
+    whole = setup(scan)
+    extra = AttachedPoint.at_start(
+        "shank_l", scan.start("shank_l").world_from_sensor, KNEE - [0, 0.2, 0]
+    )
+    found = methods.build("nonrigid-3d", replace(whole, legs=((*whole.legs[0], extra),)))(scan)
+    assert isinstance(found.motion, FieldMotion)
+    points = KNEE + 0.06 * np.eye(3)
+    true = models.carried(points, true_motion())
+    np.testing.assert_allclose(models.carried(points, found.motion), true, atol=2e-5)
+
+
+def test_both_legs_are_drawn_each_to_its_own_knee(scan: Scan):
+    whole = setup(scan)
+    other = tuple(
+        AttachedPoint(p.sensor, p.position_sensor + np.array([0, 0, 0.2])) for p in whole.legs[0]
+    )
+    found = methods.build("nonrigid-2d", replace(whole, legs=(whole.legs[0], other)))(scan)
+    assert found.warped_by is not None
+    each = [
+        control_points.contracted(leg, 1, methods.PAPER_ALPHA).moved
+        for leg in methods.followed(scan, replace(whole, legs=(whole.legs[0], other)))
+    ]
+    np.testing.assert_allclose(found.warped_by.moved, np.concatenate(each, 1))
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "rigid",
+        "rigid@thigh_l",
+        "nonrigid-2d",
+        "nonrigid-3d",
+        "rigid-printed-order",
+        "oracle",
+        "oracle-nonrigid",
+    ],
+)
+def test_a_leg_at_rest_is_left_alone(still: np.ndarray, name: str):
+    """To the rounding of single precision, and of a sensor whose integration starts upright to
+    1e-16.
+    """
+    resting = exposed(body(), RigidMotion.identity(VIEWS))
+    force = np.broadcast_to([0, 9.80665, 0], (len(SAMPLES), 2, 3))
+    starts = tuple(
+        SensorStart(transforms.translation(p), np.zeros(3)) for p in (JOINTS[1], JOINTS[0])
+    )
+    calm = Scan(
+        resting,
+        ImuSignals(SAMPLES, ("shank_l", "thigh_l"), np.zeros((len(SAMPLES), 2, 3)), force),
+        starts,
+    )
+    nodes = nodes_over(GRID, 0.03)
+    calm_setup = replace(
+        setup(calm),
+        true_shank=RigidMotion.identity(VIEWS),
+        true_field=lambda: FieldMotion(
+            VIEWS, nodes, np.zeros((len(VIEWS), *nodes.shape_zyx, 3), np.float32)
+        ),
+        beads=_never,
+    )
+    found = methods.build(name, calm_setup)(calm)
+    np.testing.assert_allclose(
+        volume(found.projections, found.motion), still, atol=1e-4 * still.max()
+    )
+
+
+def _never() -> Never:
+    raise AssertionError("not asked for")
+
+
+def test_printed_order_and_right_order_differ_as_computed(scan: Scan):
+    right, printed = (
+        methods.build(name, setup(scan))(scan).motion for name in ("rigid", "rigid-printed-order")
+    )
+    assert isinstance(right, RigidMotion)
+    assert isinstance(printed, RigidMotion)
+    poses = SWAY.poses(VIEWS)
+    product = np.eye(4)
+    for k in range(len(VIEWS) - 1):
+        product = product @ poses[k + 1] @ transforms.inverse(poses[k])
+    np.testing.assert_allclose(printed.moved_from_reference[-1], product, atol=1e-5)
+    apart = models.carried(KNEE[None], right) - models.carried(KNEE[None], printed)
+    assert 1e-4 < np.abs(apart).max() < 2e-2

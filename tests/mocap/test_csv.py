@@ -1,0 +1,72 @@
+"""CSV tables: exact round trips, told apart by their header, damage refused."""
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from test_storage import trajectories
+from test_trc import motions
+
+from legsim.core.errors import LegsimError
+from legsim.mocap import csv
+from legsim.mocap.trajectories import JointTrajectories, MarkerTrajectories
+
+FIXTURES_ARE_SAFE = settings(
+    max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
+
+
+@FIXTURES_ARE_SAFE
+@given(motion=motions())
+def test_markers_are_loaded_to_the_last_bit(tmp_path, motion):
+    path = tmp_path / "markers.csv"
+    csv.save_markers(path, motion)
+    again = csv.load(path)
+    assert isinstance(again, MarkerTrajectories)
+    assert again.marker_names == motion.marker_names
+    np.testing.assert_array_equal(again.times, motion.times)
+    np.testing.assert_array_equal(again.positions_world, motion.positions_world)
+
+
+@FIXTURES_ARE_SAFE
+@given(motion=trajectories())
+def test_coordinates_are_loaded_to_the_last_bit(tmp_path, motion):
+    path = tmp_path / "coordinates.csv"
+    csv.save_coordinates(path, motion)
+    again = csv.load(path)
+    assert isinstance(again, JointTrajectories)
+    assert again.coordinate_names == motion.coordinate_names
+    np.testing.assert_array_equal(again.values, motion.values)
+
+
+def test_the_header_tells_names_and_units(tmp_path):
+    path = tmp_path / "table.csv"
+    csv.save_coordinates(
+        path, JointTrajectories([0.0], ("pelvis_tx", "knee_angle_r"), [[1.0, 0.5]])
+    )
+    assert path.read_text() == "time_s,pelvis_tx_m,knee_angle_r_rad\n0.0,1.0,0.5\n"
+    csv.save_markers(path, MarkerTrajectories([0.0], ("R,ASIS",), [[[1.0, np.nan, 0.5]]]))
+    assert path.read_text() == 'time_s,"R,ASIS_x_m","R,ASIS_y_m","R,ASIS_z_m"\n0.0,1.0,,0.5\n'
+
+
+@pytest.mark.parametrize(("text", "message"), [
+    ("time,a_rad\n0,1\n", r"line 1\): the header starts with 'time' and has 2 columns"),
+    ("time_s\n0\n", "has 1 columns"),
+    ("time_s,a_deg\n0,1\n", r"line 1\): column 'a_deg' is neither a marker's nor a coordinate's"),
+    ("time_s,a_rad\n0\n", r"line 2\): the row holds 1 cells where the header has 2"),
+    ("time_s,a_rad\n0,one\n", r"line 2\): 'one' is not a number"),
+    ("time_s,a_rad\n0,\n", r"row 1\): a coordinate is not a number"),
+    ("time_s,a_rad\n0,1\n0,1\n", "must increase strictly; .* repair the table"),
+    ("", "the file is empty"),
+])  # fmt: skip
+def test_what_is_no_such_table_is_refused(tmp_path, text, message):
+    path = tmp_path / "table.csv"
+    path.write_text(text)
+    with pytest.raises(LegsimError, match=message):
+        csv.load(path)
+
+
+def test_a_name_of_two_lines_is_not_written(tmp_path):
+    with pytest.raises(LegsimError, match="cannot be written"):
+        csv.save_markers(
+            tmp_path / "x.csv", MarkerTrajectories([0.0], ("a\nb",), np.ones((1, 1, 3)))
+        )

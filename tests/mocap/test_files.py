@@ -1,0 +1,174 @@
+"""Recordings are told by their content; every odd file known to us is read or refused as the table
+in docs/formats.md says.
+"""
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from legsim.core.errors import LegsimError
+from legsim.mocap import files as mocap_files
+from legsim.mocap import opensim, trc
+from legsim.mocap.files import load_markers, read_markers
+from legsim.mocap.trajectories import JointTrajectories, MarkerTrajectories
+from tests.references.c3d import c3d_bytes
+
+FORMATS = Path(__file__).parents[2] / "docs/formats.md"
+MOTION = MarkerTrajectories([0.0, 0.1], ("a", "b"), np.ones((2, 2, 3)))
+ANGLES = JointTrajectories([0.0, 0.1], ("knee_angle_r",), [[0.1], [0.2]])
+
+
+def odd_files() -> list[tuple[str, str]]:
+    """(file, what becomes of it) of each row of the table."""
+    return re.findall(r"^\| `(odd_\w+/[^`]+)` \| (.+?) \|$", FORMATS.read_text(), re.M)
+
+
+@pytest.mark.parametrize("name", ["m.trc", "m.c3d", "m.mot", "m", "m.txt"])
+def test_the_content_decides_and_not_the_name(tmp_path, name):
+    path = tmp_path / name
+    trc.save(path, MOTION)
+    assert mocap_files.kind(path) == "trc"
+    path.write_bytes(c3d_bytes(MOTION.positions_world, MOTION.marker_names))
+    assert mocap_files.kind(path) == "c3d"
+    opensim.save(path, ANGLES)
+    assert mocap_files.kind(path) == "storage"
+
+
+def test_markers_and_coordinates_are_loaded_by_one_call(tmp_path):
+    path = tmp_path / "motion"
+    trc.save(path, MOTION)
+    np.testing.assert_array_equal(
+        mocap_files.load(path, unit="mm").positions_world, MOTION.positions_world / 1000
+    )
+    opensim.save(path, ANGLES)
+    np.testing.assert_array_equal(mocap_files.load(path).values, ANGLES.values)
+    np.testing.assert_allclose(
+        mocap_files.load(path, in_degrees=True).values, np.deg2rad(ANGLES.values)
+    )
+
+
+@pytest.mark.parametrize(("name", "recording"), [
+    ("a.trc", MOTION), ("a.csv", MOTION), ("a.mot", ANGLES), ("a.sto", ANGLES), ("a.CSV", ANGLES),
+])  # fmt: skip
+def test_what_is_saved_by_its_name_is_loaded_as_it_was(tmp_path, name, recording):
+    mocap_files.save(tmp_path / name, recording)
+    again = mocap_files.load(tmp_path / name)
+    assert type(again) is type(recording)
+    np.testing.assert_array_equal(again.times, recording.times)
+    if isinstance(recording, MarkerTrajectories):
+        np.testing.assert_array_equal(
+            load_markers(tmp_path / name, up="y").positions_world, recording.positions_world
+        )
+    else:
+        np.testing.assert_array_equal(again.values, recording.values)
+
+
+@pytest.mark.parametrize(
+    ("name", "recording", "cure"),
+    [
+        ("a.mot", MOTION, ".trc or .csv"),
+        ("a", ANGLES, ".mot, .sto or .csv"),
+        ("a.c3d", MOTION, ".trc"),
+    ],
+)
+def test_a_name_that_does_not_fit_is_refused(tmp_path, name, recording, cure):
+    with pytest.raises(LegsimError, match=f"cannot be written as .*; end the name in {cure}"):
+        mocap_files.save(tmp_path / name, recording)
+
+
+def test_raw_markers_come_from_marker_formats_alone(tmp_path):
+    mocap_files.save(tmp_path / "a.csv", MOTION)
+    with pytest.raises(LegsimError, match="is neither TRC nor C3D"):
+        read_markers(tmp_path / "a.csv")
+
+
+def test_markers_alone_refuse_coordinates(tmp_path):
+    path = tmp_path / "motion.mot"
+    opensim.save(path, ANGLES)
+    with pytest.raises(
+        LegsimError, match=r"holds joint coordinates, not markers; give a marker file"
+    ):
+        load_markers(path)
+
+
+@pytest.mark.parametrize(("name", "content", "message"), [
+    ("x.txt", b"a,b\n1,2\n", ("no recording that can be told by its first bytes or its name; give a marker "
+        "file")),
+    ("x.trc", b"a,b\n1,2\n", "should start with PathFileType"),
+    ("x.csv", b"a,b\n1,2\n", "the header starts with 'a'"),
+    ("x.c3d", b"", "the file is empty"),
+    ("x.mot", b"abc", "no line says endheader"),
+])  # fmt: skip
+def test_other_files_are_refused(tmp_path, name, content, message):
+    path = tmp_path / name
+    path.write_bytes(content)
+    with pytest.raises(LegsimError, match=message):
+        mocap_files.load(path)
+
+
+def test_a_missing_file_and_a_folder_are_refused(tmp_path):
+    for path in (tmp_path / "none.trc", tmp_path):
+        with pytest.raises(LegsimError, match="cannot be read"):
+            mocap_files.load(path)
+
+
+def test_every_odd_file_has_a_row_in_the_table(shared_data):
+    files = {
+        f"{p.parent.name}/{p.name}"
+        for folder in ("odd_trc", "odd_c3d")
+        for p in (shared_data / "mocap" / folder).iterdir()
+    }
+    assert files == {name for name, _ in odd_files()}
+
+
+@pytest.mark.parametrize(("name", "outcome"), odd_files())
+def test_an_odd_file_becomes_what_the_table_says(shared_data, name, outcome):
+    assert describe(shared_data / "mocap" / name) == outcome
+
+
+def describe(path: Path) -> str:
+    """What becomes of a file, in the words of the table."""
+    try:
+        raw = read_markers(path)
+        motion = raw.to_motion()
+    except LegsimError as error:
+        return "refused" + str(error).removeprefix(str(path)).replace("|", "\\|")
+    seen = np.isfinite(motion.positions_world).all(-1).mean()
+    what = (
+        f"{len(motion.marker_names)} markers, {len(motion.times)} samples at "
+        f"{motion.rate_hz:.6g} Hz from {motion.times[0]:.4g} s"
+    )
+    notes = "".join(f"; {note}" for note in raw.notes)
+    return (
+        f"{what}, unit {raw.resolved_unit()}, up {raw.resolved_up()}, {100 * seen:.1f} % "
+        f"seen{notes}"
+    )
+
+
+def test_the_encodings_of_one_trial_give_the_same_markers(shared_data):
+    folder = shared_data / "mocap/odd_c3d"
+    whole = load_markers(folder / "pc_real.c3d")
+    for name in ("pc_int", "dec_int", "dec_real", "sgi_int", "sgi_real"):
+        other = load_markers(folder / f"{name}.c3d")
+        assert other.marker_names == whole.marker_names
+        np.testing.assert_allclose(
+            other.positions_world, whole.positions_world, atol=2.9e-4
+        )  # one step of the whole numbers is 0.28 mm
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "odd_c3d/dec_int.c3d",
+        "odd_c3d/pc_real.c3d",
+        "odd_c3d/duplicate_labels.c3d",
+        "squat_dart/squat.c3d",
+    ],
+)
+def test_an_independent_reader_finds_the_same_numbers(shared_data, name):
+    ezc3d = pytest.importorskip("ezc3d")
+    path = shared_data / "mocap" / name
+    theirs = np.moveaxis(ezc3d.c3d(str(path))["data"]["points"][:3], [0, 1, 2], [2, 1, 0])
+    np.testing.assert_allclose(read_markers(path).positions, theirs, atol=1e-3)

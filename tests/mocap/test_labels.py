@@ -1,0 +1,100 @@
+"""Roles are found among a recording's labels in spite of prefixes and spelling, and never by
+chance.
+"""
+
+import pytest
+
+from legsim.core.errors import LegsimError
+from legsim.mocap import labels
+from legsim.mocap.labels import PAPER_ROLES, MarkerMap
+
+LABELS = ("SACR", "RASI", "LASI", "RKNE", "LKNE", "RANK", "LANK")
+SEVEN = MarkerMap.one_to_one("seven", PAPER_ROLES, LABELS)
+
+
+@pytest.mark.parametrize("spelling", [
+    "{}", "Subject:{}", "Sehoon VSK35:{}", "Lab:Subject:{}", "genou1_{}",
+])  # fmt: skip
+def test_prefixes_are_looked_through(spelling):
+    names = [spelling.format(label) for label in LABELS]
+    assert SEVEN.found_in(names) == {
+        role: (name,) for role, name in zip(PAPER_ROLES, names, strict=True)
+    }
+
+
+@pytest.mark.parametrize("label", ["RASI", "rasi", "R.ASI", "R_ASI", "r asi"])
+def test_case_and_punctuation_are_looked_through(label):
+    assert SEVEN.found_in([label, "other"]) == {"asis_r": (label,)}
+
+
+def test_the_exact_spelling_goes_first():
+    assert SEVEN.found_in(["rasi", "RASI"])["asis_r"] == ("RASI",)
+
+
+@pytest.mark.parametrize(
+    "names", [("A:RASI", "B:RASI"), ("rasi", "R.ASI"), ("RASI#1", "RASI#2"), ("*RASI", "x")]
+)
+def test_what_could_be_either_is_neither(names):
+    assert SEVEN.found_in(names) == {}
+
+
+def test_several_labels_play_a_role_only_together():
+    middle = MarkerMap("m", ("sacrum",), ((("RPSI", "LPSI"),),))
+    assert middle.found_in(["LPSI", "RPSI"]) == {"sacrum": ("RPSI", "LPSI")}
+    assert middle.found_in(["LPSI"]) == {}
+
+
+def test_the_first_alternative_that_is_there_is_taken():
+    either = MarkerMap("m", ("sacrum",), ((("SACR",), ("RPSI", "LPSI")),))
+    assert either.found_in(["LPSI", "RPSI", "SACR"])["sacrum"] == ("SACR",)
+    assert either.found_in(["LPSI", "RPSI"])["sacrum"] == ("RPSI", "LPSI")
+
+
+def test_the_set_that_covers_most_is_guessed():
+    small = MarkerMap.one_to_one("small", PAPER_ROLES, LABELS)
+    large = MarkerMap.one_to_one("large", (*PAPER_ROLES, "heel_r"), (*LABELS, "RHEE"))
+    assert labels.guess([small, large], (*LABELS, "RHEE")).name == "large"
+    assert labels.guess([small, large], LABELS).name == "small"
+
+
+def test_what_is_missing_and_what_is_there_is_told_in_one_line():
+    with pytest.raises(
+        LegsimError,
+        match=r"'seven' finds no marker for epicondyle_lateral_r among .*LKNE.*give a marker map",
+    ) as caught:
+        labels.guess([SEVEN], [label for label in LABELS if label != "RKNE"])
+    assert "\n" not in str(caught.value)
+
+
+def test_a_recording_of_something_else_is_told():
+    with pytest.raises(
+        LegsimError,
+        match=(
+            r"no marker set knows any of the markers chair, table; give a marker map \(TOML\) "
+            r"with sacrum"
+        ),
+    ):
+        labels.guess([SEVEN], ["chair", "table"])
+
+
+def test_required_roles_can_be_chosen():
+    assert labels.guess([SEVEN], ["RASI"], required=()).name == "seven"
+
+
+@pytest.mark.parametrize(("role", "segment"), [
+    ("sacrum", "pelvis"), ("asis_l", "pelvis"), ("epicondyle_medial_r", "femur_r"), ("malleolus_lateral_l", "tibia_l"),
+    ("heel_r", "calcn_r"), ("toe_l", "calcn_l"), ("thigh_3_r", "femur_r"), ("shank_rear_l", "tibia_l"), ("tibial_tuberosity_r", "tibia_r"),
+])  # fmt: skip
+def test_every_role_sits_on_a_segment(role, segment):
+    assert labels.segment_of(role) == segment
+
+
+@pytest.mark.parametrize("role", ["sacrum_r", "asis", "knee_r", "thigh_12_r", ""])
+def test_an_unknown_role_is_refused_with_the_known_ones(role):
+    with pytest.raises(LegsimError, match=r"no role is named .* there are sacrum, asis_r"):
+        MarkerMap.one_to_one("m", (role,), ("A",))
+
+
+def test_a_role_is_there_once():
+    with pytest.raises(LegsimError, match="role sacrum is there twice"):
+        MarkerMap.one_to_one("m", ("sacrum", "sacrum"), ("A", "B"))

@@ -1,0 +1,160 @@
+"""The shipped marker sets are sound and fit the recordings they were made for; a user's own is
+checked.
+"""
+
+import re
+from pathlib import Path
+
+import pytest
+
+from legsim.core.errors import LegsimError
+from legsim.mocap import files, marker_sets
+from legsim.mocap.labels import PAPER_ROLES, segment_of
+
+RECORDINGS = {
+    "standing_bmc/static_run.trc": "rajagopal",
+    "standing_biobuddy/anat_pose_ECH.c3d": "cast",
+    "standing_c3dio/Capture0008_Standing.c3d": "knee_joint_line",
+    "squat_dart/squat.c3d": "vicon_waist",
+    "squats_subject4/squats1.trc": "opencap",
+    "squats_subject4/static1.trc": "opencap",
+    "walk_opensim/subject01_static.trc": "gait2392",
+}
+
+
+@pytest.mark.parametrize("name", marker_sets.names())
+def test_a_shipped_set_covers_the_seven_roles_on_both_sides(name):
+    marker_map = marker_sets.load(name)
+    assert set(PAPER_ROLES) <= set(marker_map.roles)
+    mirrored = {
+        role[:-2] + {"_r": "_l", "_l": "_r"}[role[-2:]]
+        for role in marker_map.roles
+        if role != "sacrum"
+    }
+    assert mirrored == set(marker_map.roles) - {"sacrum"}
+    assert all(segment_of(role) for role in marker_map.roles)
+
+
+@pytest.mark.parametrize("name", marker_sets.names())
+def test_a_shipped_set_is_guessed_from_its_own_labels(name):
+    marker_map = marker_sets.load(name)
+    labels = sorted(
+        {label for alternatives in marker_map.alternatives for label in alternatives[0]}
+    )
+    guessed = marker_sets.guess(labels)
+    assert guessed.name == name
+    assert set(guessed.found_in(labels)) == set(marker_map.roles)
+
+
+@pytest.mark.parametrize(("file", "name"), RECORDINGS.items())
+def test_the_set_of_a_real_recording_is_guessed(shared_data, file, name):
+    labels = files.load_markers(shared_data / "mocap" / file).marker_names
+    guessed = marker_sets.guess(labels)
+    assert guessed.name == name
+    assert guessed.missing_in(labels) == ()
+
+
+def test_a_walk_without_lateral_markers_is_refused_unless_they_are_not_required(shared_data):
+    labels = files.load_markers(shared_data / "mocap/walk_opensim/subject01_walk1.trc").marker_names
+    with pytest.raises(
+        LegsimError,
+        match=(
+            r"'gait2392' finds no marker for epicondyle_lateral_r, epicondyle_lateral_l, "
+            r"malleolus"
+        ),
+    ):
+        marker_sets.guess(labels)
+    assert len(marker_sets.guess(labels, required=()).found_in(labels)) == 27
+
+
+def both(words: str) -> list[str]:
+    """Each word with R and with L for its @."""
+    return [word.replace("@", side) for word in words.split() for side in "RL"]
+
+
+@pytest.mark.parametrize(
+    ("labels", "knee", "ankle"),
+    [
+        ([*both("@ASIS @LEK @MEK @LM @MM"), "SACR"], "RLEK", "RLM"),
+        (both("@ASIS @PSIS @KNE @ANK"), "RKNE", "RANK"),
+        (both("@ASI @PSI @LE @LM"), "RLE", "RLM"),
+        (both("@ASI @PSI @KNEL @KNEM @ANKL @ANKM"), "RKNEL", "RANKL"),
+        (["SACRUM", *both("@ASIS @_Knee_Lateral "
+            "@_Ankle_Lateral")], "R_Knee_Lateral", "R_Ankle_Lateral"),
+        (["sacrum", *(f"{s}_{w}" for s in ("right", "left") for w in ("asis", "lateral_epicondyle", "lateral_malleolus"))],
+         "right_lateral_epicondyle", "right_lateral_malleolus"),
+        ([(f"{s} "
+            f"{w}") for s in ("Right", "Left") for w in ("ASIS", "PSIS", "Knee", "Ankle")], ("Right "
+            "Knee"), ("Right "
+            "Ankle")),
+        (["SACR", *(f"{w}_{s}" for w in ("ASIS", "KNEE", "ANKLE") for s in "RL")], "KNEE_R", "ANKLE_R"),
+    ],
+)  # fmt: skip
+def test_names_of_several_sets_are_understood_together(labels, knee, ankle):
+    found = marker_sets.guess(labels).found_in(labels)
+    assert (found["epicondyle_lateral_r"], found["malleolus_lateral_r"]) == ((knee,), (ankle,))
+    assert set(PAPER_ROLES) <= set(found)
+
+
+def test_joint_centers_of_a_pose_estimator_are_no_markers():
+    with pytest.raises(LegsimError, match="finds no marker for sacrum, asis_r, asis_l among RHip"):
+        marker_sets.guess([*both("@Hip @Knee @Ankle"), "Neck"])
+
+
+def test_two_people_are_told():
+    labels = [
+        f"{person}:{label}"
+        for person in ("Ann", "Bob")
+        for label in ("SACR", *both("@ASI @KNE @ANK"))
+    ]
+    with pytest.raises(
+        LegsimError,
+        match=r"tell of 2 people \(Ann, Bob\): export one of them, or .* sacrum = 'Ann:SACR'",
+    ):
+        marker_sets.guess(labels)
+
+
+def test_an_own_map_is_read(tmp_path):
+    path = tmp_path / "mine.toml"
+    path.write_text('[roles]\nsacrum = ["A", "B"]\nasis_r = "C"\nasis_l = [["D"], ["E", "F"]]\n')
+    own = marker_sets.load(path)
+    assert own.name == "mine"
+    assert own.roles == ("sacrum", "asis_r", "asis_l")
+    assert own.alternatives == ((("A", "B"),), (("C",),), (("D",), ("E", "F")))
+
+
+@pytest.mark.parametrize(("content", "message"), [
+    ("roles = 3", r"does not hold the one table \[roles\]"),
+    ("[roles]\nsacrum = 3", r"role sacrum is given 3; give a label, a list of labels"),
+    ("[roles]\nsacrum = []", r"role sacrum is given \[\]"),
+    ('[roles]\nsacrum = [["A"], "B"]', "role sacrum is given"),
+    ('[roles]\nsacrum = ""', "role sacrum is given ''"),
+    ('[roles]\nsacrumm = "A"', r"no role is named 'sacrumm'.*correct the name of the role"),
+    ('[roles]\nsacrum = "A"\n[more]\na = 1', r"does not hold the one table"),
+    ("[roles", "is not TOML"),
+    (b"\xff\xfe", "is not TOML"),
+])  # fmt: skip
+def test_a_map_that_is_none_is_refused(tmp_path, content, message):
+    path = tmp_path / "mine.toml"
+    path.write_bytes(content if isinstance(content, bytes) else content.encode())
+    with pytest.raises(LegsimError, match=message):
+        marker_sets.load(path)
+
+
+def test_an_unknown_set_and_a_missing_file_are_refused(tmp_path):
+    with pytest.raises(
+        LegsimError, match=r"no marker set is named helen; there are: cast, .*, or give a TOML file"
+    ):
+        marker_sets.load("helen")
+    with pytest.raises(LegsimError, match="cannot be read"):
+        marker_sets.load(tmp_path / "none.toml")
+
+
+def test_the_map_in_the_documents_covers_what_is_needed(tmp_path):
+    page = (Path(__file__).parents[2] / "docs/formats.md").read_text()
+    (text,) = re.findall(r"```toml\n(.*?)```", page, re.S)
+    (tmp_path / "mine.toml").write_text(text)
+    mine = marker_sets.load(str(tmp_path / "mine.toml"))
+    labels = [label for alternatives in mine.alternatives for label in alternatives[-1]]
+    assert not mine.missing_in(labels)
+    assert mine.found_in(labels)["sacrum"] == ("PSIS right", "PSIS left")

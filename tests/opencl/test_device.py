@@ -1,0 +1,60 @@
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from legsim.core.errors import LegsimError
+from legsim.opencl import discovery
+from legsim.opencl.device import open_device
+
+
+def test_some_device_works_and_the_fastest_comes_first():
+    seconds = [c.seconds for c in discovery.candidates() if c.seconds is not None]
+    assert seconds
+    assert seconds == sorted(seconds)
+
+
+def test_an_array_survives_the_way_to_the_device_and_back(device, rng):
+    data = rng.normal(size=1000).astype(np.float32)
+    np.testing.assert_array_equal(device.download(device.upload(data), np.empty_like(data)), data)
+
+
+def test_fresh_buffers_hold_zeros(device):
+    assert not device.download(device.zeros(1000, np.int32), np.ones(1000, np.int32)).any()
+
+
+def test_the_same_label_gives_the_same_open_device(device):
+    assert open_device(device.label) is device
+
+
+def test_a_wish_that_cannot_be_met_lists_what_there_is():
+    with pytest.raises(
+        LegsimError, match=r"no working OpenCL device matches 'abacus'.*there are: .+"
+    ):
+        open_device("abacus")
+
+
+def test_the_environment_variable_chooses(monkeypatch):
+    monkeypatch.setenv("LEGSIM_DEVICE", "abacus")
+    with pytest.raises(LegsimError, match="LEGSIM_DEVICE"):
+        open_device()
+
+
+def test_without_any_runtime_the_line_says_what_to_install(tmp_path):
+    (tmp_path / "none.icd").write_text("/nowhere/libnone.so\n")
+    environment = os.environ | {
+        "OCL_ICD_VENDORS": str(tmp_path / "none.icd"),
+        "OPENCL_VENDOR_PATH": str(tmp_path),
+    }
+    script = (
+        "from legsim import opencl, errors\ntry:\n    opencl.open_device()\nexcept "
+        "errors.LegsimError as e:\n    print(e)"
+    )
+    result = subprocess.run(
+        [sys.executable, "-c", script], env=environment, capture_output=True, text=True, check=True
+    )
+    assert "no OpenCL device works" in result.stdout
+    assert "pip install intel-opencl-rt" in result.stdout
+    assert len(result.stdout.splitlines()) == 1

@@ -1,0 +1,114 @@
+import importlib.metadata
+import sys
+from pathlib import Path
+from typing import Never
+
+import numpy as np
+import pytest
+
+from legsim.core.errors import LegsimError
+from legsim.deformation.models import RigidMotion
+from legsim.geometry.volume import VolumeGrid
+from legsim.opencl import device
+from legsim.run import methods
+
+
+def unwanted() -> Never:
+    """What is not asked for is not made."""
+    raise AssertionError("built without being run")
+
+
+SETUP = methods.Setup(
+    scheme="accurate",
+    sensor="shank_l",
+    legs=(),
+    device=device.open_device(),
+    nodes=VolumeGrid.cubic(2, 0.1, [0, 0, 0]),
+    true_shank=RigidMotion.identity(np.arange(3.0)),
+    true_field=unwanted,
+    beads=unwanted,
+)
+OWN = """
+from legsim.correction import Correction
+
+def half(scan):
+    return Correction("half", scan.projections, None)
+
+nothing = 3
+"""
+
+
+def offered(monkeypatch: pytest.MonkeyPatch, folder: Path, value: str, text: str = OWN) -> None:
+    """An installed package whose module ``offered`` has this text offers ``value`` as the method
+    "theirs".
+    """
+    (folder / "offered.py").write_text(text)
+    monkeypatch.syspath_prepend(str(folder))
+    monkeypatch.delitem(sys.modules, "offered", raising=False)
+    point = importlib.metadata.EntryPoint("theirs", value, methods.ENTRY_POINTS)
+    monkeypatch.setattr(
+        importlib.metadata,
+        "entry_points",
+        lambda *, group: [point] if group == methods.ENTRY_POINTS else [],
+    )
+
+
+@pytest.mark.parametrize("name", methods.BUILT_IN)
+def test_every_built_in_method_can_be_built(name):
+    assert callable(methods.build(name, SETUP))
+
+
+def test_a_method_from_a_users_own_file(tmp_path):
+    (tmp_path / "own.py").write_text(OWN)
+    name = f"{tmp_path / 'own.py'}:half"
+    assert callable(methods.build(name, SETUP))
+    assert methods.label(name) == "half"
+
+
+def test_editing_the_file_changes_the_fingerprint(tmp_path):
+    (tmp_path / "own.py").write_text(OWN)
+    name = f"{tmp_path / 'own.py'}:half"
+    before = methods.fingerprint(name)
+    (tmp_path / "own.py").write_text(OWN + "\n")
+    assert methods.fingerprint(name) != before
+    assert methods.fingerprint("rigid") == "rigid"
+
+
+def test_editing_an_installed_module_changes_the_fingerprint(tmp_path, monkeypatch):
+    offered(monkeypatch, tmp_path, "offered:half")
+    before = methods.fingerprint("theirs")
+    (tmp_path / "offered.py").write_text(OWN + "\n")
+    assert methods.fingerprint("theirs") != before
+
+
+@pytest.mark.parametrize(
+    ("value", "text", "message"),
+    [
+        ("offered:missing", OWN, "method theirs: offered:missing cannot be loaded"),
+        ("offered:nothing", OWN, "method theirs: offered:nothing is not a function"),
+        ("offered:half", "import nowhere_to_be_found", "cannot be loaded .ModuleNotFoundError"),
+    ],
+)
+def test_an_installed_method_that_cannot_be_loaded_is_named(
+    tmp_path, monkeypatch, value, text, message
+):
+    offered(monkeypatch, tmp_path, value, text)
+    with pytest.raises(LegsimError, match=message):
+        methods.build("theirs", SETUP)
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("magic", "no correction method named 'magic'; there are: static, uncorrected"),
+        ("nowhere.py:half", r"nowhere\.py: no such file"),
+        ("{own}:missing", "has no function 'missing'"),
+        ("{own}:nothing", "has no function 'nothing'"),
+        ("{broken}:half", r"broken\.py: cannot be imported .SyntaxError: .*; mend the file"),
+    ],
+)
+def test_what_is_no_method_is_refused(tmp_path, name, message):
+    (tmp_path / "own.py").write_text(OWN)
+    (tmp_path / "broken.py").write_text("def half(scan:\n")
+    with pytest.raises(LegsimError, match=message):
+        methods.build(name.format(own=tmp_path / "own.py", broken=tmp_path / "broken.py"), SETUP)

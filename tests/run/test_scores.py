@@ -1,0 +1,57 @@
+import json
+
+import numpy as np
+import pytest
+
+from legsim.evaluation.registration import RegistrationError
+from legsim.run import folder
+
+pytestmark = pytest.mark.filterwarnings("ignore::legsim.reconstruction.weights.ShortScanWarning")
+
+
+def left(run, method: str) -> dict[str, dict]:
+    content = json.loads((run.folder / "metrics.json").read_text())
+    return {
+        r["structure"]: r
+        for m in content["methods"]
+        if m["method"] == method
+        for r in m["residuals"]
+    }
+
+
+def test_every_method_has_its_errors_by_structure(tiny_run):
+    for result in tiny_run.methods:
+        assert [r.structure for r in result.residuals] == ["femur", "tibia", "patella", "skin"]
+        assert all(np.isfinite(r.pixels) for r in result.residuals)
+        assert [r.degrees is None for r in result.residuals] == [False, False, False, True]
+
+
+def test_the_resting_scan_has_nothing_left(tiny_run):
+    assert all(r["mm"] == 0 and r["pixels"] == 0 for r in left(tiny_run, "static").values())
+
+
+def test_the_true_shank_leaves_nothing_at_the_tibia_and_what_the_knee_bends_elsewhere(tiny_run):
+    oracle, before = left(tiny_run, "oracle"), left(tiny_run, "uncorrected")
+    assert oracle["tibia"]["mm"] == pytest.approx(0, abs=1e-6)
+    assert 0 < oracle["femur"]["mm"] < 0.5 * before["femur"]["mm"]
+    assert oracle["femur"]["degrees"] > 0
+
+
+def test_the_overall_residual_is_of_femur_and_tibia(tiny_run):
+    for result in tiny_run.methods[1:]:
+        femur, tibia = (r.mm for r in result.residuals[:2])
+        assert result.residual_mm == pytest.approx(np.sqrt((femur**2 + tibia**2) / 2))
+    assert tiny_run.methods[0].residual_mm is None
+
+
+def test_a_run_tells_its_registrations_own_error(tiny_run):
+    content = json.loads((tiny_run.folder / "metrics.json").read_text())
+    found = folder.registration_error(tiny_run.folder)
+    assert found == RegistrationError(**content["registration_error"])
+    # of a known shift of 0.98 mm and turn of 0.98 degrees; the voxels are 3 mm
+    assert 0 < found.translation_mm < 0.3
+    assert 0 < found.rotation_deg < 0.3
+
+
+def test_a_folder_without_registration_has_no_error_of_it(tmp_path):
+    assert folder.registration_error(tmp_path) is None

@@ -1,0 +1,71 @@
+"""The summary of the paper's scan, of corrected and tilted ones, and of what a phantom loses."""
+
+import numpy as np
+import pytest
+import trimesh
+
+from legsim.core import transforms
+from legsim.geometry.cone_beam import ConeBeamGeometry
+from legsim.phantom.meshes import Part, Phantom
+from legsim.scan.coverage import summarize
+
+
+def paper(views: int = 248, **options) -> ConeBeamGeometry:
+    return ConeBeamGeometry.circular(
+        times=np.arange(views) / 31.0,
+        angles=np.deg2rad(0.8 * np.arange(views)),
+        source_isocenter=0.78,
+        source_detector=1.198,
+        shape_vu=(480, 620),
+        pixel_pitch=0.616e-3,
+        **options,
+    )
+
+
+def test_the_papers_scan():
+    found = summarize(paper(isocenter=(0.1, 0.5, -0.02)))
+    np.testing.assert_allclose(found.isocenter, (0.1, 0.5, -0.02), atol=1e-9)
+    np.testing.assert_allclose(found.axis, (0, 1, 0), atol=1e-9)
+    assert np.rad2deg(found.angular_range) == pytest.approx(247 * 0.8)
+    assert np.rad2deg(found.largest_step) == pytest.approx(0.8)
+    assert np.rad2deg(found.fan_angle) == pytest.approx(
+        np.rad2deg(2 * np.arctan(310 * 0.616 / 1198))
+    )
+    assert found.magnification == pytest.approx((1198 / 780, 1198 / 780))
+    assert found.width == pytest.approx(620 * 0.616e-3 * 780 / 1198)
+    assert found.height == pytest.approx(480 * 0.616e-3 * 780 / 1198)
+    assert found.field_radius == pytest.approx(0.78 * np.sin(np.arctan(310 * 0.616 / 1198)))
+    assert "complete: a fan of 18.11 deg needs 198.11 deg" in found.lines()[5]
+    assert summarize(paper(100)).lines()[5].split()[2] == "incomplete:"
+
+
+def test_a_tilted_scanner_turns_about_a_tilted_axis():
+    tilt = transforms.rigid(transforms.axis_rotation((1, 0, 0), 0.3), np.zeros(3))
+    found = summarize(paper().moved(transforms.inverse(tilt)))
+    np.testing.assert_allclose(found.axis, (0, np.cos(0.3), np.sin(0.3)), atol=1e-9)
+    assert np.rad2deg(found.angular_range) == pytest.approx(247 * 0.8)
+
+
+def test_a_full_turn_and_single_views():
+    assert np.rad2deg(summarize(paper(500)).angular_range) == pytest.approx(499 * 0.8)
+    for views in (1, 2):
+        assert np.rad2deg(summarize(paper(views)).angular_range) == pytest.approx(0.8 * (views - 1))
+        assert len(summarize(paper(views)).lines()) == 11
+
+
+def test_what_is_cut_off_is_said_side_by_side():
+    def box(name, low, high):
+        mesh = trimesh.creation.box(bounds=[low, high])
+        return Part(name, "water", 1.0, mesh.vertices, mesh.faces)
+
+    inside = box("inside", (-0.05, -0.05, -0.05), (0.05, 0.05, 0.05))
+    tall = box("tall", (-0.001, -0.02, -0.001), (0.001, 0.2, 0.001))
+    aside = box("aside", (0.1, 0, -0.001), (0.15, 0.01, 0.001))
+    found = summarize(paper(1), Phantom((inside, tall, aside)))
+    assert [part.name for part in found.cut_off] == ["tall", "aside"]
+    above, right = found.cut_off
+    assert above.above == pytest.approx(0.2 - 240 * 0.616e-3 * 780 / 1198, abs=5e-4)
+    assert (above.left, above.right, above.below) == (0, 0, 0)
+    assert right.right == pytest.approx(0.15 - 310 * 0.616e-3 * 780 / 1198, abs=5e-4)
+    assert found.lines()[-2].startswith("cut off            part 'tall' in 1 of 1 views: ")
+    assert found.lines()[-1].endswith("mm right (at the isocenter)")

@@ -1,0 +1,108 @@
+"""Jobs of a study: their names and seeds, and that what was scored once is not computed again."""
+
+import json
+import shutil
+from pathlib import Path
+
+import pytest
+
+from legsim import config
+from legsim.kinematics import from_recording
+from legsim.run import stages
+from legsim.run.folder import RunFolder
+from legsim.run.pipeline import RunResult
+from legsim.study import jobs as study_jobs
+from legsim.study.config import Ladder
+from legsim.study.jobs import LadderJob, ScanJob, _kept, seed_of
+from legsim.study.results import NoiseLevel
+
+LADDER = Ladder(f_a=(0.0, "none"), f_g=(1.0,), conventions=("SI",), repetitions=2)
+
+
+def job(tmp_path, **changes) -> LadderJob:
+    settings = config.load(preset="demo", overrides=("motion.file=subject01/squat_30.trc",))
+    return LadderJob(
+        tmp_path,
+        "subject01",
+        "squat_30",
+        changes.get("convention", "SI"),
+        changes.get("ladder", LADDER),
+        settings,
+    )
+
+
+def test_a_ladder_is_scored_once(tmp_path, monkeypatch):
+    first = study_jobs.ladder(job(tmp_path))
+    assert [(s.noise.f_a, s.noise.f_g, s.repetition) for s in first] == [
+        (0, 1, 0),
+        (0, 1, 1),
+        (None, 1, 0),
+        (None, 1, 1),
+    ]
+    assert first[0].translation_mm > first[2].translation_mm > 0
+
+    def refuse(*_: object, **__: object) -> None:
+        raise AssertionError("computed again")
+
+    monkeypatch.setattr(from_recording, "recover", refuse)
+    assert study_jobs.ladder(job(tmp_path)) == first
+    with pytest.raises(AssertionError, match="computed again"):
+        study_jobs.ladder(job(tmp_path, ladder=LADDER.model_copy(update={"repetitions": 3})))
+
+
+def test_scores_of_other_settings_are_not_taken(tmp_path):
+    kept = tmp_path / "scores" / "x.json"
+    assert _kept(kept, "key", lambda: [{"a": 1.5}]) == [{"a": 1.5}]
+    assert _kept(kept, "key", lambda: [{"a": 2.5}]) == [{"a": 1.5}]
+    assert _kept(kept, "other", lambda: [{"a": 2.5}]) == [{"a": 2.5}]
+    assert json.loads(kept.read_text())["key"] == "other"
+
+
+def test_a_scan_is_scored_again_only_where_its_folder_was_deleted(tmp_path, monkeypatch):
+    runs = []
+
+    def fake(_: object, out: Path, **__: object) -> RunResult:
+        runs.append(out)
+        RunFolder(out, {}).write_manifest()
+        return RunResult(out, ())
+
+    monkeypatch.setattr(stages, "run", fake)
+    settings = config.load(preset="demo", overrides=("motion.file=subject01/squat_30.trc",))
+    one = ScanJob(tmp_path, "subject01", "squat_30", None, 0, settings, None, tmp_path / "store")
+    study_jobs.scan(one)
+    study_jobs.scan(one)
+    assert len(runs) == 1
+    shutil.rmtree(one.folder)
+    study_jobs.scan(one)
+    assert len(runs) == 2
+
+
+def test_every_job_has_a_folder_of_its_own(tmp_path):
+    settings = config.load(preset="demo")
+    levels = [
+        None,
+        NoiseLevel("SI", 1.0, 1.0),
+        NoiseLevel("per-sample", 1.0, 1.0),
+        NoiseLevel("SI", None, 1.0),
+    ]
+    jobs = [
+        ScanJob(tmp_path, s, p, n, r, settings, None, tmp_path / "store")
+        for s in ("a", "b")
+        for p in ("30", "60")
+        for n in levels
+        for r in (0, 1)
+    ]
+    folders = {j.folder for j in jobs if j.noise is not None or j.repetition == 0}
+    assert len(folders) == 2 * 2 * (1 + 3 * 2)
+    assert all(folder.parent == tmp_path / "runs" for folder in folders)
+
+
+def test_seeds_differ_between_scans_and_repetitions_and_never_change():
+    seeds = {
+        seed_of(s, p, r)
+        for s in ("subject01", "subject02")
+        for p in ("squat_30", "squat_60")
+        for r in range(5)
+    }
+    assert len(seeds) == 20
+    assert seed_of("subject01", "squat_30", 0) == 523417868

@@ -1,0 +1,200 @@
+"""OpenSim at work on the same leg: poses and inverse kinematics, for the peer tests and the
+benchmark. Needs `pip install opensim`.
+"""
+
+# opensim is an extra (peer)
+# pyright: reportMissingImports=false
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+import opensim
+
+from legsim.core.values import FloatArray
+from legsim.kinematics.leg_model import COORDINATES
+from legsim.kinematics.marker_sites import MarkerSites
+from legsim.kinematics.skeleton import SEGMENTS, SegmentScales
+from legsim.mocap import trc
+from legsim.mocap.trajectories import JointTrajectories, MarkerTrajectories
+
+BODIES = tuple(name for name in SEGMENTS if not name.startswith("patella"))
+"""gait2392 has no patella"""
+HELD = tuple(f"{name}_{side}" for name in ("subtalar_angle", "mtp_angle") for side in "rl")
+"""coordinates that gait2392's IK set-up holds at zero by tasks of weight 1000"""
+BACK = ("lumbar_extension", "lumbar_bending", "lumbar_rotation")
+"""coordinates of gait2392 that legsim has not"""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class OpenSimSolution:
+    """What OpenSim's inverse kinematics finds."""
+
+    values: FloatArray
+    """(n, 20) rad and m, in legsim's order"""
+    markers: FloatArray
+    """(n, m, 3) m, the model's markers in world"""
+    seconds: float
+    """of processor time for the frames alone, without reading and assembling"""
+
+
+def load(model_file: Path, scales: SegmentScales | None = None) -> opensim.Model:
+    """gait2392 without muscles, scaled by OpenSim itself, its back held straight."""
+    opensim.Logger.setLevelString("Off")
+    model = opensim.Model(str(model_file))
+    model.updForceSet().clearAndDestroy()
+    if scales is not None:
+        factors = opensim.ScaleSet()
+        for name in BODIES:
+            scale = opensim.Scale()
+            scale.setSegmentName(name)
+            scale.setScaleFactors(opensim.Vec3(*map(float, scales.of(name))))
+            scale.setApply(True)
+            factors.cloneAndAppend(scale)
+        model.scale(model.initSystem(), factors, False)
+    for name in BACK:
+        model.updCoordinateSet().get(name).setDefaultLocked(True)
+    return model
+
+
+def body_poses(model: opensim.Model, values: FloatArray) -> FloatArray:
+    """world_from_body (n, 11, 4, 4) of BODIES at values (n, 20)."""
+    state = model.initSystem()
+    coordinates = [model.getCoordinateSet().get(name) for name in COORDINATES]
+    bodies = [model.getBodySet().get(name) for name in BODIES]
+    poses = np.tile(np.eye(4), (len(values), len(bodies), 1, 1))
+    for i, row in enumerate(values):
+        for coordinate, value in zip(coordinates, row, strict=True):
+            coordinate.setValue(state, float(value), False)
+        model.realizePosition(state)
+        for k, body in enumerate(bodies):
+            transform = body.getTransformInGround(state)
+            rotation, origin = transform.R(), transform.p()
+            poses[i, k, :3, 3] = [origin.get(a) for a in range(3)]
+            poses[i, k, :3, :3] = [[rotation.get(a, b) for b in range(3)] for a in range(3)]
+    return poses
+
+
+def inverse_kinematics(
+    model: opensim.Model, sites: MarkerSites, motion: MarkerTrajectories, *, accuracy: float
+) -> OpenSimSolution:
+    """OpenSim's solution for the markers in ``sites``, subtalar and toe joints held as gait2392's
+    set-up does.
+    """
+    _attach(model, sites)
+    state = model.initSystem()
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "markers.trc"
+        rows = [motion.marker_names.index(name) for name in sites.names]
+        trc.save(
+            path, MarkerTrajectories(motion.times, sites.names, motion.positions_world[:, rows])
+        )
+        weights = opensim.SetMarkerWeights()
+        for name, weight in zip(sites.names, sites.weights, strict=True):
+            weights.cloneAndAppend(opensim.MarkerWeight(name, float(weight)))
+        reference = opensim.MarkersReference(str(path), weights)
+    held = opensim.SimTKArrayCoordinateReference()
+    for name in HELD:
+        task = opensim.CoordinateReference(name, opensim.Constant(0.0))
+        task.setWeight(1000.0)
+        held.push_back(task)
+    solver = opensim.InverseKinematicsSolver(model, reference, held)
+    solver.setAccuracy(accuracy)
+    state.setTime(float(motion.times[0]))
+    solver.assemble(state)
+    return _track(model, solver, state, sites, motion.times)
+
+
+def _attach(model: opensim.Model, sites: MarkerSites) -> None:
+    model.updMarkerSet().clearAndDestroy()
+    for name, segment, position in zip(sites.names, sites.segments, sites.positions, strict=True):
+        frame = model.getBodySet().get(segment)
+        model.addMarker(opensim.Marker(name, frame, opensim.Vec3(*map(float, position))))
+    model.finalizeConnections()
+
+
+def _track(
+    model: opensim.Model,
+    solver: opensim.InverseKinematicsSolver,
+    state: opensim.State,
+    sites: MarkerSites,
+    times: FloatArray,
+) -> OpenSimSolution:
+    coordinates = [model.getCoordinateSet().get(name) for name in COORDINATES]
+    markers = [model.getMarkerSet().get(name) for name in sites.names]
+    values, places, seconds = (
+        np.empty((len(times), len(COORDINATES))),
+        np.empty((len(times), len(markers), 3)),
+        0.0,
+    )
+    for i, now in enumerate(times):
+        state.setTime(float(now))
+        begin = time.process_time()
+        solver.track(state)
+        seconds += time.process_time() - begin
+        model.realizePosition(state)
+        values[i] = [coordinate.getValue(state) for coordinate in coordinates]
+        for k, marker in enumerate(markers):
+            place = marker.getLocationInGround(state)
+            places[i, k] = [place.get(a) for a in range(3)]
+    return OpenSimSolution(values, places, seconds)
+
+
+def sensor_signals(
+    model: opensim.Model,
+    trajectories: JointTrajectories,
+    body: str,
+    body_from_sensor: FloatArray,
+    times: FloatArray,
+) -> tuple[FloatArray, FloatArray]:
+    """(angular velocity, specific force), each (n, 3) in the sensor frame, of OpenSim's IMU
+    component while the coordinates follow its own quintic splines (PositionMotion) through the
+    samples."""
+    table = opensim.TimeSeriesTable()
+    table.setColumnLabels(list(COORDINATES))
+    for now, row in zip(trajectories.times, trajectories.values, strict=True):
+        table.appendRow(float(now), opensim.RowVector([float(v) for v in row]))
+    splines, motion = opensim.GCVSplineSet(table), opensim.PositionMotion()
+    for name in COORDINATES:
+        motion.setPositionForCoordinate(model.getCoordinateSet().get(name), splines.get(name))
+    for name in BACK:
+        model.updCoordinateSet().get(name).setDefaultLocked(False)
+        motion.setPositionForCoordinate(model.getCoordinateSet().get(name), opensim.Constant(0.0))
+    # addComponent would crash here
+    model.addModelComponent(motion)
+    frame = opensim.PhysicalOffsetFrame(
+        "sensor", model.getBodySet().get(body), _transform(body_from_sensor)
+    )
+    model.addComponent(frame)
+    sensor = opensim.IMU()
+    sensor.setName("imu")
+    sensor.connectSocket_frame(frame)
+    model.addComponent(sensor)
+    state = model.initSystem()
+    rate, force = np.empty((len(times), 3)), np.empty((len(times), 3))
+    for i, now in enumerate(times):
+        state.setTime(float(now))
+        _prescribe(model, state, splines, float(now))
+        model.realizeAcceleration(state)
+        turn, pull = sensor.calcGyroscopeSignal(state), sensor.calcAccelerometerSignal(state)
+        rate[i], force[i] = [turn.get(a) for a in range(3)], [pull.get(a) for a in range(3)]
+    return rate, force
+
+
+def _prescribe(
+    model: opensim.Model, state: opensim.State, splines: opensim.GCVSplineSet, now: float
+) -> None:
+    """Values and speeds at a time, which a PositionMotion leaves to the caller; the accelerations
+    it sets itself.
+    """
+    first, at = opensim.StdVectorInt([0]), opensim.Vector(1, now)
+    for name in COORDINATES:
+        coordinate, spline = model.getCoordinateSet().get(name), splines.get(name)
+        coordinate.setValue(state, spline.calcValue(at), False)
+        coordinate.setSpeedValue(state, spline.calcDerivative(first, at))
+
+
+def _transform(matrix: FloatArray) -> opensim.Transform:
+    turn = opensim.Rotation(opensim.Mat33(*(float(v) for v in matrix[:3, :3].ravel())))
+    return opensim.Transform(turn, opensim.Vec3(*(float(v) for v in matrix[:3, 3])))

@@ -1,0 +1,5 @@
+"""Builds models/leg_phantom: `python -m tools.leg_phantom`."""
+
+from tools.leg_phantom.build import main
+
+main()
