@@ -1,28 +1,35 @@
-"""The shape of the code: imports go one way, one heavy dependency has one home, no file grows past
-500 lines.
-"""
+"""The shape of the code: imports go one way, one heavy dependency has one home, no file is long."""
 
 import ast
-import re
 import subprocess
 import sys
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
 
 ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / "legsim"
+ORDER = (
+    *("core", "config", "opencl", "geometry", "mocap", "kinematics", "imu", "phantom", "scan"),
+    *("deformation", "reconstruction", "evaluation", "correction", "scene", "figures", "view"),
+    *("report", "run", "study", "cli"),
+)
+"""Packages from the bottom up: each imports only from those before it"""
 HOMES = {
     "pyopencl": {"opencl"},
-    "xraylib": {"materials"},
-    "spekpy": {"spectra"},
-    "mujoco": {"leg"},
+    "xraylib": {"phantom"},
+    "spekpy": {"scan"},
+    "mujoco": {"kinematics"},
     "rerun": {"view"},
     "matplotlib": {"figures"},
     "typer": {"cli"},
+    "rich": {"cli"},
     "jinja2": {"report"},
-    "pydantic": {"config", "study_config"},
-    "SimpleITK": {"images", "evaluation"},
+    "pydantic": {"config", "study"},
+    "SimpleITK": {"geometry", "evaluation"},
+    "trimesh": {"phantom"},
+    "distributed": {"study"},
 }
 SLOW = {
     "rerun": "rerun_bindings",
@@ -31,67 +38,60 @@ SLOW = {
     "trimesh": "trimesh.base",
     "pyopencl": "pyopencl.version",
 }
-"""Dependency that is loaded where it is first used, and a part of it that is there only once it is
-loaded
-"""
+"""Dependency that is loaded where it is first used, and a part of it that shows it is loaded"""
 
 
-def layers() -> dict[str, int]:
-    """Module to layer, read from the table in docs/design.md so that the page stays true."""
-    table = re.findall(r"^\| (\d) [a-z]+ \| (.+?) \|", (ROOT / "docs/design.md").read_text(), re.M)
-    return {
-        name: int(number) for number, cell in table for name in re.findall(r"`([a-z_0-9]+)`", cell)
-    }
+def sources() -> list[Path]:
+    """Modules of the package, its public face left out."""
+    return sorted(p for p in PACKAGE.rglob("*.py") if p.parent != PACKAGE or p.stem == "config")
 
 
-def modules() -> list[str]:
-    """Names of the package's modules and sub-packages."""
-    names = [p.stem for p in PACKAGE.glob("*.py")] + [
-        p.parent.name for p in PACKAGE.glob("*/__init__.py")
-    ]
-    return sorted(n for n in names if n not in ("__init__", "__main__"))
+def package(path: Path) -> str:
+    """The package that a module belongs to."""
+    return path.relative_to(PACKAGE).parts[0].removesuffix(".py")
 
 
-def sources(module: str) -> list[Path]:
-    return (
-        [PACKAGE / f"{module}.py"]
-        if (PACKAGE / f"{module}.py").exists()
-        else sorted((PACKAGE / module).glob("*.py"))
-    )
-
-
-def imports(module: str) -> set[str]:
+def imports(path: Path) -> set[str]:
     """Full dotted names that a module imports anywhere, `from a import b` counted as a.b."""
     found = set()
-    for path in sources(module):
-        for node in ast.walk(ast.parse(path.read_text())):
-            if isinstance(node, ast.Import):
-                found |= {alias.name for alias in node.names}
-            elif isinstance(node, ast.ImportFrom):
-                found |= {f"{node.module}.{alias.name}" for alias in node.names}
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            found |= {f"{node.module}.{alias.name}" for alias in node.names}
     return found
 
 
-def own_imports(module: str) -> set[str]:
-    return {name.split(".")[1] for name in imports(module) if name.startswith("legsim.")} - {
-        module,
-        "__version__",
-    }
+def own_imports(path: Path) -> list[list[str]]:
+    """Parts of the names that a module imports from this package, "legsim" left out."""
+    names = sorted(n for n in imports(path) if n.startswith("legsim."))
+    return [n.split(".")[1:] for n in names if n != "legsim.__version__"]
 
 
-@pytest.mark.parametrize("module", modules())
-def test_a_module_imports_only_from_layers_below(module):
-    layer = layers()
-    assert module in layer, f"{module} has no layer: enter it in the table of docs/design.md"
-    limit = layer[module]
-    for name in own_imports(module):
-        assert layer[name] < limit or (limit in (0, 1, 2, 4) and layer[name] == limit), (
-            f"{module} (layer {limit}) imports {name} (layer {layer[name]})"
-        )
+def test_the_order_names_every_package():
+    assert set(ORDER) == {package(p) for p in sources()}
 
 
-def test_imports_have_no_cycle():
-    graph = {module: own_imports(module) for module in modules()}
+@pytest.mark.parametrize("path", sources(), ids=lambda p: str(p.relative_to(PACKAGE)))
+def test_a_module_imports_only_from_its_package_and_those_below(path):
+    home = package(path)
+    for parts in own_imports(path):
+        assert ORDER.index(parts[0]) <= ORDER.index(home), f"imports {'.'.join(parts)}"
+
+
+@pytest.mark.parametrize("path", sources(), ids=lambda p: str(p.relative_to(PACKAGE)))
+def test_private_modules_and_names_stay_at_home(path):
+    for parts in own_imports(path):
+        private = [part for part in parts if part.startswith("_")]
+        assert not private or parts[0] == package(path), f"imports {'.'.join(parts)}"
+
+
+def test_modules_have_no_cycle():
+    names = {".".join(p.relative_to(PACKAGE).with_suffix("").parts): p for p in sources()}
+    graph = {}
+    for name, path in names.items():
+        needs = {".".join(parts[:n]) for parts in own_imports(path) for n in (1, 2)}
+        graph[name] = (needs & names.keys()) - {name}
     while graph:
         leaves = [m for m, needs in graph.items() if not needs & graph.keys()]
         assert leaves, f"a cycle among {sorted(graph)}"
@@ -101,57 +101,59 @@ def test_imports_have_no_cycle():
 
 @pytest.mark.parametrize("dependency", sorted(HOMES))
 def test_a_heavy_dependency_has_one_home(dependency):
-    users = {m for m in modules() if any(name.split(".")[0] == dependency for name in imports(m))}
+    users = {package(p) for p in sources() if dependency in {n.split(".")[0] for n in imports(p)}}
+    assert users
     assert users <= HOMES[dependency]
 
 
 def loaded_by(modules: str) -> set[str]:
     """Names of all modules that importing ``modules`` loads."""
     program = f"import sys, {modules}; print(*sys.modules)"
-    return set(
-        subprocess.run(
-            [sys.executable, "-c", program], capture_output=True, text=True, check=True
-        ).stdout.split()
-    )
+    command = [sys.executable, "-c", program]
+    return set(subprocess.run(command, capture_output=True, text=True, check=True).stdout.split())
+
+
+def test_the_public_face_loads_no_package():
+    names = loaded_by("legsim")
+    assert {n for n in names if n.startswith("legsim")} == {"legsim"}
+    assert not {"numpy", *SLOW.values()} & names
 
 
 def test_the_command_line_starts_without_any_stage():
     names = loaded_by("legsim.cli.main")
-    assert {name for name in names if name.startswith("legsim")} == {
-        "legsim",
-        "legsim.cli.main",
-        "legsim.core.errors",
-        "legsim.cli.progress",
-        "legsim.study.engine",
-    }
+    packages = {n.split(".")[1] for n in names if n.startswith("legsim.")}
+    assert packages <= {"cli", "core", "study"}
     assert not {"numpy", *SLOW.values()} & names
 
 
 def test_a_slow_dependency_is_loaded_where_it_is_used():
-    assert not set(SLOW.values()) & loaded_by("legsim.cli.commands, legsim.run.stages")
+    assert not set(SLOW.values()) & loaded_by("legsim.cli.commands, legsim.run.pipeline")
 
 
 def test_what_tells_that_a_slow_dependency_is_loaded_does_tell():
-    assert set(SLOW.values()) <= loaded_by("matplotlib.figure, rerun, SimpleITK, trimesh, pyopencl")
-
-
-def test_every_layered_module_exists():
-    assert set(layers()) <= set(modules())
+    loaded = loaded_by("matplotlib.figure, rerun, SimpleITK, trimesh, pyopencl")
+    assert set(SLOW.values()) <= loaded
 
 
 def test_no_file_has_more_than_500_lines():
-    files = [
-        p
-        for folder in ("legsim", "tests", "tools")
-        for suffix in ("py", "cl", "j2")
-        for p in (ROOT / folder).rglob(f"*.{suffix}")
-    ]
-    long = {
-        str(p.relative_to(ROOT)): n for p in files if (n := len(p.read_text().splitlines())) > 500
+    folders, suffixes = ("legsim", "tests", "tools"), ("py", "cl", "j2")
+    files = [p for f in folders for s in suffixes for p in (ROOT / f).rglob(f"*.{s}")]
+    counts = {str(p.relative_to(ROOT)): len(p.read_text().splitlines()) for p in files}
+    assert not {name: n for name, n in counts.items() if n > 500}
+
+
+@pytest.mark.parametrize("path", sorted(PACKAGE.rglob("__init__.pyi")), ids=str)
+def test_a_face_names_nothing_like_a_module_beside_it(path):
+    """Such a name would be the module or the value, by what was imported first."""
+    names = {alias.asname for node in ast.parse(path.read_text()).body
+             if isinstance(node, ast.ImportFrom) for alias in node.names}  # fmt: skip
+    beside = {p.stem for p in path.parent.glob("*.py")} | {
+        p.name for p in path.parent.iterdir() if p.is_dir()
     }
-    assert not long
+    assert not names & beside
 
 
-@pytest.mark.parametrize("module", modules())
-def test_every_module_has_its_test_file(module):
-    assert (ROOT / "tests" / f"test_{module}.py").exists()
+def test_packages_in_the_design_page_are_in_this_order():
+    page = (ROOT / "docs/design.md").read_text()
+    places = [page.index(f"\n| `{name}` |") for name in ORDER]
+    assert all(a < b for a, b in pairwise(places))

@@ -21,7 +21,9 @@ def main(
     """From files to a file."""
     header = image_files.read_header(projections_file)
     columns, rows, _ = header.size
-    geometry = files.load(geometry_file, columns=columns, rows=rows, pixel_mm=header.spacing_mm[0])
+    geometry = files.load_geometry(
+        geometry_file, columns=columns, rows=rows, pixel_mm=header.spacing_mm[0]
+    )
     projections = image_files.load_projections(projections_file, geometry)
     x, y, z = geometry.rotation_center()
     grid = VolumeGrid.cubic(count, 1e-3 * voxel_mm, (x, y, z))

@@ -45,7 +45,7 @@ class DetectorSize:
 
     def geometry(self, path: Path) -> ConeBeamGeometry:
         """The geometry of the file with this detector."""
-        return geometry_files.load(
+        return geometry_files.load_geometry(
             path, columns=self.columns, rows=self.rows, pixel_mm=self.pixel_mm
         )
 
@@ -265,14 +265,14 @@ def _labelled(path: Path, reference: Volume) -> tuple[Region, ...]:
 
 def describe_geometry(path: Path, *, detector: DetectorSize, phantom: Path | None) -> list[str]:
     """The lines of `legsim geometry show`; with a PHANTOM.toml also what of it is cut off."""
-    scanned = None if phantom is None else phantom_files.load(phantom)
+    scanned = None if phantom is None else phantom_files.load_phantom(phantom)
     return list(coverage.summarize(detector.geometry(path), scanned).lines())
 
 
 def convert_geometry(path: Path, out: Path, *, detector: DetectorSize) -> list[str]:
     """Writes a geometry in the format that the ending of ``out`` names."""
     geometry = detector.geometry(path)
-    geometry_files.save(out, geometry)
+    geometry_files.save_geometry(out, geometry)
     return [f"{len(geometry)} views: {out}"]
 
 
@@ -290,14 +290,14 @@ def convert_motion(
             *raw.notes,
         ]
     else:
-        recording, notes = mocap_files.load(path), []
+        recording, notes = mocap_files.load_recording(path), []
     columns = (
         recording.marker_names
         if isinstance(recording, MarkerTrajectories)
         else recording.coordinate_names
     )
     out.parent.mkdir(parents=True, exist_ok=True)
-    mocap_files.save(out, recording, in_degrees=in_degrees)
+    mocap_files.save_recording(out, recording, in_degrees=in_degrees)
     what = "markers (m, y up)" if isinstance(recording, MarkerTrajectories) else "joint coordinates"
     return [*notes, f"{len(recording.times)} samples of {len(columns)} {what}: {out}"]
 

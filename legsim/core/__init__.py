@@ -1,1 +1,5 @@
-"""core"""
+"""What every stage rests on: errors, read-only values, transforms, files."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

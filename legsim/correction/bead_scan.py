@@ -4,9 +4,7 @@ knee.
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
-import lazy_loader
 import numpy as np
 
 from legsim.config import BeadsConfig
@@ -16,14 +14,8 @@ from legsim.kinematics.skeleton import SEGMENTS, SegmentPoses
 from legsim.opencl.device import Device
 from legsim.phantom import materials
 from legsim.phantom.leg_phantom import LegPhantom
-from legsim.phantom.meshes import Part, Phantom
+from legsim.phantom.meshes import Part, Phantom, sphere
 from legsim.scan import projector
-
-if TYPE_CHECKING:
-    import trimesh
-else:
-    trimesh = lazy_loader.load("trimesh")
-
 
 _GOLDEN_ANGLE = np.pi * (3 - np.sqrt(5))
 
@@ -87,8 +79,7 @@ def add_beads(
         segment_names=poses.segment_names,
     )
     radius = 0.5e-3 * settings.diameter_mm
-    ball = trimesh.creation.icosphere(subdivisions=2, radius=radius)
-    surface, triangles = np.asarray(ball.vertices), np.asarray(ball.faces)
+    surface, triangles = sphere(radius)
     value = materials.attenuation("tantalum", energy_kev)
     parts = [
         Part(f"bead_{k}", "tantalum", value, center + surface, triangles)

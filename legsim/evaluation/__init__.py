@@ -1,1 +1,5 @@
-"""evaluation"""
+"""How well a method did: similarity by region, registration, residual motion."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

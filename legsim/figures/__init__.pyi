@@ -11,8 +11,8 @@ from .noise import error_lines as error_lines
 from .pictures import overlay as overlay
 from .pictures import projection_montage as projection_montage
 from .pictures import slices as slices
+from .posture import still as still
 from .statistics import BoxGroup as BoxGroup
 from .statistics import HeatMap as HeatMap
 from .statistics import box_plots as box_plots
 from .statistics import heat_maps as heat_maps
-from .still import still as still

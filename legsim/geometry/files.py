@@ -44,7 +44,7 @@ _NEEDS_DETECTOR = (
 )
 
 
-def load(
+def load_geometry(
     path: Path | str,
     *,
     columns: int | None = None,
@@ -90,9 +90,10 @@ def load(
         raise file_error(path, "is not text", "check that it is a geometry") from error
 
 
-def save(path: Path | str, geometry: ConeBeamGeometry) -> None:
-    """Writes a geometry; the suffix says which kind, as in :func:`load`. The file appears whole or
-    not at all.
+def save_geometry(path: Path | str, geometry: ConeBeamGeometry) -> None:
+    """Writes a geometry; the suffix says which kind, as in :func:`load_geometry`.
+
+    The file appears whole or not at all.
 
     Raises:
         LegsimError: an unknown suffix, a file that cannot be written, or views that RTK cannot

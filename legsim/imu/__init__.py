@@ -1,1 +1,5 @@
-"""imu"""
+"""What inertial sensors read, and the poses that their signals give."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -64,7 +64,7 @@ def solve_recording(config: MotionConfig, *, filter_coordinates: bool = False) -
     """
     path = source(config.file)
     if mocap_files.kind(path) in ("storage", "csv") and isinstance(
-        mocap_files.load(path), JointTrajectories
+        mocap_files.load_recording(path), JointTrajectories
     ):
         return _from_coordinates(config, path, filter_coordinates)
     # a trial that is scaled from another may go without the landmarks that only scaling needs
@@ -164,7 +164,7 @@ def _named(path: Path, compute: Callable[[], _Result]) -> _Result:
 
 
 def _from_coordinates(config: MotionConfig, path: Path, filtered: bool) -> MovingLeg:
-    loaded = mocap_files.load(path)
+    loaded = mocap_files.load_recording(path)
     if not isinstance(loaded, JointTrajectories):
         raise file_error(
             path, "holds no joint coordinates", "give a .mot or .sto file of coordinates"

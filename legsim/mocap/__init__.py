@@ -1,1 +1,5 @@
-"""mocap"""
+"""A recording as a value, read from any of the field's formats and cleaned by role."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

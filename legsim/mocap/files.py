@@ -13,7 +13,7 @@ from legsim.mocap.trajectories import JointTrajectories, MarkerTrajectories
 _CURE = "give a marker file (.trc, .c3d) or joint coordinates (.mot, .sto)"
 
 
-def load(
+def load_recording(
     path: Path | str,
     *,
     unit: str | None = None,
@@ -45,7 +45,7 @@ def load_markers(
     Raises:
         LegsimError: the file is no marker file, or damaged.
     """
-    found = load(path, unit=unit, up=up)
+    found = load_recording(path, unit=unit, up=up)
     if not isinstance(found, MarkerTrajectories):
         raise file_error(
             path, "holds joint coordinates, not markers", "give a marker file (.trc, .c3d)"
@@ -53,7 +53,7 @@ def load_markers(
     return found
 
 
-def save(
+def save_recording(
     path: Path | str, recording: MarkerTrajectories | JointTrajectories, *, in_degrees: bool = False
 ) -> None:
     """Writes markers (.trc, .csv) or joint coordinates (.mot, .sto, .csv), by the ending of the

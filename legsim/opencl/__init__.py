@@ -1,1 +1,5 @@
-"""opencl"""
+"""OpenCL devices: discovery, probing, compiled kernels. The only users of pyopencl."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -101,7 +101,7 @@ class PhantomFile:
         ]
 
 
-def load(path: Path | str, *, energy_kev: float = materials.DEFAULT_ENERGY_KEV) -> Phantom:
+def load_phantom(path: Path | str, *, energy_kev: float = materials.DEFAULT_ENERGY_KEV) -> Phantom:
     """The phantom of a PHANTOM.toml at rest, its materials at one photon energy; errors as in
     :func:`read`.
     """

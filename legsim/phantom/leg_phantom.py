@@ -4,9 +4,7 @@ segments of the leg model.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
-import lazy_loader
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -23,13 +21,8 @@ from legsim.phantom._leg_template import (
     reference_pose,
     scaled_vertices,
 )
-from legsim.phantom.meshes import Part, Phantom
+from legsim.phantom.meshes import Part, Phantom, sphere
 from legsim.phantom.skinning import LegAxes, SoftWeights, TissueMobility, swing_of
-
-if TYPE_CHECKING:
-    import trimesh
-else:
-    trimesh = lazy_loader.load("trimesh")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -204,8 +197,7 @@ class LegPhantom:
                 f"spheres {name!r}: {len(centers)} centers of radius {radius} m; at least one and "
                 "a positive radius are needed"
             )
-        ball = trimesh.creation.icosphere(subdivisions=2, radius=radius)
-        offsets, triangles = np.asarray(ball.vertices), np.asarray(ball.faces)
+        offsets, triangles = sphere(radius)
         world_from_carrier = self._reference(f"femur_{segment[-1]}" if soft else segment)
         world = centers if soft else transforms.apply(world_from_carrier, centers)
         points = np.repeat(
@@ -394,7 +386,7 @@ def _newton(
     return points
 
 
-def load(
+def load_leg_phantom(
     *,
     scales: SegmentScales | None = None,
     detail: Detail = "coarse",

@@ -4,11 +4,18 @@ ones.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
+import lazy_loader
 import numpy as np
 
 from legsim.core.errors import LegsimError
 from legsim.core.values import FloatArray, frozen
+
+if TYPE_CHECKING:
+    import trimesh
+else:
+    trimesh = lazy_loader.load("trimesh")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -83,3 +90,9 @@ class Phantom:
                 for part, moved in zip(self.parts, vertices, strict=True)
             )
         )
+
+
+def sphere(radius: float) -> tuple[FloatArray, np.ndarray]:
+    """Vertices (162, 3) m about the origin and triangles (320, 3) of a sphere of ``radius`` m."""
+    ball = trimesh.creation.icosphere(subdivisions=2, radius=radius)
+    return np.asarray(ball.vertices), np.asarray(ball.faces)

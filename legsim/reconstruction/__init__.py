@@ -1,1 +1,5 @@
-"""reconstruction"""
+"""Projections to volumes: FDK along any motion, and CGLS."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

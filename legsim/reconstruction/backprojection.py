@@ -14,7 +14,7 @@ import numpy as np
 
 from legsim.core import transforms
 from legsim.core.values import Float32Array, FloatArray
-from legsim.deformation import _three_points
+from legsim.deformation import three_points
 from legsim.deformation.models import ControlPointMotion, FieldMotion, Motion
 from legsim.geometry.cone_beam import ConeBeamGeometry
 from legsim.geometry.volume import VolumeGrid
@@ -126,7 +126,7 @@ class VoxelMap:
         self.field: Float32Array | None = None
         rest: FloatArray | Float32Array = np.zeros(1)
         if isinstance(motion, ControlPointMotion):
-            numbers = _three_points.three_points(motion, maps, anchor=self.anchor)
+            numbers = three_points.three_points(motion, maps, anchor=self.anchor)
             self.motion, rest, self.tables = 1, numbers.rest, np.asarray(numbers.views, float)
         elif isinstance(motion, FieldMotion):
             spacing = np.array(motion.grid.spacing_xyz)

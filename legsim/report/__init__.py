@@ -1,1 +1,5 @@
-"""report"""
+"""Pages, tables and their formats; the published values."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

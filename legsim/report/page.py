@@ -99,7 +99,7 @@ class ReportContent:
 def render(content: ReportContent) -> str:
     """The page as HTML."""
     environment = Environment(
-        loader=PackageLoader("legsim"),
+        loader=PackageLoader("legsim.report"),
         autoescape=True,
         undefined=StrictUndefined,
         trim_blocks=True,

@@ -26,7 +26,7 @@ from legsim.imu.strapdown import Scheme
 from legsim.kinematics.skeleton import SegmentPoses
 from legsim.opencl.device import Device
 
-ENTRY_POINTS = "legsim.run.methods"
+ENTRY_POINTS = "legsim.methods"
 
 REFERENCE = "static"
 """the motion-free scan, which is no correction but what all are compared with"""
@@ -164,7 +164,7 @@ BUILT_IN: dict[str, Callable[[Setup], CorrectionMethod]] = {
 
 def find(name: str) -> Callable[[Setup], CorrectionMethod]:
     """What builds the method of that name: built in, an entry point of the group
-    ``legsim.run.methods``, or ``path/to/file.py:function``.
+    ``legsim.methods``, or ``path/to/file.py:function``.
 
     ``rigid@<sensor>`` is the rigid correction from that sensor, whichever the setup names.
     An entry point and a file's function are the method itself: called with a

@@ -55,7 +55,11 @@ def replay(
     on_progress("sensors", 1, 1)
     on_progress("recording", 0, 1)
     scene = build.replay_scene(
-        recovered, splines, placed, signals, leg_phantom.load(scales=recovered.leg.scales)
+        recovered,
+        splines,
+        placed,
+        signals,
+        leg_phantom.load_leg_phantom(scales=recovered.leg.scales),
     )
     provenance = (
         *folder.about.items(),

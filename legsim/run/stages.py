@@ -144,7 +144,7 @@ def set_up(settings: RunConfig, folder: RunFolder, on_progress: OnProgress) -> S
     wanted = settings.phantom
     if wanted.wobble.amplitude > 0:
         poses = tissue_swing.with_swing(poses, recovered.leg, splines, skin_mount(wanted.wobble))
-    phantom = leg_phantom.load(
+    phantom = leg_phantom.load_leg_phantom(
         scales=recovered.leg.scales,
         detail=wanted.detail,
         energy_kev=wanted.energy_kev,
@@ -171,8 +171,8 @@ def scan(
     key = scan_key(settings)
     if not folder.done("geometry", key):
         with folder.stage("geometry", key, ["geometry.json", "geometry_rtk.xml"]):
-            geometry_files.save(folder.path / "geometry.json", body.geometry)
-            geometry_files.save(folder.path / "geometry_rtk.xml", body.geometry)
+            geometry_files.save_geometry(folder.path / "geometry.json", body.geometry)
+            geometry_files.save_geometry(folder.path / "geometry_rtk.xml", body.geometry)
     exposures = []
     for exposure, (name, poses) in enumerate(
         (("projections", body.poses), ("projections-static", body.poses.held_at(0)))

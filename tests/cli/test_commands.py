@@ -45,7 +45,7 @@ def ball_scan(tmp_path_factory):
         shape_vu=(64, 96),
         pixel_pitch=2e-3,
     )
-    geometry_files.save(folder / "geometry.json", geometry)
+    geometry_files.save_geometry(folder / "geometry.json", geometry)
     lines = commands.project(
         folder / "phantom.toml",
         folder / "geometry.json",
@@ -219,10 +219,10 @@ def test_geometry_is_described_and_converted(ball_scan, tmp_path):
     commands.convert_geometry(
         ball_scan / "geometry.json", tmp_path / "g.xml", detector=commands.DetectorSize()
     )
-    back = geometry_files.load(tmp_path / "g.xml")
+    back = geometry_files.load_geometry(tmp_path / "g.xml")
     np.testing.assert_allclose(
         back.matrices,
-        geometry_files.load(ball_scan / "geometry.json").matrices,
+        geometry_files.load_geometry(ball_scan / "geometry.json").matrices,
         rtol=1e-7,
         atol=1e-6,
     )
@@ -329,7 +329,10 @@ def test_markers_go_through_every_format_to_the_last_bit(tmp_path):
     assert lines[0] == "lengths in mm, y up"
     assert lines[-1] == f"2400 samples of 7 markers (m, y up): {tmp_path / 'a.csv'}"
     converted(tmp_path / "a.csv", tmp_path / "new" / "b.trc")
-    first, last = mocap_files.load(source), mocap_files.load(tmp_path / "new" / "b.trc")
+    first, last = (
+        mocap_files.load_recording(source),
+        mocap_files.load_recording(tmp_path / "new" / "b.trc"),
+    )
     assert isinstance(first, MarkerTrajectories)
     assert isinstance(last, MarkerTrajectories)
     np.testing.assert_array_equal(first.positions_world, last.positions_world)

@@ -6,7 +6,7 @@ import shutil
 import pytest
 
 from legsim.cli import doctor
-from legsim.opencl import device, discovery
+from legsim.opencl import discovery
 
 
 def findings(folder, topic: str) -> dict[str, doctor.Finding]:
@@ -27,7 +27,7 @@ def test_a_device_that_fails_the_probe_is_told_with_its_reason(tmp_path, monkeyp
     broken = dataclasses.replace(
         discovery.candidates()[0], seconds=None, failure="unknown target CPU"
     )
-    monkeypatch.setattr(device, "candidates", lambda: (broken,))
+    monkeypatch.setattr(discovery, "candidates", lambda: (broken,))
     found = [f for f in doctor.examine(tmp_path) if f.topic.startswith("opencl")]
     assert not any(f.good for f in found)
     assert any("unknown target CPU" in f.detail for f in found)

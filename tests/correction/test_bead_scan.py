@@ -10,7 +10,7 @@ from legsim.phantom import leg_phantom, materials
 from legsim.phantom.skinning import swing_of
 
 TIMES = np.arange(6) / 31
-PHANTOM = leg_phantom.load()
+PHANTOM = leg_phantom.load_leg_phantom()
 KNEE = PHANTOM.reference_world_from_segment[SEGMENTS.index("tibia_l")][:3, 3]
 
 
@@ -59,7 +59,7 @@ def test_beads_swing_with_the_skin(rng: np.random.Generator):
     """Of a leg that rests, upwards at the last view: their shadows are where spheres are that are
     parts of the phantom.
     """
-    swinging = leg_phantom.load(swinging=True)
+    swinging = leg_phantom.load_leg_phantom(swinging=True)
     names = (
         *SEGMENTS,
         *(swing_of(f"{bone}_{side}") for bone in ("femur", "tibia") for side in "lr"),

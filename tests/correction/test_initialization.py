@@ -88,13 +88,15 @@ def c_arm() -> ConeBeamGeometry:
         source_detector=1.198,
         shape_vu=(240, 310),
         pixel_pitch=1.232e-3,
-        isocenter=leg_phantom.load().reference_world_from_segment[SEGMENTS.index("tibia_l")][:3, 3],
+        isocenter=leg_phantom.load_leg_phantom().reference_world_from_segment[
+            SEGMENTS.index("tibia_l")
+        ][:3, 3],
     )
 
 
 def resting_leg(sensor: Sensor) -> tuple[ImuSignals, FiducialScan, SegmentPoses]:
     """The straight leg, at rest: sensors read gravity alone."""
-    phantom = leg_phantom.load()
+    phantom = leg_phantom.load_leg_phantom()
     poses = SegmentPoses(
         VIEWS, SEGMENTS, np.broadcast_to(phantom.reference_world_from_segment, (4, 13, 4, 4))
     )

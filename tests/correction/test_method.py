@@ -218,7 +218,7 @@ def _counts(scan: Scan, /) -> Correction:
     [
         (
             _raises,
-            r"method mine failed in .*test_correction\.py, line \d+: ValueError: first line "
+            r"method mine failed in .*test_method\.py, line \d+: ValueError: first line "
             r"second line; mend it",
         ),
         (
@@ -249,7 +249,9 @@ def test_refuses_images_that_are_not_numbers_or_no_images():
     images[3, 4, 5] = np.nan
     with pytest.raises(LegsimError, match="hold values that are not numbers"):
         Correction("mine", Projections(geometry, images), None)
-    with pytest.raises(LegsimError, match=r"are a legsim\.geometry\.Projections, not ndarray"):
+    with pytest.raises(
+        LegsimError, match=r"are a legsim\.geometry\.cone_beam\.Projections, not ndarray"
+    ):
         Correction("mine", images, None)  # type: ignore[arg-type]
 
 

@@ -17,7 +17,7 @@ from legsim.phantom.skinning import swing_of
 
 @cache
 def phantom() -> LegPhantom:
-    return leg_phantom.load()
+    return leg_phantom.load_leg_phantom()
 
 
 def bent(degrees: float, tilt: float = 0.0) -> np.ndarray:
@@ -76,7 +76,7 @@ def test_a_swing_of_the_soft_tissue_is_in_the_field():
     """The skin goes with it, the bones do not; 4 mm, which fades out over 20 mm, is told to a tenth
     by nodes 6 mm apart.
     """
-    swinging = leg_phantom.load(swinging=True)
+    swinging = leg_phantom.load_leg_phantom(swinging=True)
     names = (
         *SEGMENTS,
         *(swing_of(f"{bone}_{side}") for bone in ("femur", "tibia") for side in "lr"),

@@ -11,7 +11,7 @@ from legsim.core import transforms
 from legsim.core.errors import LegsimError
 from legsim.correction import control_points
 from legsim.correction.control_points import AttachedPoint
-from legsim.deformation import _three_points, moving_least_squares
+from legsim.deformation import moving_least_squares, three_points
 from legsim.deformation.models import ControlPointMotion
 from legsim.geometry.cone_beam import ConeBeamGeometry
 from legsim.kinematics.skeleton import SegmentPoses
@@ -46,7 +46,7 @@ def on_device(
 ) -> np.ndarray:
     """H f(v) (v, n, 3) of every point by kernels/mls.cl."""
     maps = np.tile(np.eye(3, 4), (len(motion.times), 1, 1)) if maps is None else maps
-    numbers = _three_points.three_points(motion, maps, anchor=LEG[1], **options)
+    numbers = three_points.three_points(motion, maps, anchor=LEG[1], **options)
     source = (
         resources.files("legsim.opencl").joinpath("kernels", "moving_least_squares.cl").read_text()
         + """
@@ -251,11 +251,11 @@ def test_joints_follow_the_sensors():
 def test_refusals(rng: np.random.Generator):
     motion = random_motion(rng)
     with pytest.raises(LegsimError, match="fall together"):
-        _three_points.three_points(
+        three_points.three_points(
             random_motion(rng, size=0.0, reference=LEG[[0, 1, 1]]), np.zeros((5, 3, 4))
         )
     with pytest.raises(LegsimError, match="3 control points; there are 4"):
         four = np.concatenate([LEG, LEG[:1] + 0.1])
-        _three_points.three_points(ControlPointMotion([0.0], four, four[None]), np.zeros((1, 3, 4)))
+        three_points.three_points(ControlPointMotion([0.0], four, four[None]), np.zeros((1, 3, 4)))
     with pytest.raises(LegsimError, match="0 <= alpha < 1"):
         control_points.contracted(motion, 1, 1.0)

@@ -8,7 +8,7 @@ import pytest
 
 from legsim.cli import main as cli_main
 from legsim.cli.main import _warn
-from legsim.run import stages
+from legsim.run import pipeline
 
 
 def legsim(*arguments: str, **changes: str) -> subprocess.CompletedProcess[str]:
@@ -116,7 +116,7 @@ def test_a_full_disk_is_one_line(capsys, monkeypatch, tmp_path):
     def full(*_: object, **__: object) -> None:
         raise OSError(28, "No space left on device", str(tmp_path / "projections.mha"))
 
-    monkeypatch.setattr(stages, "run", full)
+    monkeypatch.setattr(pipeline, "run", full)
     assert "projections.mha: the disk is full" in failure(capsys, "run", "--out", str(tmp_path))
 
 
@@ -124,7 +124,7 @@ def test_an_error_of_ours_keeps_its_traceback(monkeypatch, tmp_path):
     def broken(*_: object, **__: object) -> None:
         raise ZeroDivisionError
 
-    monkeypatch.setattr(stages, "run", broken)
+    monkeypatch.setattr(pipeline, "run", broken)
     with pytest.raises(ZeroDivisionError):
         cli_main.main(["run", "--out", str(tmp_path)])
 
@@ -168,16 +168,17 @@ def test_ctrl_c_ends_with_a_word_of_comfort(tmp_path):
 
 _WRITING = """
 import sys, time, types
-from legsim import cli, whole_files
+from legsim.cli.main import main
+from legsim.core.files import whole
 
 def reconstruct(projections, geometry, out, **_):
-    with whole_files.whole(out) as partial:
+    with whole(out) as partial:
         partial.write_text("half")
         print("writing", flush=True)
         time.sleep(60)
 
 sys.modules["legsim.cli.commands"] = types.SimpleNamespace(reconstruct=reconstruct)
-cli.main(["reconstruct", "p.mha", "--geometry", "g.json", "--out", sys.argv[1]])
+main(["reconstruct", "p.mha", "--geometry", "g.json", "--out", sys.argv[1]])
 """
 """a reconstruction that writes its volume for a minute"""
 

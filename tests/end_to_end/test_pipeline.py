@@ -68,7 +68,7 @@ def test_noise_free_sensors_find_the_shanks_true_motion(tiny_run):
     truth, found = (
         load_motion(tiny_run.folder / f"motion-{name}.npz") for name in ("oracle", "rigid")
     )
-    knee = geometry_files.load(tiny_run.folder / "geometry.json").rotation_center()
+    knee = geometry_files.load_geometry(tiny_run.folder / "geometry.json").rotation_center()
     at_knee = np.array([*knee, 1.0])
     assert (
         np.abs((truth.moved_from_reference - found.moved_from_reference) @ at_knee).max() < 0.05e-3
@@ -76,7 +76,7 @@ def test_noise_free_sensors_find_the_shanks_true_motion(tiny_run):
 
 
 def test_the_resting_scan_repeats_its_first_pose(tiny_run):
-    geometry = geometry_files.load(tiny_run.folder / "geometry.json")
+    geometry = geometry_files.load_geometry(tiny_run.folder / "geometry.json")
     moving, still = (
         image_files.load_projections(tiny_run.folder / f"{name}.mha", geometry)
         for name in ("projections", "projections-static")
@@ -100,8 +100,8 @@ def test_files_hold_the_units_and_names_that_were_promised(tiny_run):
 
 
 def test_both_geometry_files_say_the_same(tiny_run):
-    ours = geometry_files.load(tiny_run.folder / "geometry.json")
-    rtk = geometry_files.load(tiny_run.folder / "geometry_rtk.xml")
+    ours = geometry_files.load_geometry(tiny_run.folder / "geometry.json")
+    rtk = geometry_files.load_geometry(tiny_run.folder / "geometry_rtk.xml")
     points = ours.rotation_center() + 0.05 * np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
     np.testing.assert_allclose(rtk.project(points)[0], ours.project(points)[0], atol=1e-5)
 
@@ -226,7 +226,7 @@ def test_a_leg_can_be_scanned_alone(tiny_run, tiny_settings, tmp_path):
         update={"phantom": tiny_settings.phantom.model_copy(update={"legs": "left"})}
     )
     result = pipeline.run(alone, tmp_path, on_progress=quiet)
-    geometry = geometry_files.load(tmp_path / "geometry.json")
+    geometry = geometry_files.load_geometry(tmp_path / "geometry.json")
     folders = (tiny_run.folder, tmp_path)
     with_both, of_one = (
         image_files.load_projections(f / "projections.mha", geometry).line_integrals

@@ -15,7 +15,7 @@ from legsim.kinematics import from_recording
 from legsim.kinematics.joint_splines import JointSplines
 from legsim.mocap import opensim, trc
 from legsim.mocap.trajectories import MarkerTrajectories
-from legsim.run import files, stages
+from legsim.run import files
 from legsim.run import replay as run_replay
 from legsim.run import sensors as run_sensors
 
@@ -42,9 +42,11 @@ def replayed(file: Path, out: Path, *changes: str) -> Path:
 @pytest.fixture
 def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
     """Leaves out recording and pictures, which take most of the time."""
-    monkeypatch.setattr(stages.view, "write_replay", lambda path, _: path.write_text("recording"))
-    monkeypatch.setattr(stages.replay_report, "content", lambda *_: None)
-    monkeypatch.setattr(stages.report, "render", lambda _: "page")
+    monkeypatch.setattr(
+        run_replay.view, "write_replay", lambda path, _: path.write_text("recording")
+    )
+    monkeypatch.setattr(run_replay.replay_page, "content", lambda *_: None)
+    monkeypatch.setattr(run_replay.page, "render", lambda _: "page")
 
 
 @pytest.fixture

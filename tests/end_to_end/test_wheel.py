@@ -10,17 +10,21 @@ from pathlib import Path
 ROOT = Path(__file__).parents[2]
 SCRIPT = """
 import legsim
-from legsim import config, opencl, recovery, report, resources
+from legsim import config
+from legsim.core import resources
+from legsim.kinematics import solve_recording
+from legsim.opencl import open_device
+from legsim.report import ReportContent, render
 assert not legsim.__file__.startswith({root!r}), legsim.__file__
-assert recovery.recover(config.MotionConfig()).fit.ik.rms < 5e-3
-device = opencl.open_device()
-from legsim import leg_phantom
-assert leg_phantom.load().phantom.parts
-assert "<html" in report.render(report.ReportContent("title", ("one",)))
+assert solve_recording(config.MotionConfig()).fit.ik.rms < 5e-3
+device = open_device()
+from legsim.phantom import load_leg_phantom
+assert load_leg_phantom().phantom.parts
+assert "<html" in render(ReportContent("title", ("one",)))
 from legsim import figures, view
 assert callable(figures.png) and callable(view.write_replay)
 from importlib.resources import files
-for path in files("legsim").joinpath("kernels").iterdir():
+for path in files("legsim.opencl").joinpath("kernels").iterdir():
     assert path.read_text()
 print(resources.model_file("lower_body/lower_body.xml"))
 """

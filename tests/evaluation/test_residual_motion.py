@@ -1,6 +1,5 @@
 import numpy as np
 import pytest
-from test_bead_tracking import KNEE, TIMES, VIEWS, c_arm, sway
 
 from legsim.core import transforms
 from legsim.deformation import models
@@ -8,6 +7,7 @@ from legsim.deformation.models import ControlPointMotion, RigidMotion
 from legsim.evaluation import residual_motion
 from legsim.evaluation.residual_motion import Structure
 from legsim.geometry import volume
+from tests.correction.test_bead_tracking import KNEE, TIMES, VIEWS, c_arm, sway
 
 POINTS = KNEE + 0.03 * np.vstack([np.zeros(3), np.eye(3), -np.eye(3)])
 

@@ -57,15 +57,15 @@ def assert_same_rays(
 @pytest.mark.parametrize("suffix", ["json", "xml"])
 @pytest.mark.parametrize("geometry", [circular(), corrected()], ids=["circular", "corrected"])
 def test_round_trip(tmp_path, suffix, geometry):
-    files.save(tmp_path / f"g.{suffix}", geometry)
-    assert_same_rays(files.load(tmp_path / f"g.{suffix}"), geometry)
+    files.save_geometry(tmp_path / f"g.{suffix}", geometry)
+    assert_same_rays(files.load_geometry(tmp_path / f"g.{suffix}"), geometry)
 
 
 @pytest.mark.parametrize("suffix", ["txt", "npy"])
 def test_round_trip_of_plain_matrices(tmp_path, suffix):
     geometry = corrected()
-    files.save(tmp_path / f"g.{suffix}", geometry)
-    loaded = files.load(tmp_path / f"g.{suffix}", columns=62, rows=48, pixel_mm=0.616)
+    files.save_geometry(tmp_path / f"g.{suffix}", geometry)
+    loaded = files.load_geometry(tmp_path / f"g.{suffix}", columns=62, rows=48, pixel_mm=0.616)
     np.testing.assert_allclose(loaded.matrices, geometry.matrices, rtol=1e-14)
     np.testing.assert_allclose(loaded.times, np.arange(5) / 31)
 
@@ -73,14 +73,14 @@ def test_round_trip_of_plain_matrices(tmp_path, suffix):
 def test_around_all_kinds_and_back(tmp_path):
     geometry = corrected()
     for name in ("a.json", "b.xml", "c.json", "d.xml"):
-        files.save(tmp_path / name, geometry)
-        geometry = files.load(tmp_path / name)
+        files.save_geometry(tmp_path / name, geometry)
+        geometry = files.load_geometry(tmp_path / name)
     assert_same_rays(geometry, corrected())
 
 
 def test_json_is_as_documented(tmp_path):
     geometry = circular(2)
-    files.save(tmp_path / "g.json", geometry)
+    files.save_geometry(tmp_path / "g.json", geometry)
     content = json.loads((tmp_path / "g.json").read_text())
     assert content["unit"] == "mm"
     assert (content["columns"], content["rows"]) == (62, 48)
@@ -90,7 +90,8 @@ def test_json_is_as_documented(tmp_path):
     del content["pixel_mm"]
     (tmp_path / "h.json").write_text(json.dumps(content))
     np.testing.assert_array_equal(
-        files.load(tmp_path / "h.json").matrices, files.load(tmp_path / "g.json").matrices
+        files.load_geometry(tmp_path / "h.json").matrices,
+        files.load_geometry(tmp_path / "g.json").matrices,
     )
 
 
@@ -123,16 +124,16 @@ def test_any_of_rtks_parameters_survive(tmp_path_factory, values):
         "<RTKThreeDCircularGeometry "
         f'version="3"><Projection>{fields}{distances}</Projection></RTKThreeDCircularGeometry>'
     )
-    first = files.load(path, columns=62, rows=48, pixel_mm=0.5)
-    files.save(path, first)
-    second = files.load(path)
+    first = files.load_geometry(path, columns=62, rows=48, pixel_mm=0.5)
+    files.save_geometry(path, first)
+    second = files.load_geometry(path)
     np.testing.assert_allclose(
         second.matrices, first.matrices, atol=1e-9 * np.abs(first.matrices).max()
     )
 
 
 def test_rtk_parameters_before_the_projections_hold_for_all(tmp_path):
-    files.save(tmp_path / "g.xml", circular(2))
+    files.save_geometry(tmp_path / "g.xml", circular(2))
     path = tmp_path / "short.xml"
     path.write_text(
         '<?xml version="1.0"?>\n<!DOCTYPE RTKGEOMETRY>\n<RTKThreeDCircularGeometry version="3">'
@@ -140,7 +141,7 @@ def test_rtk_parameters_before_the_projections_hold_for_all(tmp_path):
         "<Projection><GantryAngle>0</GantryAngle></Projection><Projection><GantryAngle>71.3</GantryAngle></Projection>"
         "</RTKThreeDCircularGeometry>"
     )
-    loaded = files.load(path, columns=62, rows=48, pixel_mm=0.616)
+    loaded = files.load_geometry(path, columns=62, rows=48, pixel_mm=0.616)
     np.testing.assert_allclose(loaded.matrices, circular(2).matrices, atol=1e-10)
 
 
@@ -151,12 +152,12 @@ def test_rtk_matrix_alone_is_enough_and_a_contradiction_is_told(tmp_path):
         'version="3"><Projection>{}</Projection></RTKThreeDCircularGeometry>'
     )
     (tmp_path / "g.xml").write_text(wrap.format(matrix))
-    loaded = files.load(tmp_path / "g.xml", columns=62, rows=48, pixel_mm=0.616)
+    loaded = files.load_geometry(tmp_path / "g.xml", columns=62, rows=48, pixel_mm=0.616)
     np.testing.assert_allclose(loaded.matrices, circular(1).matrices, atol=1e-10)
     distances = "<SourceToIsocenterDistance>781</SourceToIsocenterDistance><SourceToDetectorDistance>1198</SourceToDetectorDistance>"
     (tmp_path / "h.xml").write_text(wrap.format(distances + matrix))
     with pytest.raises(LegsimError, match=r"h\.xml \(projection 0\): its <Matrix> contradicts"):
-        files.load(tmp_path / "h.xml", columns=62, rows=48, pixel_mm=0.616)
+        files.load_geometry(tmp_path / "h.xml", columns=62, rows=48, pixel_mm=0.616)
 
 
 def test_matrices_in_brackets_over_several_lines(tmp_path):
@@ -164,7 +165,7 @@ def test_matrices_in_brackets_over_several_lines(tmp_path):
         "# CONRAD\n[[-1944.8, 0.0, 30.5, -23790]; [0, -1944.8, 23.5, -18330];\n [0.0, 0.0, 1.0, "
         "-780.0]]\n"
     )
-    loaded = files.load(tmp_path / "g.txt", columns=62, rows=48)
+    loaded = files.load_geometry(tmp_path / "g.txt", columns=62, rows=48)
     np.testing.assert_allclose(loaded.sources()[0], (0, 0, 0.78), atol=1e-9)
     assert loaded.matrices[0, 2, 3] > 0, "depth is positive in front of the source"
 
@@ -225,7 +226,7 @@ def test_matrices_in_brackets_over_several_lines(tmp_path):
 def test_malformed_json_is_told_where(tmp_path, content, message):
     (tmp_path / "g.json").write_text(content)
     with pytest.raises(LegsimError, match=message) as caught:
-        files.load(tmp_path / "g.json")
+        files.load_geometry(tmp_path / "g.json")
     assert "\n" not in str(caught.value)
     assert "g.json" in str(caught.value)
 
@@ -291,7 +292,7 @@ def test_malformed_json_is_told_where(tmp_path, content, message):
 def test_malformed_xml_is_told_where(tmp_path, content, message):
     (tmp_path / "g.xml").write_text(content)
     with pytest.raises(LegsimError, match=message):
-        files.load(tmp_path / "g.xml", columns=2, rows=2, pixel_mm=1.0)
+        files.load_geometry(tmp_path / "g.xml", columns=2, rows=2, pixel_mm=1.0)
 
 
 @pytest.mark.parametrize(
@@ -310,15 +311,15 @@ def test_malformed_xml_is_told_where(tmp_path, content, message):
 def test_odd_arrays_are_refused(tmp_path, values, message):
     np.save(tmp_path / "g.npy", values)
     with pytest.raises(LegsimError, match=message):
-        files.load(tmp_path / "g.npy", columns=2, rows=2)
+        files.load_geometry(tmp_path / "g.npy", columns=2, rows=2)
 
 
 def test_a_byte_order_mark_is_passed_over(tmp_path):
     for name in ("g.json", "g.txt"):
-        files.save(tmp_path / name, circular())
+        files.save_geometry(tmp_path / name, circular())
         (tmp_path / name).write_text("\ufeff" + (tmp_path / name).read_text("utf-8"), "utf-8")
         np.testing.assert_allclose(
-            files.load(tmp_path / name, columns=62, rows=48).matrices, circular().matrices
+            files.load_geometry(tmp_path / name, columns=62, rows=48).matrices, circular().matrices
         )
 
 
@@ -331,29 +332,29 @@ def test_the_scale_and_sign_of_a_matrix_mean_nothing(tmp_path_factory, scales, f
     factors = np.where(flips, -1.0, 1.0) * scales
     path = tmp_path_factory.mktemp("scaled") / "g.npy"
     np.save(path, factors[:, None, None] * corrected().matrices * np.array([1, 1, 1, 1e3]))
-    loaded = files.load(path, columns=62, rows=48)
+    loaded = files.load_geometry(path, columns=62, rows=48)
     np.testing.assert_allclose(loaded.matrices, corrected().matrices, rtol=1e-9, atol=1e-9)
 
 
 def test_other_refusals(tmp_path):
     with pytest.raises(LegsimError, match=r"unknown kind of geometry '\.csv'"):
-        files.load(tmp_path / "g.csv")
+        files.load_geometry(tmp_path / "g.csv")
     with pytest.raises(LegsimError, match="cannot be read"):
-        files.load(tmp_path / "none.json")
+        files.load_geometry(tmp_path / "none.json")
     (tmp_path / "g.txt").write_text("1 2 3 x")
     with pytest.raises(LegsimError, match=r"\(line 1\): 'x' is not a number"):
-        files.load(tmp_path / "g.txt", columns=2, rows=2)
+        files.load_geometry(tmp_path / "g.txt", columns=2, rows=2)
     (tmp_path / "g.txt").write_text("1 2 3")
     with pytest.raises(LegsimError, match="holds 3 numbers"):
-        files.load(tmp_path / "g.txt", columns=2, rows=2)
+        files.load_geometry(tmp_path / "g.txt", columns=2, rows=2)
     (tmp_path / "g.txt").write_text("1 0 0 0 0 1 0 0 0 0 1 5")
     with pytest.raises(LegsimError, match="does not say how large the detector is"):
-        files.load(tmp_path / "g.txt")
+        files.load_geometry(tmp_path / "g.txt")
     with pytest.raises(LegsimError, match="both columns and rows"):
-        files.load(tmp_path / "g.txt", columns=4)
+        files.load_geometry(tmp_path / "g.txt", columns=4)
     (tmp_path / "g.npy").write_bytes(b"nothing")
     with pytest.raises(LegsimError, match=r"is not an \.npy file"):
-        files.load(tmp_path / "g.npy", columns=2, rows=2)
+        files.load_geometry(tmp_path / "g.npy", columns=2, rows=2)
 
 
 @pytest.mark.parametrize(
@@ -368,10 +369,12 @@ def test_what_rtk_cannot_express_is_refused_and_leaves_no_file(tmp_path, camera,
     geometry = circular()
     odd = ConeBeamGeometry(geometry.times, camera @ geometry.matrices, geometry.shape_vu)
     with pytest.raises(LegsimError, match=message):
-        files.save(tmp_path / "g.xml", odd)
+        files.save_geometry(tmp_path / "g.xml", odd)
     assert not list(tmp_path.iterdir())
-    files.save(tmp_path / "g.json", odd)
-    np.testing.assert_allclose(files.load(tmp_path / "g.json").matrices, odd.matrices, rtol=1e-14)
+    files.save_geometry(tmp_path / "g.json", odd)
+    np.testing.assert_allclose(
+        files.load_geometry(tmp_path / "g.json").matrices, odd.matrices, rtol=1e-14
+    )
 
 
 RTK_SCRIPT = """
@@ -407,7 +410,7 @@ def test_rtk_reads_what_we_write_and_we_read_what_rtk_writes(tmp_path):
     ]
     parameters = [[rng.uniform(*span) for span in spans] for _ in range(5)]
     ours = corrected()
-    files.save(tmp_path / "ours.xml", ours)
+    files.save_geometry(tmp_path / "ours.xml", ours)
     arguments = [str(tmp_path / "ours.xml"), str(tmp_path / "theirs.xml"), json.dumps(parameters)]
     done = subprocess.run(
         [sys.executable, "-c", RTK_SCRIPT, *arguments],
@@ -427,5 +430,5 @@ def test_rtk_reads_what_we_write_and_we_read_what_rtk_writes(tmp_path):
         atol=1e-8,
     )
 
-    loaded = files.load(tmp_path / "theirs.xml", columns=1, rows=1, pixel_mm=1.0)
+    loaded = files.load_geometry(tmp_path / "theirs.xml", columns=1, rows=1, pixel_mm=1.0)
     np.testing.assert_allclose(loaded.matrices, -theirs * np.array([1, 1, 1, 1e-3]), atol=1e-9)

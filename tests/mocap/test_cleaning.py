@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 from scipy import signal
-from test_jumps import squat
 
 from legsim.core import transforms
 from legsim.core.errors import LegsimError
 from legsim.mocap import cleaning, files, marker_sets
 from legsim.mocap.labels import PAPER_ROLES, MarkerMap
 from legsim.mocap.trajectories import MarkerTrajectories
+from tests.mocap.test_outliers import squat
 
 LABELS = ("SACR", "RASI", "LASI", "RKNE", "LKNE", "RANK", "LANK")
 SEVEN = MarkerMap.one_to_one("seven", PAPER_ROLES, LABELS)

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
-from test_storage import trajectories
-from test_trc import motions
 
 from legsim.core.errors import LegsimError
 from legsim.mocap import csv
 from legsim.mocap.trajectories import JointTrajectories, MarkerTrajectories
+from tests.mocap.test_opensim import trajectories
+from tests.mocap.test_trc import motions
 
 FIXTURES_ARE_SAFE = settings(
     max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]

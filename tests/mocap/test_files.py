@@ -40,12 +40,12 @@ def test_markers_and_coordinates_are_loaded_by_one_call(tmp_path):
     path = tmp_path / "motion"
     trc.save(path, MOTION)
     np.testing.assert_array_equal(
-        mocap_files.load(path, unit="mm").positions_world, MOTION.positions_world / 1000
+        mocap_files.load_recording(path, unit="mm").positions_world, MOTION.positions_world / 1000
     )
     opensim.save(path, ANGLES)
-    np.testing.assert_array_equal(mocap_files.load(path).values, ANGLES.values)
+    np.testing.assert_array_equal(mocap_files.load_recording(path).values, ANGLES.values)
     np.testing.assert_allclose(
-        mocap_files.load(path, in_degrees=True).values, np.deg2rad(ANGLES.values)
+        mocap_files.load_recording(path, in_degrees=True).values, np.deg2rad(ANGLES.values)
     )
 
 
@@ -53,8 +53,8 @@ def test_markers_and_coordinates_are_loaded_by_one_call(tmp_path):
     ("a.trc", MOTION), ("a.csv", MOTION), ("a.mot", ANGLES), ("a.sto", ANGLES), ("a.CSV", ANGLES),
 ])  # fmt: skip
 def test_what_is_saved_by_its_name_is_loaded_as_it_was(tmp_path, name, recording):
-    mocap_files.save(tmp_path / name, recording)
-    again = mocap_files.load(tmp_path / name)
+    mocap_files.save_recording(tmp_path / name, recording)
+    again = mocap_files.load_recording(tmp_path / name)
     assert type(again) is type(recording)
     np.testing.assert_array_equal(again.times, recording.times)
     if isinstance(recording, MarkerTrajectories):
@@ -75,11 +75,11 @@ def test_what_is_saved_by_its_name_is_loaded_as_it_was(tmp_path, name, recording
 )
 def test_a_name_that_does_not_fit_is_refused(tmp_path, name, recording, cure):
     with pytest.raises(LegsimError, match=f"cannot be written as .*; end the name in {cure}"):
-        mocap_files.save(tmp_path / name, recording)
+        mocap_files.save_recording(tmp_path / name, recording)
 
 
 def test_raw_markers_come_from_marker_formats_alone(tmp_path):
-    mocap_files.save(tmp_path / "a.csv", MOTION)
+    mocap_files.save_recording(tmp_path / "a.csv", MOTION)
     with pytest.raises(LegsimError, match="is neither TRC nor C3D"):
         read_markers(tmp_path / "a.csv")
 
@@ -105,13 +105,13 @@ def test_other_files_are_refused(tmp_path, name, content, message):
     path = tmp_path / name
     path.write_bytes(content)
     with pytest.raises(LegsimError, match=message):
-        mocap_files.load(path)
+        mocap_files.load_recording(path)
 
 
 def test_a_missing_file_and_a_folder_are_refused(tmp_path):
     for path in (tmp_path / "none.trc", tmp_path):
         with pytest.raises(LegsimError, match="cannot be read"):
-            mocap_files.load(path)
+            mocap_files.load_recording(path)
 
 
 def test_every_odd_file_has_a_row_in_the_table(shared_data):

@@ -49,8 +49,8 @@ def test_without_any_runtime_the_line_says_what_to_install(tmp_path):
         "OPENCL_VENDOR_PATH": str(tmp_path),
     }
     script = (
-        "from legsim import opencl, errors\ntry:\n    opencl.open_device()\nexcept "
-        "errors.LegsimError as e:\n    print(e)"
+        "from legsim.core import LegsimError\nfrom legsim.opencl import open_device\n"
+        "try:\n    open_device()\nexcept LegsimError as e:\n    print(e)"
     )
     result = subprocess.run(
         [sys.executable, "-c", script], env=environment, capture_output=True, text=True, check=True

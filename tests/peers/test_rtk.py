@@ -71,7 +71,7 @@ def test_rtk_projections_give_rtks_volume(
 ) -> None:
     folder, theirs, drawn = rtk_scan
     header = image_files.read_header(folder / "projections.mha")
-    geometry = files.load(
+    geometry = files.load_geometry(
         folder / "geometry.xml",
         columns=header.size[0],
         rows=header.size[1],

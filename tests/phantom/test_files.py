@@ -47,7 +47,7 @@ def entry(name: str, file: str, **more) -> dict:
 def test_every_kind_of_mesh_gives_the_same_closed_surface(tmp_path, suffix):
     mesh = ball(30, (5, 0, 0))
     path = write(tmp_path, entry("ball", f"ball.{suffix}"), **{f"ball_{suffix}": mesh})
-    part = phantom_files.load(path).parts[0]
+    part = phantom_files.load_phantom(path).parts[0]
     assert len(part.vertices) == 162
     assert len(part.triangles) == 320
     np.testing.assert_allclose(part.vertices.mean(axis=0), (0.005, 0, 0), atol=1e-7)
@@ -62,7 +62,7 @@ def test_vertices_split_by_normals_are_merged(tmp_path):
     )
     for suffix in ("glb", "obj", "ply"):
         path = write(tmp_path, entry("box", f"box.{suffix}"), **{f"box_{suffix}": split})
-        assert len(phantom_files.load(path).parts[0].vertices) == 8
+        assert len(phantom_files.load_phantom(path).parts[0].vertices) == 8
 
 
 def test_vertices_rounded_apart_are_merged(tmp_path, rng):
@@ -74,7 +74,7 @@ def test_vertices_rounded_apart_are_merged(tmp_path, rng):
         entry("ball", "ball.ply"),
         ball_ply=trimesh.Trimesh(corners, np.arange(960).reshape(-1, 3), process=False),
     )
-    part = phantom_files.load(path).parts[0]
+    part = phantom_files.load_phantom(path).parts[0]
     assert (len(part.vertices), len(part.triangles)) == (162, 320)
 
 
@@ -94,7 +94,7 @@ def test_vertices_of_no_triangle_do_not_count(tmp_path):
     mesh = ball(30)
     for stray in ((1e6, 0, 0), (np.nan, 0, 0)):
         strayed = trimesh.Trimesh([stray, *mesh.vertices], mesh.faces + 1, process=False)
-        part = phantom_files.load(
+        part = phantom_files.load_phantom(
             write(tmp_path, entry("ball", "ball.ply"), ball_ply=strayed)
         ).parts[0]
         np.testing.assert_allclose(part.vertices, mesh.vertices * 1e-3, atol=1e-8)
@@ -129,7 +129,7 @@ def test_objects_of_an_obj_that_count_back_lie_where_those_that_count_forth_do(t
         lambda corner, _: f"{corner}//3",
     ):
         (tmp_path / "balls.obj").write_text(obj_text(*meshes, number=number))
-        found.append(phantom_files.load(path).parts[0])
+        found.append(phantom_files.load_phantom(path).parts[0])
     for part in found:
         np.testing.assert_array_equal(part.vertices, found[0].vertices)
         np.testing.assert_array_equal(part.triangles, found[0].triangles)
@@ -141,7 +141,11 @@ def test_an_obj_with_comments_anywhere_continued_lines_and_foreign_letters(tmp_p
     text = obj_text(ball(30)).replace("\nf ", " # caf\xe9\nf ").replace("f 1 ", "f 1 \\\n")
     (tmp_path / "ball.obj").write_bytes(text.encode("latin-1"))
     assert (
-        len(phantom_files.load(write(tmp_path, entry("ball", "ball.obj"))).parts[0].triangles)
+        len(
+            phantom_files.load_phantom(write(tmp_path, entry("ball", "ball.obj")))
+            .parts[0]
+            .triangles
+        )
         == 320
     )
     (tmp_path / "ball.obj").write_text(text.replace("\nf 1 ", "\nf 0 "))
@@ -181,7 +185,7 @@ def test_units_energy_and_stated_attenuation(tmp_path):
         a_ply=ball(0.05),
         b_ply=ball(20),
     )
-    phantom = phantom_files.load(path, energy_kev=80.0)
+    phantom = phantom_files.load_phantom(path, energy_kev=80.0)
     assert phantom.parts[0].attenuation == materials.attenuation("cortical_bone", 80.0)
     assert phantom.parts[1].attenuation == pytest.approx(20.0)
     assert np.ptp(phantom.parts[0].vertices, axis=0).max() == pytest.approx(0.1, rel=1e-3)
@@ -232,7 +236,7 @@ def test_overlaps_are_remarked_and_nesting_is_not(tmp_path):
 
 def refuse(path, message: str) -> None:
     with pytest.raises(LegsimError, match=message) as caught:
-        phantom_files.load(path)
+        phantom_files.load_phantom(path)
     assert "\n" not in str(caught.value)
 
 
@@ -376,7 +380,11 @@ def test_a_flat_part_encloses_nothing_and_a_thin_one_something(tmp_path):
     )
     foil = trimesh.creation.box(extents=(500, 500, 0.01))
     assert (
-        len(phantom_files.load(write(tmp_path, entry("foil", "foil.ply"), foil_ply=foil)).parts)
+        len(
+            phantom_files.load_phantom(
+                write(tmp_path, entry("foil", "foil.ply"), foil_ply=foil)
+            ).parts
+        )
         == 1
     )
 
@@ -395,7 +403,7 @@ def test_a_part_that_juts_out_somewhere_is_not_hidden(tmp_path):
         lump_ply=mixed,
         over_ply=ball(30),
     )
-    assert [part.name for part in phantom_files.load(path).parts] == ["lump", "over"]
+    assert [part.name for part in phantom_files.load_phantom(path).parts] == ["lump", "over"]
 
 
 def test_the_phantom_and_geometry_in_the_documents_are_whole(tmp_path, monkeypatch):
@@ -408,9 +416,9 @@ def test_the_phantom_and_geometry_in_the_documents_are_whole(tmp_path, monkeypat
     ball(40).export(tmp_path / "cup.stl")
     ball(10).export(tmp_path / "rod.ply")
     (tmp_path / "phantom.toml").write_text(text)
-    phantom = phantom_files.load(tmp_path / "phantom.toml")
+    phantom = phantom_files.load_phantom(tmp_path / "phantom.toml")
     assert [part.name for part in phantom.parts] == ["cup", "rod"]
     assert phantom.parts[0].attenuation < phantom.parts[1].attenuation
     monkeypatch.chdir(tmp_path)
     exec(code, {})
-    assert geometry_files.load(tmp_path / "geometry.json").shape_vu == (240, 310)
+    assert geometry_files.load_geometry(tmp_path / "geometry.json").shape_vu == (240, 310)

@@ -26,7 +26,7 @@ MOTIONS = Path(__file__).parents[2] / "motions"
 
 @pytest.fixture(scope="module")
 def legs() -> LegPhantom:
-    return leg_phantom.load()
+    return leg_phantom.load_leg_phantom()
 
 
 def pose(degrees=0.0, *, scales=None, **coordinates) -> np.ndarray:
@@ -186,7 +186,7 @@ def test_the_joint_still_fits_when_thigh_and_shank_are_sized_apart():
         factors[SEGMENTS.index(f"femur_{side}")] = 1.08
         factors[SEGMENTS.index(f"tibia_{side}")] = 0.93
     scales = SegmentScales(factors)
-    legs = leg_phantom.load(scales=scales)
+    legs = leg_phantom.load_leg_phantom(scales=scales)
     for degrees in (0, 60, 100):
         poses = pose(degrees, scales=scales)
         assert max(joint_penetrations(legs, poses).values()) < CARTILAGE_PENETRATION
@@ -218,7 +218,7 @@ def deepest(poses) -> int:
 @pytest.mark.parametrize("subject", [f"subject0{k}" for k in range(1, 8)])
 def test_the_deepest_squat_of_every_recorded_person_holds_together(subject):
     scales, poses = recorded(subject, "squats")
-    assert_legs_hold_together(leg_phantom.load(scales=scales), poses[deepest(poses)])
+    assert_legs_hold_together(leg_phantom.load_leg_phantom(scales=scales), poses[deepest(poses)])
 
 
 @pytest.mark.slow
@@ -226,7 +226,7 @@ def test_the_deepest_squat_of_every_recorded_person_holds_together(subject):
 @pytest.mark.parametrize("subject", [f"subject0{k}" for k in range(1, 8)])
 def test_recordings_hold_together_throughout(subject, trial):
     scales, poses = recorded(subject, trial)
-    legs = leg_phantom.load(scales=scales)
+    legs = leg_phantom.load_leg_phantom(scales=scales)
     for frame in range(0, len(poses), 120):
         assert_legs_hold_together(legs, poses[frame])
 
@@ -247,8 +247,8 @@ def test_the_reference_pose_is_the_leg_models(rng):
 
 
 def test_size_follows_the_factors():
-    large = leg_phantom.load(scales=SegmentScales.uniform(1.1))
-    plain = leg_phantom.load()
+    large = leg_phantom.load_leg_phantom(scales=SegmentScales.uniform(1.1))
+    plain = leg_phantom.load_leg_phantom()
     for a, b in zip(large.phantom.parts, plain.phantom.parts, strict=True):
         np.testing.assert_allclose(a.vertices, 1.1 * b.vertices, atol=1e-9)
 
@@ -315,7 +315,7 @@ def test_beads_stay_on_the_skin_and_fiducials_on_their_segment(legs):
 
 
 def test_one_leg_is_that_leg_of_both_and_carries_on_alone(legs):
-    poses, swung = pose(65), leg_phantom.load(swinging=True)
+    poses, swung = pose(65), leg_phantom.load_leg_phantom(swinging=True)
     for side, whole in (("l", legs), ("r", legs), ("l", swung)):
         alone, vertices = whole.one_leg(side), whole.posed(poses, SEGMENTS)
         assert [p.name for p in alone.phantom.parts] == [
@@ -329,7 +329,7 @@ def test_one_leg_is_that_leg_of_both_and_carries_on_alone(legs):
 
 
 def test_attenuation_follows_the_energy(legs):
-    soft = leg_phantom.load(energy_kev=100.0)
+    soft = leg_phantom.load_leg_phantom(energy_kev=100.0)
     for low, high in zip(legs.phantom.parts, soft.phantom.parts, strict=True):
         assert high.attenuation == materials.attenuation(high.material, 100.0) < low.attenuation
 
@@ -376,7 +376,7 @@ def test_the_script_rebuilds_both_details_bit_for_bit(build, tmp_path):
 
 @pytest.mark.slow
 def test_the_fine_phantom_obeys_the_same_laws(rng):
-    fine = leg_phantom.load(detail="fine")
+    fine = leg_phantom.load_leg_phantom(detail="fine")
     for degrees in (0, 60, 110):
         poses = pose(degrees)
         assert max(joint_penetrations(fine, poses).values()) < CARTILAGE_PENETRATION

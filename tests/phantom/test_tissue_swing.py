@@ -29,7 +29,7 @@ def leg() -> LegModel:
 
 @pytest.fixture(scope="module")
 def legs() -> LegPhantom:
-    return leg_phantom.load(swinging=True)
+    return leg_phantom.load_leg_phantom(swinging=True)
 
 
 def shaken(frequency_hz: float, size: float, knee_deg: float = 0.0) -> JointSplines:
@@ -96,7 +96,7 @@ LARGEST = FARTHEST_SWING / np.sqrt(3) * np.array([[1, 1, 1], [-1, 1, -1]])
 
 
 def test_without_swing_every_vertex_is_where_it_was_bit_for_bit(leg, legs):
-    still = leg_phantom.load()
+    still = leg_phantom.load_leg_phantom()
     pose = squat(leg)
     poses, names = with_swing(pose, np.zeros(3), np.zeros(3))
     for expected, plain, zero in zip(
@@ -190,4 +190,4 @@ def test_beads_on_the_skin_swing_with_it_and_a_phantom_that_cannot_swing_says_so
     assert 0.001 < moved[0] <= 0.003 + 1e-9
     np.testing.assert_allclose(moved[1:], 0, atol=1e-9)
     with pytest.raises(LegsimError, match="swinging=True"):
-        leg_phantom.load().posed(poses, names)
+        leg_phantom.load_leg_phantom().posed(poses, names)

@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from test_backprojection import FINE, GRIDS, VIEWS, as_field, bending, scan
 
 from legsim.core import transforms
 from legsim.core.errors import LegsimError
@@ -12,6 +11,7 @@ from legsim.deformation.models import FieldMotion, RigidMotion
 from legsim.geometry.volume import VolumeGrid
 from legsim.opencl.device import Device
 from legsim.reconstruction import _backprojection_plan
+from tests.reconstruction.test_backprojection import FINE, GRIDS, VIEWS, as_field, bending, scan
 
 
 def test_the_plan_says_what_it_takes_before_it_takes_it(device: Device) -> None:

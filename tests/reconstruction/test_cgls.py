@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from test_backprojection import as_field, bending
 
 from legsim.core import transforms
 from legsim.core.errors import LegsimError
@@ -12,6 +11,7 @@ from legsim.geometry.volume import Volume, VolumeGrid
 from legsim.opencl.device import Device
 from legsim.reconstruction import cgls
 from legsim.reconstruction.cgls import SystemMatrix
+from tests.reconstruction.test_backprojection import as_field, bending
 from tests.references.backprojection import Ellipsoid, project
 
 GRID = VolumeGrid((16, 14, 18), (0.004, 0.004, 0.004), (0.01, 0.0, -0.005))

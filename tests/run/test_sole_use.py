@@ -15,8 +15,8 @@ from legsim.run import folder
 HOLD = """
 import sys, time
 from pathlib import Path
-from legsim import sole_use
-with sole_use.of_folder(Path(sys.argv[1])):
+from legsim.run.folder import sole_use
+with sole_use(Path(sys.argv[1])):
     print("held", flush=True)
     time.sleep(60)
 """

@@ -214,7 +214,7 @@ def test_workers_that_do_not_see_the_folder_are_told(tmp_path):
 TERMINATED = """
 import sys, time
 from pathlib import Path
-from legsim import study_engine
+from legsim.study import engine
 
 def doze(folder, name):
     (folder / name).touch()
@@ -224,8 +224,8 @@ if __name__ == "__main__":
     import signal
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))
     folder = Path(sys.argv[1])
-    tasks = [study_engine.Task(name, doze, (folder, name)) for name in "ab"]
-    study_engine.run_on_cluster(tasks, print, scheduler=None, workers=2, shared_folder=folder)
+    tasks = [engine.Task(name, doze, (folder, name)) for name in "ab"]
+    engine.run_on_cluster(tasks, print, scheduler=None, workers=2, shared_folder=folder)
 """
 
 

@@ -8,7 +8,7 @@ import pytest
 
 from legsim import config
 from legsim.kinematics import from_recording
-from legsim.run import stages
+from legsim.run import pipeline
 from legsim.run.folder import RunFolder
 from legsim.run.pipeline import RunResult
 from legsim.study import jobs as study_jobs
@@ -44,7 +44,7 @@ def test_a_ladder_is_scored_once(tmp_path, monkeypatch):
     def refuse(*_: object, **__: object) -> None:
         raise AssertionError("computed again")
 
-    monkeypatch.setattr(from_recording, "recover", refuse)
+    monkeypatch.setattr(from_recording, "solve_recording", refuse)
     assert study_jobs.ladder(job(tmp_path)) == first
     with pytest.raises(AssertionError, match="computed again"):
         study_jobs.ladder(job(tmp_path, ladder=LADDER.model_copy(update={"repetitions": 3})))
@@ -66,7 +66,7 @@ def test_a_scan_is_scored_again_only_where_its_folder_was_deleted(tmp_path, monk
         RunFolder(out, {}).write_manifest()
         return RunResult(out, ())
 
-    monkeypatch.setattr(stages, "run", fake)
+    monkeypatch.setattr(pipeline, "run", fake)
     settings = config.load(preset="demo", overrides=("motion.file=subject01/squat_30.trc",))
     one = ScanJob(tmp_path, "subject01", "squat_30", None, 0, settings, None, tmp_path / "store")
     study_jobs.scan(one)

@@ -38,7 +38,7 @@ def beads(motion_file: str) -> tuple[ConeBeamGeometry, FloatArray, FloatArray]:
         recovered.leg, JointSplines(recovered.trajectories), times
     )
     geometry = c_arm(settings.scan, times, recovered.leg.joint_centers(poses).of("knee_l")[0])
-    phantom = leg_phantom.load(scales=recovered.leg.scales)
+    phantom = leg_phantom.load_leg_phantom(scales=recovered.leg.scales)
     ordered = np.stack([poses.of(name) for name in SEGMENTS], 1)
     placed = bead_scan.bead_positions(phantom, settings.methods.beads)
     start = phantom.reference_world_from_segment

@@ -166,7 +166,7 @@ def scene(case: Case, motion_file: str, device: Device) -> Scene:
     )
     knee = recovered.leg.joint_centers(poses).of("knee_l")[0]
     geometry, grid = c_arm(settings.scan, times, knee), volume_grid(settings.grid, knee)
-    phantom = leg_phantom.load(scales=recovered.leg.scales)
+    phantom = leg_phantom.load_leg_phantom(scales=recovered.leg.scales)
     vertices = phantom.posed(poses.world_from_segment[0], poses.segment_names)
     left = [k for k, part in enumerate(phantom.phantom.parts) if part.name.endswith("_l")]
     parts = tuple(range(len(vertices))) if case.both_legs else tuple(left)

@@ -49,7 +49,7 @@ class Scene:
     """The left leg, straight, and a scan of its knee at a quarter of the paper's pixels."""
 
     def __init__(self, device: Device) -> None:
-        self.device, self.legs = device, leg_phantom.load(swinging=True)
+        self.device, self.legs = device, leg_phantom.load_leg_phantom(swinging=True)
         self.left = [
             k for k, part in enumerate(self.legs.phantom.parts) if part.name.endswith("_l")
         ]

@@ -170,7 +170,7 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=FOLDER)
     arguments = parser.parse_args()
     arguments.out.mkdir(parents=True, exist_ok=True)
-    phantom = leg_phantom.load(detail=arguments.detail)
+    phantom = leg_phantom.load_leg_phantom(detail=arguments.detail)
     upright = [(2, 0.0), (2, 0.024), (2, -0.024), (0, -0.012)]
     # axial planes of the bent knee that do not pass below it
     for degrees, lowest in ((0, -0.08), (60, 0.03)):

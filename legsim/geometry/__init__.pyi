@@ -1,0 +1,11 @@
+from .cone_beam import ConeBeamGeometry as ConeBeamGeometry
+from .cone_beam import Projections as Projections
+from .files import load_geometry as load_geometry
+from .files import save_geometry as save_geometry
+from .image_files import load_projections as load_projections
+from .image_files import load_volume as load_volume
+from .image_files import save_projections as save_projections
+from .image_files import save_volume as save_volume
+from .volume import NamedVolume as NamedVolume
+from .volume import Volume as Volume
+from .volume import VolumeGrid as VolumeGrid

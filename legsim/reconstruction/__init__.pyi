@@ -1,0 +1,1 @@
+from .fdk import FdkOptions as FdkOptions

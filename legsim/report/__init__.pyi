@@ -1,0 +1,2 @@
+from .page import ReportContent as ReportContent
+from .page import render as render

@@ -1,0 +1,1 @@
+from .pipeline import RunResult as RunResult

@@ -1,0 +1,2 @@
+from .values import ReplayScene as ReplayScene
+from .values import ScanScene as ScanScene

@@ -1,0 +1,2 @@
+from .config import StudyConfig as StudyConfig
+from .results import StudyResults as StudyResults
