@@ -81,7 +81,7 @@ class NoiseConfig(ConfigSection):
     f_g: float | Literal["none"] = 0.0
     """paper: the same for the gyroscope"""
     convention: Literal["SI", "per-sample"] = "SI"
-    """paper: "per-sample" leaves out the time steps, which is what reproduces the printed
+    """paper: "per-sample" leaves out the time steps, which is what reproduces the published
     numbers
     """
     acceleration_bias_mg: float = Field(default=0.0, ge=0)
@@ -130,7 +130,7 @@ class PhantomConfig(ConfigSection):
     """
     detail: Literal["coarse", "fine"] = "coarse"
     energy_kev: float = Field(default=60.0, gt=10, le=500)
-    wobble: SoftTissueConfig = SoftTissueConfig()
+    tissue_swing: SoftTissueConfig = SoftTissueConfig()
     """how its soft tissue swings on its bones; images and truth both show it, the sensors have
     imu.soft_tissue
     """
@@ -245,7 +245,7 @@ class MethodsConfig(ConfigSection):
         *("static", "uncorrected", "marker-based", "rigid", "nonrigid-2d", "nonrigid-3d"),
         *("oracle", "oracle-nonrigid"),
     )
-    scheme: Literal["accurate", "printed"] = "accurate"
+    scheme: Literal["accurate", "paper"] = "accurate"
     """how poses are integrated from the IMU signals"""
     sensor: str = "shank_l"
     """the sensor that the rigid correction follows"""

@@ -444,7 +444,7 @@ def study(
     ] = None,
     device: DeviceOption = None,
 ) -> None:
-    """Subjects x postures x methods x noise levels, with tables and figures beside the printed
+    """Subjects x postures x methods x noise levels, with tables and figures beside the published
     ones.
     """
     from legsim.run.store import check_shared

@@ -276,7 +276,7 @@ def velocity_from_views(
 
     A wrong start velocity moves the integrated position by that velocity times the time gone by,
     and nothing else (section 2.4.2): exact in the accurate scheme for any ratio of the clocks, and
-    in the printed one for even views.
+    in the published one for even views.
 
     Args:
         view_times: (k,) s, two or more views; two is the paper's way, more average the errors of

@@ -15,7 +15,7 @@ from legsim.deformation.models import RigidMotion
 from legsim.imu import strapdown
 from legsim.imu.strapdown import Scheme
 
-Order = Literal["pose", "printed"]
+Order = Literal["pose", "paper"]
 
 
 def rigid_motion(
@@ -28,7 +28,7 @@ def rigid_motion(
         times: (v,) s.
         world_from_body: (v, 4, 4). Any frame fixed in the body gives the same motion.
         order: "pose" is M(i) = S(i) S(0)^-1, which carries the first pose to the current one.
-            "printed" is the recursion M(i+1) = M(i) Dg(i) with Dg(i) = S(i+1) S(i)^-1 as printed in
+            "paper" is the recursion M(i+1) = M(i) Dg(i) with Dg(i) = S(i+1) S(i)^-1 as published in
             Maier et al. 2022, section 2.5: it multiplies from the wrong side and misses by a third
             of a millimeter for a few millimeters of sway.
 
@@ -39,12 +39,12 @@ def rigid_motion(
     poses = frozen("world_from_body", world_from_body, (len(times), 4, 4))
     if order == "pose":
         return RigidMotion.from_poses(times, poses)
-    if order == "printed":
-        return RigidMotion(times, _printed_product(poses))
-    raise LegsimError(f"no order {order!r} of the rigid motion; there are: pose, printed")
+    if order == "paper":
+        return RigidMotion(times, _paper_product(poses))
+    raise LegsimError(f"no order {order!r} of the rigid motion; there are: pose, paper")
 
 
-def _printed_product(poses: FloatArray) -> FloatArray:
+def _paper_product(poses: FloatArray) -> FloatArray:
     motion = np.empty_like(poses)
     motion[0] = np.eye(4)
     changes = poses[1:] @ transforms.inverse(poses[:-1])

@@ -147,7 +147,7 @@ class RigidMotion:
     @classmethod
     def from_poses(cls, times: FloatArray, world_from_body: FloatArray) -> "RigidMotion":
         """Motion of a body against its first pose: M(i) = S(i) S(0)^-1, the order that is right
-        (not the printed one).
+        (not the published one).
         """
         return cls(times, world_from_body @ transforms.inverse(world_from_body[0]))
 

@@ -21,7 +21,7 @@ class ErrorLine:
     """(n,): the noise is divided by ten to these"""
     values: FloatArray
     """(n,), in the panel's unit; zeros are not drawn"""
-    printed: bool = False
+    published: bool = False
     """markers alone, in black"""
 
 
@@ -71,7 +71,7 @@ def _draw(ax: Axes, panel: ErrorPanel) -> None:
     ours = 0
     for line in panel.lines:
         drawn = np.where(line.values > 0, line.values, np.nan)
-        if line.printed:
+        if line.published:
             ax.plot(
                 line.exponents,
                 drawn,

@@ -22,8 +22,8 @@ class BoxGroup:
     """the condition: its color"""
     values: FloatArray
     """(n,)"""
-    printed: float | None = None
-    """the mean that the study printed, a diamond beside the dots"""
+    published: float | None = None
+    """the mean that the study published, a diamond beside the dots"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -69,12 +69,14 @@ def box_plots(groups: Sequence[BoxGroup], *, axis_label: str) -> Figure:
             color=color,
             markersize=4,
         )
-        if group.printed is not None:
-            ax.plot(place, group.printed, "D", markerfacecolor="none", color="black", markersize=5)
+        if group.published is not None:
+            ax.plot(
+                place, group.published, "D", markerfacecolor="none", color="black", markersize=5
+            )
     for k, name in enumerate(series):
         ax.plot([], [], "s", color=COLORS[k % len(COLORS)], label=name)
-    if any(group.printed is not None for group in groups):
-        ax.plot([], [], "D", markerfacecolor="none", color="black", label="printed mean")
+    if any(group.published is not None for group in groups):
+        ax.plot([], [], "D", markerfacecolor="none", color="black", label="published mean")
     ax.set_xticks(range(len(labels)), labels, rotation=20, ha="right", fontsize=8)
     ax.set_ylabel(axis_label, fontsize=9)
     ax.legend(fontsize=8, frameon=False)

@@ -1,7 +1,7 @@
 """Poses of one strapped-down sensor from what it reads, starting at a known pose and velocity.
 
 The accurate scheme integrates at the sensor's own rate, with splines through the samples and a
-fourth-order rotation, and lands exactly on the wanted times. The printed scheme is the recursion of
+fourth-order rotation, and lands exactly on the wanted times. The paper's scheme is the recursion of
 Maier et al. (2020; 2022, section 2.3) to the letter: signals resampled to the wanted times,
 everything counted per sample, the acceleration one sample late. It is kept to show the difference.
 """
@@ -19,7 +19,7 @@ from legsim.core.errors import LegsimError
 from legsim.core.values import FloatArray, frozen, increasing_times
 from legsim.imu.signals import SensorStart
 
-Scheme = Literal["accurate", "printed"]
+Scheme = Literal["accurate", "paper"]
 
 _HIGHEST_DEGREE = 5
 
@@ -52,7 +52,7 @@ def integrate(
         specific_force: (n, 3) m/s^2 in the sensor frame, +9.80665 upwards at rest.
         start: pose and velocity at ``at[0]``.
         at: (k,) s, inside the recording.
-        scheme: "accurate" or "printed" (see the module).
+        scheme: "accurate" or "paper" (see the module).
 
     Raises:
         LegsimError: fewer than two samples, samples that are not numbers, or times outside the
@@ -67,9 +67,9 @@ def integrate(
     _check(times, rate, force, at)
     if scheme == "accurate":
         return _accurate(times, rate, force, start, at)
-    if scheme == "printed":
+    if scheme == "paper":
         return _printed(times, rate, force, start, at)
-    raise LegsimError(f"no pose estimation scheme {scheme!r}; there are: accurate, printed")
+    raise LegsimError(f"no pose estimation scheme {scheme!r}; there are: accurate, paper")
 
 
 def _check(times: FloatArray, rate: FloatArray, force: FloatArray, at: FloatArray) -> None:

@@ -346,24 +346,24 @@ def _check_end(path: Path, lines: list[str], header: _Header, rows: _Rows) -> No
 
 
 def _times(path: Path, header: _Header, rows: _Rows) -> tuple[FloatArray, tuple[str, ...]]:
-    """Times (n,) s: the column's, unless they are the even times of the header's rate printed with
+    """Times (n,) s: the column's, unless they are the even times of the header's rate stated with
     few digits.
     """
-    printed = np.array(
+    stated = np.array(
         [
             _number(path, f"line {k}", text, "Time") if text else math.nan
             for k, text in zip(rows.lines, rows.time_texts, strict=True)
         ]
     )
     frames = np.array(rows.frames, float)
-    printed, unit_note = _seconds(printed, frames, header.rate)
-    if np.isnan(printed).all():
+    stated, unit_note = _seconds(stated, frames, header.rate)
+    if np.isnan(stated).all():
         return (frames - frames[0]) / header.rate, (
             "no row has a time: times are from the frame numbers and DataRate",
         )
-    known = ~np.isnan(printed)
+    known = ~np.isnan(stated)
     step = 10.0 ** -max(_decimals(text) for text in rows.time_texts) / (1000 if unit_note else 1)
-    even = _even_times(printed, frames, known, header.rate, step)
+    even = _even_times(stated, frames, known, header.rate, step)
     notes = (
         unit_note
         if known.all()
@@ -374,8 +374,8 @@ def _times(path: Path, header: _Header, rows: _Rows) -> tuple[FloatArray, tuple[
     )
     if even is not None:
         return even, notes
-    printed[~known] = np.interp(frames[~known], frames[known], printed[known])
-    late = np.flatnonzero(np.diff(printed) <= 0)
+    stated[~known] = np.interp(frames[~known], frames[known], stated[known])
+    late = np.flatnonzero(np.diff(stated) <= 0)
     if late.size:
         k = int(late[0]) + 1
         problem = f"time {rows.time_texts[k]} does not come after {rows.time_texts[k - 1]}"
@@ -385,19 +385,19 @@ def _times(path: Path, header: _Header, rows: _Rows) -> tuple[FloatArray, tuple[
             "delete the repeated row or repair the time column",
             place=f"line {rows.lines[k]}",
         )
-    return printed, (*notes, *_rate_note(printed, frames, header.rate))
+    return stated, (*notes, *_rate_note(stated, frames, header.rate))
 
 
 def _seconds(
-    printed: FloatArray, frames: FloatArray, rate: float
+    stated: FloatArray, frames: FloatArray, rate: float
 ) -> tuple[FloatArray, tuple[str, ...]]:
     """The time column in seconds, and a note where it was in milliseconds: from frame to frame a
     thousand times what the rate says.
     """
-    steps = np.diff(printed) / np.where(np.diff(frames) > 0, np.diff(frames), np.nan)
+    steps = np.diff(stated) / np.where(np.diff(frames) > 0, np.diff(frames), np.nan)
     if not np.isfinite(steps).any() or abs(np.nanmedian(steps) * rate / 1000 - 1) > 0.02:
-        return printed, ()
-    return printed / 1000, ("the time column is in milliseconds",)
+        return stated, ()
+    return stated / 1000, ("the time column is in milliseconds",)
 
 
 def _rate_note(times: FloatArray, frames: FloatArray, rate: float) -> tuple[str, ...]:
@@ -413,18 +413,18 @@ def _rate_note(times: FloatArray, frames: FloatArray, rate: float) -> tuple[str,
 
 
 def _even_times(
-    printed: FloatArray, frames: FloatArray, known: np.ndarray, rate: float, step: float
+    stated: FloatArray, frames: FloatArray, known: np.ndarray, rate: float, step: float
 ) -> FloatArray | None:
-    """frame / rate where it explains every printed time to one unit of its last digit, and that
+    """frame / rate where it explains every stated time to one unit of its last digit, and that
     digit hides something; else None.
     """
-    if len(printed) < 2 or (np.diff(frames) != 1).any():
+    if len(stated) < 2 or (np.diff(frames) != 1).any():
         return None
     count = frames - frames[0]
-    starts = (frames[0] - 1, printed[known][0] * rate - count[known][0])
+    starts = (frames[0] - 1, stated[known][0] * rate - count[known][0])
     candidates = [(start + count) / rate for start in starts]
-    errors = [float(np.abs(printed - even)[known].max()) for even in candidates]
-    # times printed in full are kept to the last bit
+    errors = [float(np.abs(stated - even)[known].max()) for even in candidates]
+    # times stated in full are kept to the last bit
     if errors[1] <= 1e-9:
         return None if known.all() else candidates[1]
     # beyond three quarters of a sample the column tells of something else than rounding

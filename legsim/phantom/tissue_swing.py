@@ -49,7 +49,7 @@ def with_swing(
         raise LegsimError(
             f"the phantom's soft tissue would swing {1e3 * farthest:.1f} mm; its layers bear "
             f"{1e3 * FARTHEST_SWING:.1f} mm: "
-            "lower phantom.wobble.amplitude or raise phantom.wobble.frequency_hz"
+            "lower phantom.tissue_swing.amplitude or raise phantom.tissue_swing.frequency_hz"
         )
     swings = np.broadcast_to(np.eye(4), (*at_views.shape[:2], 4, 4)).copy()
     swings[..., :3, 3] = at_views

@@ -110,7 +110,7 @@ def render(content: ReportContent) -> str:
 
 
 def is_numeric(cell: str) -> bool:
-    """Whether a cell is set to the right: a number, with or without unit, deviation or a printed
+    """Whether a cell is set to the right: a number, with or without unit, deviation or a published
     value beside it.
     """
     return re.match(r"[+\-−±<>≤≥]*\d|[–—]$", cell) is not None

@@ -1,12 +1,12 @@
-"""Tables of our values with the printed ones and the difference beside them."""
+"""Tables of our values with the published ones and the difference beside them."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 from legsim.evaluation.scores import MeanAndDeviation
-from legsim.report import published
+from legsim.report import published_values
 from legsim.report.page import Table
-from legsim.report.published import Score
+from legsim.report.published_values import Score
 
 NONE = "–"
 
@@ -22,14 +22,14 @@ _HEADINGS = {"30": "30 degree squats", "60": "60 degree squats", "all": "all sca
 
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """What one row has in one column: ours, and what the study printed there."""
+    """What one row has in one column: ours, and what the study published there."""
 
     group: str
     """heads the rows that follow; nothing where empty"""
     row: str
     column: str
     ours: MeanAndDeviation | None
-    printed: Score | None
+    published: Score | None
 
 
 def counted(count: int, what: str) -> str:
@@ -54,11 +54,11 @@ def text(ours: MeanAndDeviation | Score | None, digits: int = 3) -> str:
     )
 
 
-def difference(ours: MeanAndDeviation | None, printed: Score | None, digits: int = 3) -> str:
-    """Ours minus the printed mean, signed."""
-    if ours is None or printed is None:
+def difference(ours: MeanAndDeviation | None, published: Score | None, digits: int = 3) -> str:
+    """Ours minus the published mean, signed."""
+    if ours is None or published is None:
         return NONE
-    away = round(ours.mean - printed.mean, digits)
+    away = round(ours.mean - published.mean, digits)
     return f"{away:+.{digits}f}".replace("-", "−") if away else f"{0:.{digits}f}"
 
 
@@ -71,12 +71,12 @@ def table(
     source: str = "",
     name: str = "",
 ) -> Table:
-    """Three columns for each column of the entries, one where nothing was printed; ``head`` is that
-    of the row names.
+    """Three columns for each column of the entries, one where nothing was published; ``head`` is
+    that of the row names.
 
-    ``source`` says in the note where the printed values stand.
+    ``source`` says in the note where the published values stand.
     """
-    beside = any(e.printed is not None for e in entries)
+    beside = any(e.published is not None for e in entries)
     columns = tuple(dict.fromkeys(e.column for e in entries))
     found = {(e.group, e.row, e.column): e for e in entries}
     rows: list[tuple[str, ...]] = []
@@ -92,16 +92,16 @@ def table(
     heads = (
         h
         for column in columns
-        for h in (column, f"printed {column}", f"difference {column}")[: 3 if beside else 1]
+        for h in (column, f"published {column}", f"difference {column}")[: 3 if beside else 1]
     )
-    note = f"{note} Printed: {source}; {CAVEAT}." if beside and source else note
+    note = f"{note} Published: {source}; {CAVEAT}." if beside and source else note
     return Table(caption, (head, *heads), tuple(rows), note, name)
 
 
 def _cells(entry: Entry | None) -> tuple[str, str, str]:
     if entry is None:
         return NONE, NONE, NONE
-    return text(entry.ours), text(entry.printed), difference(entry.ours, entry.printed)
+    return text(entry.ours), text(entry.published), difference(entry.ours, entry.published)
 
 
 def quality_entry(
@@ -114,14 +114,16 @@ def quality_entry(
     group: str = "",
 ) -> Entry:
     """An entry of Table 1; ``measure`` is SSIM or RMSE."""
-    printed = (published.ssim if measure == "SSIM" else published.rmse)(method, region, condition)
-    return Entry(group, method, region, ours, printed)
+    published = (published_values.ssim if measure == "SSIM" else published_values.rmse)(
+        method, region, condition
+    )
+    return Entry(group, method, region, ours, published)
 
 
 def quality_tables(
     ssim: Sequence[Entry], rmse: Sequence[Entry], source: str
 ) -> tuple[Table, Table]:
-    """Both measures of image quality; ``source`` says where the printed values stand."""
+    """Both measures of image quality; ``source`` says where the published values stand."""
     source = f"Maier et al. 2021, {source}"
     similar = "Structural similarity (SSIM) to the motion-free reconstruction"
     return (

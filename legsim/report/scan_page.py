@@ -73,7 +73,7 @@ def scan_figures(
 
 
 def quality(results: Sequence[MethodResult], condition: str) -> tuple[Table, Table, Table]:
-    """SSIM and RMSE by method and region, beside the printed values of that block ("30", "60" or
+    """SSIM and RMSE by method and region, beside the published values of that block ("30", "60" or
     "all"); gradient entropy.
     """
     ssim, rmse = [], []
@@ -170,7 +170,7 @@ def _number(value: float | None) -> str:
 
 
 def _condition(recovered: MovingLeg) -> str:
-    """Which block of the printed table to show beside ours: by the mean bend of the scanned
+    """Which block of the published table to show beside ours: by the mean bend of the scanned
     knee.
     """
     bend = -float(np.degrees(recovered.trajectories.coordinate("knee_angle_l").mean()))

@@ -138,8 +138,8 @@ def sentence(scan: ScanConfig, phantom: PhantomConfig) -> str:
     )
     present = ", ".join(text for value, text in effects if value > 0)
     swings = (
-        f" Soft tissue swings at {phantom.wobble.frequency_hz:g} Hz on the bones."
-        if phantom.wobble.amplitude > 0
+        f" Soft tissue swings at {phantom.tissue_swing.frequency_hz:g} Hz on the bones."
+        if phantom.tissue_swing.amplitude > 0
         else ""
     )
     rays = (

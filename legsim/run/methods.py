@@ -70,13 +70,13 @@ def _rigid(setup: Setup) -> CorrectionMethod:
     )
 
 
-def _rigid_printed_order(setup: Setup) -> CorrectionMethod:
+def _rigid_paper_order(setup: Setup) -> CorrectionMethod:
     def estimate(scan: Scan, /) -> RigidMotion:
         return rigid.rigid_motion(
-            scan.times, sensor_path(scan, setup.sensor, setup.scheme), order="printed"
+            scan.times, sensor_path(scan, setup.sensor, setup.scheme), order="paper"
         )
 
-    return rigid.from_estimator("rigid-printed-order", estimate)
+    return rigid.from_estimator("rigid-paper-order", estimate)
 
 
 def followed(scan: Scan, setup: Setup) -> tuple[ControlPointMotion, ...]:
@@ -158,7 +158,7 @@ BUILT_IN: dict[str, Callable[[Setup], CorrectionMethod]] = {
     "rigid": _rigid,
     "nonrigid-2d": _nonrigid_2d,
     "nonrigid-3d": _nonrigid_3d,
-    "rigid-printed-order": _rigid_printed_order,
+    "rigid-paper-order": _rigid_paper_order,
 }
 
 

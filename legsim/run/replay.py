@@ -24,11 +24,11 @@ from legsim.scene import build
 class ReplayResult:
     """What a replay ends with."""
 
-    printed: tuple[str, ...]
+    text: tuple[str, ...]
 
     def lines(self) -> tuple[str, ...]:
         """What to print."""
-        return self.printed
+        return self.text
 
 
 def replay(

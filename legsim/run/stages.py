@@ -142,13 +142,15 @@ def set_up(settings: RunConfig, folder: RunFolder, on_progress: OnProgress) -> S
     isocenter = recovered.leg.joint_centers(poses).of("knee_l")[0]
     geometry = c_arm(settings.scan, times, isocenter)
     wanted = settings.phantom
-    if wanted.wobble.amplitude > 0:
-        poses = tissue_swing.with_swing(poses, recovered.leg, splines, skin_mount(wanted.wobble))
+    if wanted.tissue_swing.amplitude > 0:
+        poses = tissue_swing.with_swing(
+            poses, recovered.leg, splines, skin_mount(wanted.tissue_swing)
+        )
     phantom = leg_phantom.load_leg_phantom(
         scales=recovered.leg.scales,
         detail=wanted.detail,
         energy_kev=wanted.energy_kev,
-        swinging=wanted.wobble.amplitude > 0,
+        swinging=wanted.tissue_swing.amplitude > 0,
     )
     phantom = phantom.one_leg("l") if wanted.legs == "left" else phantom
     on_progress("joint angles", 1, 1)

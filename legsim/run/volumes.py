@@ -46,7 +46,7 @@ class Reconstructed:
     notes: tuple[str, ...]
 
 
-_FOLLOW_ONE, _FOLLOW_JOINTS = ("rigid", "rigid-printed-order"), ("nonrigid-2d", "nonrigid-3d")
+_FOLLOW_ONE, _FOLLOW_JOINTS = ("rigid", "rigid-paper-order"), ("nonrigid-2d", "nonrigid-3d")
 """methods that need the sensor of methods.sensor, and those that need thigh and shank"""
 
 

@@ -13,7 +13,7 @@ from legsim.core import files
 from legsim.evaluation.similarity import RegionMetrics
 from legsim.figures import BoxGroup, ErrorLine, ErrorPanel, Figure, HeatMap
 from legsim.imu.noise import Convention
-from legsim.report import formats, page, published, published_tables
+from legsim.report import formats, page, published_tables, published_values
 from legsim.report.page import FileNote, PageSection, Picture, ReportContent
 from legsim.report.published_tables import counted
 from legsim.run import methods
@@ -35,7 +35,7 @@ CONVENTIONS = (
     "data sheet's RMS on every sample, in "
     "m/s² and rad/s. Per-sample: the same numbers put into the paper's equations without their "
     "time steps (degrees a sample, and m a "
-    "squared projection interval), which is what reproduces its printed ladder."
+    "squared projection interval), which is what reproduces its published ladder."
 )
 
 _TRANSLATION, _ROTATION = "translation (mm)", "rotation (deg)"
@@ -147,12 +147,15 @@ def _headlines(clean: Sequence[ScanScore]) -> list[str]:
     whole = study_tables.regions(clean)[0]
     lines = []
     for condition, pool in _pools(clean).items():
-        for measure, printed_of in (("SSIM", published.ssim), ("RMSE", published.rmse)):
+        for measure, published_of in (
+            ("SSIM", published_values.ssim),
+            ("RMSE", published_values.rmse),
+        ):
             take, parts = statistics.of_region(measure.lower(), whole), []
             for method in methods_of(pool):
                 ours = statistics.over_scans(statistics.of_method(pool, method), take)
-                printed = printed_of(method, whole, condition)
-                beside = f" (printed {printed.mean:.3f})" if printed else ""
+                published = published_of(method, whole, condition)
+                beside = f" (published {published.mean:.3f})" if published else ""
                 parts.append(f"{method} {'–' if ours is None else f'{ours.mean:.3f}'}{beside}")
             lines.append(
                 f"Mean {measure}, whole leg, {published_tables.heading(condition)}: "
@@ -175,7 +178,7 @@ def _needed(cells: dict[NoiseLevel, LadderCell]) -> list[str]:
                 f"{float(f'{factor:.2g}'):g}"
             )
         lines.append(
-            f"White noise alone, {convention} convention: {found}; printed: by 10⁴ to 10⁵."
+            f"White noise alone, {convention} convention: {found}; published: by 10⁴ to 10⁵."
         )
     return lines
 
@@ -188,7 +191,7 @@ def _quality(clean: tuple[ScanScore, ...]) -> PageSection:
     blocks = {name: block for name, block in statistics.blocks(clean).items() if name != "all"}
     whole = study_tables.regions(clean)[0]
     drawn = []
-    for measure, printed_of in (("SSIM", published.ssim), ("RMSE", published.rmse)):
+    for measure, published_of in (("SSIM", published_values.ssim), ("RMSE", published_values.rmse)):
         groups = []
         for condition, block in blocks.items():
             for method in methods_of(block):
@@ -196,22 +199,22 @@ def _quality(clean: tuple[ScanScore, ...]) -> PageSection:
                     statistics.of_method(block, method),
                     statistics.of_region(measure.lower(), whole),
                 )
-                printed = printed_of(method, whole, condition)
+                published = published_of(method, whole, condition)
                 series = published_tables.heading(condition)
                 groups.append(
                     BoxGroup(
                         method,
                         series,
                         np.array(list(values.values())),
-                        None if printed is None else printed.mean,
+                        None if published is None else published.mean,
                     )
                 )
         caption = (
             f"{measure} of the whole leg over scans: median, quartiles, whiskers from the 5th to "
             "the 95th percentile, a dot a scan"
         ) + (
-            "; diamonds are the printed means."
-            if any(group.printed is not None for group in groups)
+            "; diamonds are the published means."
+            if any(group.published is not None for group in groups)
             else "."
         )
         drawn.append(
@@ -222,15 +225,16 @@ def _quality(clean: tuple[ScanScore, ...]) -> PageSection:
             )
         )
     lines = (
-        "Beside each of our values stand the printed one and the difference, ours minus printed. "
-        "The printed values are of another, closed "
+        "Beside each of our values stand the published one and the difference, ours minus "
+        "published. "
+        "The published values are of another, closed "
         "phantom that followed other people's movements: an equal order of methods means more "
         "than an equal digit, and the third digit "
-        "means little even within the printed table, where means over all scans are not always "
+        "means little even within the published table, where means over all scans are not always "
         "between the means of their parts.",
     )
     tables = study_tables.quality(clean)
-    beside = any("printed" in column for column in tables[0].columns)
+    beside = any("paper" in column for column in tables[0].columns)
     return PageSection(
         "Image quality", (*(lines if beside else ()), SPREAD_NOTE), tables, tuple(drawn)
     )
@@ -319,7 +323,7 @@ def _ladder(
         drawn.append(_picture(f"ladder-{axis.partition(' ')[0]}", caption, figure))
     caption = (
         f"Errors against the factor by which noise is divided, with the lines of {LIMIT_MM:g} mm "
-        f"and {LIMIT_DEG:g}°; diamonds are printed. "
+        f"and {LIMIT_DEG:g}°; diamonds are published. "
         "Zeros cannot be drawn."
     )
     panels = _panels(cells)
@@ -380,16 +384,18 @@ def _panels(cells: dict[NoiseLevel, LadderCell]) -> list[ErrorPanel]:
                     )
             if not lines:
                 continue
-            printed = {
-                f: published.deviation(*pair(f)) for f in published.EXPONENTS if f is not None
+            published = {
+                f: published_values.deviation(*pair(f))
+                for f in published_values.EXPONENTS
+                if f is not None
             }
-            values = np.array([getattr(cell, field) for cell in printed.values()])
+            values = np.array([getattr(cell, field) for cell in published.values()])
             panels.append(
                 ErrorPanel(
                     title,
                     axis,
                     limit,
-                    (*lines, ErrorLine("printed", np.array(list(printed)), values, printed=True)),
+                    (*lines, ErrorLine("paper", np.array(list(published)), values, published=True)),
                 )
             )
     return panels

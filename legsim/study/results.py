@@ -111,7 +111,9 @@ class StudyResults:
 
 
 def condition(posture: str) -> str:
-    """Block of the printed table: "30" or "60" for the held squats, else the posture's own name."""
+    """Block of the published table: "30" or "60" for the held squats, else the posture's own
+    name.
+    """
     return {"squat_30": "30", "squat_60": "60"}.get(posture, posture)
 
 

@@ -1,5 +1,5 @@
 """Subjects x postures x methods x noise: a graph of runs, its scores, and the report that sets them
-beside the printed ones.
+beside the published ones.
 """
 
 import json

@@ -23,7 +23,7 @@ LIMIT_DEG = 1.0
 """deviations above which the study expects images to suffer (Maier et al. 2021, section 4.2)"""
 
 POOLED = ("30", "60")
-"""conditions that the printed study also takes together"""
+"""conditions that the published study also takes together"""
 
 Scan = tuple[str, str]
 """subject and posture"""
@@ -79,7 +79,7 @@ def over_scans(scores: Iterable[ScanScore], measure: Measure) -> MeanAndDeviatio
 
 def blocks(scores: Sequence[ScanScore]) -> dict[str, tuple[ScanScore, ...]]:
     """Scores by condition, in the order of the scores; "all" pools the 30 and 60 degree squats, as
-    printed, where both are there.
+    published, where both are there.
     """
     found: dict[str, tuple[ScanScore, ...]] = {}
     for score in scores:

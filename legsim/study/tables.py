@@ -1,4 +1,4 @@
-"""The tables of a study's report: ours beside the printed values, what was left of the motion,
+"""The tables of a study's report: ours beside the published values, what was left of the motion,
 tests, and every scan with its folder.
 """
 
@@ -7,10 +7,10 @@ from collections.abc import Callable, Iterable, Sequence
 from legsim.evaluation.registration import RegistrationError
 from legsim.evaluation.scores import MeanAndDeviation, spread
 from legsim.imu.noise import Convention
-from legsim.report import published, published_tables
+from legsim.report import published_tables, published_values
 from legsim.report.page import Table
-from legsim.report.published import Score
 from legsim.report.published_tables import NONE, Entry, counted, quality_entry
+from legsim.report.published_values import Score
 from legsim.study import results, statistics
 from legsim.study.results import NoiseLevel, ScanScore, StageCost
 from legsim.study.statistics import LadderCell, Measure, PairedTest
@@ -33,8 +33,8 @@ def quality(scores: Sequence[ScanScore]) -> tuple[Table, Table]:
                 ours = statistics.over_scans(
                     of_method, statistics.of_region(measure.lower(), region)
                 )
-                printed = quality_entry(measure, condition, method, region, ours).printed
-                entries.append(Entry(group, label, region, ours, printed))
+                published = quality_entry(measure, condition, method, region, ours).published
+                entries.append(Entry(group, label, region, ours, published))
         kinds.append(entries)
     return published_tables.quality_tables(kinds[0], kinds[1], "Table 1, seven scans a condition")
 
@@ -220,7 +220,7 @@ def p_text(p: float) -> str:
 
 
 def ladder(cells: dict[NoiseLevel, LadderCell], convention: Convention) -> Table:
-    """A row a pair of exponents, headed by the accelerometer's, ours beside the printed mean and
+    """A row a pair of exponents, headed by the accelerometer's, ours beside the published mean and
     their ratio.
     """
     rows: list[tuple[str, ...]] = []
@@ -230,13 +230,13 @@ def ladder(cells: dict[NoiseLevel, LadderCell], convention: Convention) -> Table
         for level in sorted(
             (level for level in levels if level.f_a == f_a), key=lambda level: _last(level.f_g)
         ):
-            cell, printed = cells[level], published.deviation(level.f_a, level.f_g)
-            shift = _beside(cell.translation_mm, printed and printed.translation_mm)
+            cell, published = cells[level], published_values.deviation(level.f_a, level.f_g)
+            shift = _beside(cell.translation_mm, published and published.translation_mm)
             rows.append(
                 (
                     exponent(level.f_g),
                     *shift,
-                    *_beside(cell.rotation_deg, printed and printed.rotation_deg),
+                    *_beside(cell.rotation_deg, published and published.rotation_deg),
                 )
             )
     count = max((cells[level].translation_mm.count for level in levels), default=0)
@@ -247,12 +247,13 @@ def ladder(cells: dict[NoiseLevel, LadderCell], convention: Convention) -> Table
     )
     note = (
         f"RMSE over the views of noisy against noise-free motion, mean of three axes, {over}. "
-        f"Convention of the noise: {convention}. Printed: Maier et al. 2021, Table 2. The numbers "
+        f"Convention of the noise: {convention}. Published: Maier et al. 2021, Table 2. The "
+        "numbers "
         "span nine powers of ten, so their ratio "
         "stands where a difference would say nothing."
     )
-    columns = ("f_g", "translation (mm)", "printed translation", "ours / printed translation")
-    columns = (*columns, "rotation (deg)", "printed rotation", "ours / printed rotation")
+    columns = ("f_g", "translation (mm)", "published translation", "ours / published translation")
+    columns = (*columns, "rotation (deg)", "published rotation", "ours / published rotation")
     return Table(
         f"Noise ladder, {convention} convention", columns, tuple(rows), note, f"ladder_{convention}"
     )
@@ -268,11 +269,11 @@ def _last(value: float | None) -> float:
     return float("inf") if value is None else value
 
 
-def _beside(ours: MeanAndDeviation, printed: float | None) -> tuple[str, str, str]:
+def _beside(ours: MeanAndDeviation, published: float | None) -> tuple[str, str, str]:
     alone = ours.count < 2
     text = size(ours.mean) if alone else f"{size(ours.mean)} ± {size(ours.deviation)}"
-    ratio = NONE if not printed or not ours.mean else size(ours.mean / printed)
-    return text, NONE if printed is None else size(printed), ratio
+    ratio = NONE if not published or not ours.mean else size(ours.mean / published)
+    return text, NONE if published is None else size(published), ratio
 
 
 def size(value: float) -> str:
@@ -291,11 +292,14 @@ def noisy_quality(scores: Sequence[ScanScore]) -> tuple[Table, Table]:
     """
     noisy = [s for s in scores if s.noise is not None]
     scans = {(s.subject, s.posture) for s in noisy}
-    # the printed values are of held squats, and say nothing of other recordings
+    # the published values are of held squats, and say nothing of other recordings
     squats = all(results.condition(posture) in statistics.POOLED for _, posture in scans)
     clean = [s for s in scores if s.noise is None and (s.subject, s.posture) in scans]
     kinds = []
-    for measure, printed_of in (("ssim", published.noisy_ssim), ("rmse", published.noisy_rmse)):
+    for measure, published_of in (
+        ("ssim", published_values.noisy_ssim),
+        ("rmse", published_values.noisy_rmse),
+    ):
         entries = []
         for convention in dict.fromkeys(s.noise.convention for s in noisy if s.noise is not None):
             of_convention = [
@@ -317,10 +321,10 @@ def noisy_quality(scores: Sequence[ScanScore]) -> tuple[Table, Table]:
                         )
                     for region in regions(noisy):
                         ours = statistics.over_scans(chosen, statistics.of_region(measure, region))
-                        printed: Score | None = (
-                            printed_of(f_a, f_g, region) if method == "rigid" and squats else None
+                        published: Score | None = (
+                            published_of(f_a, f_g, region) if method == "rigid" and squats else None
                         )
-                        entries.append(Entry(group, label, region, ours, printed))
+                        entries.append(Entry(group, label, region, ours, published))
         kinds.append(entries)
     note = (
         f"Over {counted(len(scans), 'scan')}; repetitions of a scan are averaged first. "

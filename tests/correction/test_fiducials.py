@@ -210,10 +210,10 @@ def test_which_fiducials_are_seen():
 
 
 @pytest.mark.parametrize(
-    ("imu_rate_hz", "scheme"), [(120.0, "accurate"), (100.0, "accurate"), (31.0, "printed")]
+    ("imu_rate_hz", "scheme"), [(120.0, "accurate"), (100.0, "accurate"), (31.0, "paper")]
 )
 def test_velocity_from_the_second_view_is_exact(imu_rate_hz: float, scheme: Scheme):
-    """At any ratio of the two clocks (120/31 is no integer); the printed recursion to its own
+    """At any ratio of the two clocks (120/31 is no integer); the paper's recursion to its own
     velocity, which hits the second view.
     """
     sway, geometry = Sway.standing(1), c_arm()

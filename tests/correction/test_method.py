@@ -98,32 +98,32 @@ def test_a_motion_and_its_undoing_leave_the_geometry():
     )
 
 
-def test_printed_order_is_the_product_from_the_wrong_side():
-    """Both orders agree at the second view and for pure translation; in general the printed one
+def test_paper_order_is_the_product_from_the_wrong_side():
+    """Both orders agree at the second view and for pure translation; in general the published one
     misses, by what its product says.
     """
     poses = Sway.standing(6, position_mm=6, angle_deg=1.8).poses(VIEWS)
-    right, printed = (
-        rigid_motion(VIEWS, poses, order=order).moved_from_reference
-        for order in ("pose", "printed")
+    right, published = (
+        rigid_motion(VIEWS, poses, order=order).moved_from_reference for order in ("pose", "paper")
     )
-    np.testing.assert_allclose(printed[1], right[1], atol=1e-12)
+    np.testing.assert_allclose(published[1], right[1], atol=1e-12)
     product = np.eye(4)
     for i in range(len(VIEWS) - 1):
         product = product @ poses[i + 1] @ np.linalg.inv(poses[i])
-    np.testing.assert_allclose(printed[-1], product, atol=1e-12)
+    np.testing.assert_allclose(published[-1], product, atol=1e-12)
     knee = transforms.apply(poses[0], [[0, 0.14, 0]])
-    miss = np.linalg.norm(transforms.apply(printed, knee) - transforms.apply(right, knee), axis=-1)
+    miss = np.linalg.norm(
+        transforms.apply(published, knee) - transforms.apply(right, knee), axis=-1
+    )
     assert 1e-5 < miss.max() < 2e-3
     shifts = transforms.translation(np.random.default_rng(0).normal(size=(len(VIEWS), 3)))
     both = [
-        rigid_motion(VIEWS, shifts, order=order).moved_from_reference
-        for order in ("pose", "printed")
+        rigid_motion(VIEWS, shifts, order=order).moved_from_reference for order in ("pose", "paper")
     ]
     np.testing.assert_allclose(both[0], both[1], atol=1e-12)
 
 
-def test_printed_order_costs_two_tenths_of_a_millimeter_for_six_of_sway():
+def test_paper_order_costs_two_tenths_of_a_millimeter_for_six_of_sway():
     """Ranges of 6 mm and 1.8 deg over 8 s, seen at a knee 14 cm from the sensor, in 40 drawn sways:
     0.20 mm RMS, up to 0.39 within a sd.
     """
@@ -138,11 +138,11 @@ def test_printed_order_costs_two_tenths_of_a_millimeter_for_six_of_sway():
             views
         )
         knee = transforms.apply(poses[0], [[0, 0.14, 0]])
-        right, printed = (
+        right, published = (
             transforms.apply(rigid_motion(views, poses, order=order).moved_from_reference, knee)
-            for order in ("pose", "printed")
+            for order in ("pose", "paper")
         )
-        miss = 1e3 * np.linalg.norm(right - printed, axis=-1)
+        miss = 1e3 * np.linalg.norm(right - published, axis=-1)
         found.append((np.sqrt((miss**2).mean()), miss.max()))
     rms, largest = np.array(found).T
     assert rms.mean() == pytest.approx(0.20, abs=0.03)
@@ -262,7 +262,7 @@ def test_refuses_motion_at_other_times():
 
 
 def test_refuses_unknown_order_and_sensor():
-    with pytest.raises(LegsimError, match="there are: pose, printed"):
+    with pytest.raises(LegsimError, match="there are: pose, published"):
         rigid_motion(VIEWS, Sway.standing(0).poses(VIEWS), order="left")  # type: ignore[arg-type]
     with pytest.raises(LegsimError, match="no sensor named 'thigh'; there are: shank"):
         scan().start("thigh")

@@ -83,7 +83,7 @@ def test_general_form_is_the_best_rigid_motion_at_every_point(rng: np.random.Gen
     )
 
 
-def test_plane_form_is_the_printed_one(rng: np.random.Generator):
+def test_plane_form_is_the_published_one(rng: np.random.Generator):
     reference = rng.uniform(0, 600, (3, 2))
     moved, points = reference + rng.normal(0, 15, (3, 2)), rng.uniform(0, 600, (50, 2))
     expected = np.array([reference_mls.displaced_in_image(p, reference, moved) for p in points])

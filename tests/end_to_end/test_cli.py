@@ -199,7 +199,7 @@ def test_a_stopped_command_leaves_no_half_file_and_says_what_is_kept(sent, code,
     assert list(tmp_path.iterdir()) == []
     assert (
         errors.splitlines()[-1]
-        == f"{word}; half-written files are removed, the same command starts anew"
+        == f"{word}; half-written files are removed, the same command starts again"
     )
 
 

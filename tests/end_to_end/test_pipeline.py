@@ -146,7 +146,7 @@ def test_what_decides_the_projections_is_in_their_key_and_the_seed_where_there_i
         "scan.detector.photons=10",
         "scan.spectrum.kind=tube",
         "scan.detector.scatter_to_primary=0.1",
-        "phantom.wobble.amplitude=1",
+        "phantom.tissue_swing.amplitude=1",
         "phantom.legs=left",
     )
     keys = [

@@ -46,7 +46,7 @@ def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
         run_replay.view, "write_replay", lambda path, _: path.write_text("recording")
     )
     monkeypatch.setattr(run_replay.replay_page, "content", lambda *_: None)
-    monkeypatch.setattr(run_replay.page, "render", lambda _: "page")
+    monkeypatch.setattr(run_replay.report_page, "render", lambda _: "page")
 
 
 @pytest.fixture

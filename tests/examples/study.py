@@ -115,7 +115,9 @@ def results() -> StudyResults:
 def deviation(
     rng: np.random.Generator, size: float, f_a: float | None, f_g: float | None
 ) -> tuple[float, float]:
-    """mm and degrees, much as double integration makes them; 1 for ``size`` is the printed one."""
+    """mm and degrees, much as double integration makes them; 1 for ``size`` is the published
+    one.
+    """
     force, turn = (0.0 if f is None else 10.0**-f for f in (f_a, f_g))
     drawn = rng.uniform(0.7, 1.4)
     return size * drawn * float(np.hypot(8000 * force, 1200 * turn)), max(

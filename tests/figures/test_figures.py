@@ -310,7 +310,7 @@ def test_a_still_needs_only_joint_centers(replay):
 def test_heat_maps_write_their_numbers_in_one_scale():
     tables = [
         HeatMap(title, factor * np.array([[1.0, 250.0], [0.0, np.nan]]), ("a", "b"), ("0", "1"))
-        for title, factor in (("SI", 1.0), ("printed", 100.0))
+        for title, factor in (("SI", 1.0), ("paper", 100.0))
     ]
     figure = figures.heat_maps(tables, row_axis="f_a", column_axis="f_g", unit="mm")
     assert [t.get_text() for t in figure.axes[0].texts] == ["1", "250", "0", "–"]
@@ -329,7 +329,7 @@ def test_small_numbers_of_heat_maps_fit_their_cells():
     assert [t.get_text() for t in figure.axes[0].texts] == ["0.012", "1.2e-3", "1.5e-5"]
 
 
-def test_boxes_carry_the_printed_mean():
+def test_boxes_carry_the_published_mean():
     groups = [
         BoxGroup("rigid", "30", np.array([0.9, 1.0]), 0.993),
         BoxGroup("rigid", "60", np.array([0.8, 0.9])),
@@ -342,14 +342,14 @@ def test_boxes_carry_the_printed_mean():
     ]
     assert [d[0] for d in diamonds] == [0.993]
     legend = figure.axes[0].get_legend()
-    assert [t.get_text() for t in legend.get_texts()] == ["30", "60", "printed mean"]
+    assert [t.get_text() for t in legend.get_texts()] == ["30", "60", "published mean"]
 
 
 def test_errors_fall_with_the_factor_and_cross_the_limit():
     exponents = np.arange(4.0)
     lines = (
         ErrorLine("SI", exponents, 10.0**-exponents),
-        ErrorLine("printed", exponents, np.array([5.0, 1.0, 0.1, 0.0]), printed=True),
+        ErrorLine("paper", exponents, np.array([5.0, 1.0, 0.1, 0.0]), published=True),
     )
     panels = [
         ErrorPanel(title, axis, 1.0, lines)
@@ -359,12 +359,12 @@ def test_errors_fall_with_the_factor_and_cross_the_limit():
     left, right = figure.axes[:2]
     assert left.get_yscale() == "log"
     assert left.get_ylim() == right.get_ylim()
-    curve, printed, limit = left.lines
+    curve, published, limit = left.lines
     np.testing.assert_allclose(curve.get_ydata(), 10.0**-exponents)
-    assert np.isnan(printed.get_ydata()[3])  # zero has no place
-    assert printed.get_linestyle() == "None"
+    assert np.isnan(published.get_ydata()[3])  # zero has no place
+    assert published.get_linestyle() == "None"
     assert set(limit.get_ydata()) == {1.0}
-    assert [t.get_text() for t in figure.legends[0].get_texts()] == ["SI", "printed"]
+    assert [t.get_text() for t in figure.legends[0].get_texts()] == ["SI", "paper"]
     assert "1 mm" in [t.get_text() for t in left.texts]
 
 

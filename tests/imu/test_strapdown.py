@@ -57,23 +57,21 @@ def test_order_of_the_accurate_scheme():
     assert coarse / fine > 16
 
 
-def test_printed_recursion_drifts_as_a_first_order_scheme_does():
+def test_published_recursion_drifts_as_a_first_order_scheme_does():
     # millimeters at every rate, and only half of it gone when the rate doubles
     sway = Sway.standing(3)
     found = []
     for rate_hz in (31, 62, 124):
         at = np.arange(8 * rate_hz) / rate_hz
         found.append(
-            np.sqrt(
-                (errors(estimated(sway, rate_hz, at, "printed"), sway.poses(at))[0] ** 2).mean()
-            )
+            np.sqrt((errors(estimated(sway, rate_hz, at, "paper"), sway.poses(at))[0] ** 2).mean())
         )
     assert found[0] > 2
     assert found[0] / found[1] == pytest.approx(2, rel=0.15)
     assert found[1] / found[2] == pytest.approx(2, rel=0.15)
 
 
-def test_printed_recursion_is_the_papers_equations():
+def test_published_recursion_is_the_papers_equations():
     """Written out with the paper's own quantities: S' = Dg S, Dg = S Dl S^-1, v' = G^T (a + g + v),
     all per sample.
     """
@@ -86,9 +84,7 @@ def test_printed_recursion_is_the_papers_equations():
         delta_global = pose @ transforms.rigid(g_matrix, v) @ np.linalg.inv(pose)
         v = g_matrix.T @ (force[t] * dt**2 + pose[:3, :3].T @ GRAVITY * dt**2 + v)
         pose = delta_global @ pose
-    got = strapdown.integrate(times, rate, force, start_of(sway, times), times, scheme="printed")[
-        -1
-    ]
+    got = strapdown.integrate(times, rate, force, start_of(sway, times), times, scheme="paper")[-1]
     np.testing.assert_allclose(got, pose, atol=1e-12)
 
 
@@ -97,7 +93,7 @@ def test_a_sensor_at_rest_stays():
     times = np.arange(961) / 120
     force = np.broadcast_to(base.T @ -GRAVITY, (961, 3))
     start = SensorStart(transforms.rigid(base, [1.0, 2.0, 3.0]), np.zeros(3))
-    for scheme in ("accurate", "printed"):
+    for scheme in ("accurate", "paper"):
         poses = strapdown.integrate(times, np.zeros((961, 3)), force, start, VIEWS, scheme=scheme)
         np.testing.assert_allclose(
             poses, np.broadcast_to(start.world_from_sensor, poses.shape), atol=1e-11
@@ -145,7 +141,7 @@ def test_a_change_of_world_changes_nothing_but_the_world():
     signals, start = sway.signals(times), start_of(sway, times)
     moved = transforms.rigid(transforms.axis_rotation([0, 1, 0], 0.7), [3.0, -1.0, 0.5])
     other = SensorStart(moved @ start.world_from_sensor, moved[:3, :3] @ start.velocity)
-    for scheme in ("accurate", "printed"):
+    for scheme in ("accurate", "paper"):
         expected = moved @ strapdown.integrate(times, *signals, start, times[::7], scheme=scheme)
         np.testing.assert_allclose(
             strapdown.integrate(times, *signals, other, times[::7], scheme=scheme),
@@ -255,7 +251,7 @@ def test_refuses_a_start_that_is_no_pose():
 
 def test_refuses_unknown_schemes():
     sway, times = Sway.standing(0), np.arange(120) / 120
-    with pytest.raises(LegsimError, match="there are: accurate, printed"):
+    with pytest.raises(LegsimError, match="there are: accurate, published"):
         strapdown.integrate(
             times, *sway.signals(times), start_of(sway, times), times, scheme="fast"
         )  # type: ignore[arg-type]

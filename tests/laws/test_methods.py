@@ -211,7 +211,7 @@ def test_both_legs_are_drawn_each_to_its_own_knee(scan: Scan):
         "rigid@thigh_l",
         "nonrigid-2d",
         "nonrigid-3d",
-        "rigid-printed-order",
+        "rigid-paper-order",
         "oracle",
         "oracle-nonrigid",
     ],
@@ -249,16 +249,16 @@ def _never() -> Never:
     raise AssertionError("not asked for")
 
 
-def test_printed_order_and_right_order_differ_as_computed(scan: Scan):
-    right, printed = (
-        methods.build(name, setup(scan))(scan).motion for name in ("rigid", "rigid-printed-order")
+def test_paper_order_and_right_order_differ_as_computed(scan: Scan):
+    right, published = (
+        methods.build(name, setup(scan))(scan).motion for name in ("rigid", "rigid-paper-order")
     )
     assert isinstance(right, RigidMotion)
-    assert isinstance(printed, RigidMotion)
+    assert isinstance(published, RigidMotion)
     poses = SWAY.poses(VIEWS)
     product = np.eye(4)
     for k in range(len(VIEWS) - 1):
         product = product @ poses[k + 1] @ transforms.inverse(poses[k])
-    np.testing.assert_allclose(printed.moved_from_reference[-1], product, atol=1e-5)
-    apart = models.carried(KNEE[None], right) - models.carried(KNEE[None], printed)
+    np.testing.assert_allclose(published.moved_from_reference[-1], product, atol=1e-5)
+    apart = models.carried(KNEE[None], right) - models.carried(KNEE[None], published)
     assert 1e-4 < np.abs(apart).max() < 2e-2

@@ -221,7 +221,7 @@ def test_a_given_unit_overrides_the_header(write):
 
 @pytest.mark.parametrize("rate", [150.0, 60.0, 400.0, 119.88])
 @pytest.mark.parametrize("first", [1, 185])
-def test_times_printed_in_milliseconds_become_those_of_the_rate(write, rate, first):
+def test_times_published_in_milliseconds_become_those_of_the_rate(write, rate, first):
     frames = np.arange(first, first + 20)
     rows = [f"{k}\t{np.floor((k - 1) / rate * 1000) / 1000:.3f}\t1\t2\t3\t4\t5\t6" for k in frames]
     found = trc.load(write(text(rows, rate=f"{rate:.2f}", frames=20)), up="y")

@@ -15,7 +15,9 @@ def displaced_in_space(point: FloatArray, reference: FloatArray, moved: FloatArr
 
 
 def displaced_in_image(point: FloatArray, reference: FloatArray, moved: FloatArray) -> FloatArray:
-    """Schaefer's rigid form as printed (Maier et al. 2022, eq. 17 and 18), matrices A_j and all."""
+    """Schaefer's rigid form as published (Maier et al. 2022, eq. 17 and 18), matrices A_j and
+    all.
+    """
 
     def perpendicular(x: FloatArray) -> FloatArray:
         return np.array([-x[1], x[0]])

@@ -26,7 +26,7 @@ def tiny_png() -> bytes:
 def content():
     quality = Table(
         "SSIM",
-        ("method", "leg", "printed leg"),
+        ("method", "leg", "published leg"),
         (("uncorrected", "0.800", "0.774"), ("mine", "0.950", "–")),
     )
     return ReportContent(

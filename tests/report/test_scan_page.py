@@ -13,7 +13,7 @@ def result(method: str, ssim: float) -> scores.MethodResult:
     )
 
 
-def test_quality_has_every_method_beside_the_printed_value_of_its_condition():
+def test_quality_has_every_method_beside_the_published_value_of_its_condition():
     ssim, rmse, entropy = scan_page.quality([result("rigid", 0.9), result("oracle", 0.95)], "30")
     assert ssim.rows == (
         ("rigid", "0.900", "0.993 ± 0.003", "−0.093"),
@@ -30,7 +30,7 @@ def test_quality_has_every_method_beside_the_printed_value_of_its_condition():
         "Image quality",
         "Motion",
         "SSIM",
-        "printed",
+        "paper",
         "uncorrected",
         "rigid",
         "oracle",

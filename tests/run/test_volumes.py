@@ -174,7 +174,7 @@ def test_what_cannot_be_run_is_told_before_anything_is_computed(
     tiny_settings, tmp_path, imu, chosen, message
 ):
     (tmp_path / "own.py").write_text(
-        "from legsim.correction.method import uncorrected as rigid, uncorrected as static\n"
+        "from legsim.correction.rigid import uncorrected as rigid, uncorrected as static\n"
     )
     chosen["run"] = tuple(name.format(own=tmp_path / "own.py") for name in chosen["run"])
     wanted = changed(tiny_settings, **chosen)
@@ -191,7 +191,7 @@ def test_one_sensor_is_enough_for_a_rigid_correction(tiny_settings):
     volumes.check(
         changed(
             wanted,
-            run=("rigid", "rigid-printed-order", "rigid@shank_l", "uncorrected", "oracle-nonrigid"),
+            run=("rigid", "rigid-paper-order", "rigid@shank_l", "uncorrected", "oracle-nonrigid"),
         )
     )
 

@@ -72,5 +72,5 @@ def test_labels_say_the_convention():
     ("posture", "block"),
     [("squat_30", "30"), ("squat_60", "60"), ("squats", "squats"), ("walk_60", "walk_60")],
 )
-def test_condition_is_the_printed_block(posture, block):
+def test_condition_is_the_published_block(posture, block):
     assert study_results.condition(posture) == block

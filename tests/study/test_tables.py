@@ -34,8 +34,8 @@ def test_quality_is_the_mean_and_deviation_over_scans(group, postures):
     for column, table in enumerate((ssim, rmse)):
         mean, deviation = values[:, column].mean(), values[:, column].std(ddof=1)
         assert row_of(table, group, "rigid")["thigh"] == f"{mean:.3f} ± {deviation:.3f}"
-    assert row_of(ssim, "60", "rigid")["printed thigh"] == "0.987 ± 0.006"
-    assert row_of(ssim, "30", "oracle")["printed leg"] == "–"
+    assert row_of(ssim, "60", "rigid")["published thigh"] == "0.987 ± 0.006"
+    assert row_of(ssim, "30", "oracle")["published leg"] == "–"
 
 
 def test_a_method_that_failed_somewhere_says_how_many_scans_it_has():
@@ -134,7 +134,7 @@ def test_too_few_scans_are_told_in_their_cell():
     assert rows["oracle"]["uncorrected"] != "too few scans"
 
 
-def test_the_ladder_stands_beside_the_printed_one():
+def test_the_ladder_stands_beside_the_published_one():
     levels = [
         NoiseLevel("SI", None, 1.0),
         NoiseLevel("SI", 2.0, None),
@@ -194,13 +194,13 @@ def test_noisy_quality_has_the_clean_row_of_the_same_scans():
     )
     row = row_of(ssim, "rigid, noise read as per-sample", "no noise")
     assert row["leg"] == f"{clean.mean():.3f} ± {clean.std(ddof=1):.3f}"
-    assert row["printed leg"] == "0.991 ± 0.004"
+    assert row["published leg"] == "0.991 ± 0.004"
     noisy = np.array(
         [s.metrics.of("leg").ssim for s in few if s.noise == NoiseLevel("per-sample", 4.0, 5.0)]
     )
     row = row_of(ssim, "rigid, noise read as per-sample", "f_a = 4, f_g = 5")
     assert row["leg"] == f"{noisy.mean():.3f} ± {noisy.std(ddof=1):.3f}"
-    assert row["printed leg"] == "0.926 ± 0.049"
+    assert row["published leg"] == "0.926 ± 0.049"
     assert "Over 4 scans" in ssim.note
 
 
@@ -211,7 +211,7 @@ def test_noisy_scans_of_another_kind_stand_beside_nothing_printed():
         if s.method == "rigid" and s.posture == "squat_30"
     ]
     ssim, _ = tables.noisy_quality(scores)
-    assert not any("printed" in column for column in ssim.columns)
+    assert not any("paper" in column for column in ssim.columns)
 
 
 def test_every_scan_is_linked_to_its_folder():

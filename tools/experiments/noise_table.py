@@ -6,7 +6,7 @@ paper's Table 2 (Maier et al. 2022).
 A standing sway of the leg model is sampled by the shank sensor at 120 Hz for 8 s. Each cell is the
 RMSE of the sensor's translation (mm) and rotation (deg) against the noise-free estimate, at 248
 views, averaged over three axes and over the repeats, in both readings of the paper's noise. The
-first table is the error against the true pose without noise; the printed scheme runs at the
+first table is the error against the true pose without noise; the paper's scheme runs at the
 sensor's rate there.
 """
 
@@ -23,7 +23,7 @@ from legsim.imu.strapdown import Scheme
 from legsim.kinematics.joint_splines import JointSplines
 from legsim.kinematics.leg_model import LegModel
 from legsim.mocap.trajectories import JointTrajectories
-from legsim.report.published import EXPONENTS
+from legsim.report.published_values import EXPONENTS
 
 RATE_HZ, VIEW_RATE_HZ, VIEWS = 120.0, 31.0, 248
 
@@ -108,7 +108,7 @@ def drift_lines(leg: LegModel, splines: JointSplines, views: FloatArray) -> list
         rate, force = simulation.simulate(leg, splines, [sensor], times).sensor(sensor.name)
         schemes: tuple[tuple[Scheme, FloatArray], ...] = (
             ("accurate", views),
-            ("printed", times[times <= views[-1]]),
+            ("paper", times[times <= views[-1]]),
         )
         for scheme, at in schemes:
             truth = simulation.sensor_poses(leg, splines, [sensor], at).of(sensor.name)
@@ -129,7 +129,7 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--repeats", type=int, default=5)
-    parser.add_argument("--scheme", choices=("accurate", "printed"), default="accurate")
+    parser.add_argument("--scheme", choices=("accurate", "paper"), default="accurate")
     options = parser.parse_args()
     leg, times = LegModel.load(), np.arange(int(8.2 * RATE_HZ)) / RATE_HZ
     splines, views = (

@@ -9,7 +9,7 @@ back-projection that follows the motion has the same object under other rays; de
 the rays of the reference. Each case is scanned twice: with the recorded motion (the truth is then a
 displacement field), and with everything moved rigidly as the shank moves. There the motion is known
 without any error, and the scan *is* one of a resting leg by a C-arm that shakes: all that parts it
-from the reference comes from the rays. Printed are SSIM against the reference in the leg's region
+from the reference comes from the rays. Published are SSIM against the reference in the leg's region
 of a run and in what every view sees of it; there also the rest: RMSE, SSIM to the voxelized
 phantom, raw distance (1/m) in flat tissue (two voxels away from any edge) from the reference, and
 from the phantom everywhere and there.

@@ -1,4 +1,4 @@
-"""Numbers printed in the study that the package rebuilds, to be shown beside ours.
+"""Numbers published in the study that the package rebuilds, to be shown beside ours.
 
 Maier et al., "Rigid and non-rigid motion compensation in weight-bearing cone-beam CT of the knee
 using (noisy) inertial measurements", 2021. Table 1: image quality of volumes scaled from 0 to 1, on
@@ -166,7 +166,7 @@ _LADDER_MM = (
     (148, 80, 12, 1, 0.077, 0.021, 0),
 )
 
-# the first three columns, which differ from row to row; the others are printed as powers of ten
+# the first three columns, which differ from row to row; the others are published as powers of ten
 _LADDER_DEG = (
     (1.453, 0.146, 0.016),
     (1.404, 0.128, 0.012),
@@ -225,13 +225,13 @@ _NOISY = {
 
 
 def ssim(method: str, region: str, condition: str = "all") -> Score | None:
-    """Printed SSIM of a method in a region, or None where the study has no such method."""
+    """Published SSIM of a method in a region, or None where the study has no such method."""
     return _score(method, region, condition, 0)
 
 
 def rmse(method: str, region: str, condition: str = "all") -> Score | None:
-    """Printed RMSE (of volumes scaled from 0 to 1) of a method in a region, or None where the study
-    has no such method.
+    """Published RMSE (of volumes scaled from 0 to 1) of a method in a region, or None where the
+    study has no such method.
     """
     return _score(method, region, condition, len(REGIONS))
 
