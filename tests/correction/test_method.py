@@ -262,7 +262,7 @@ def test_refuses_motion_at_other_times():
 
 
 def test_refuses_unknown_order_and_sensor():
-    with pytest.raises(LegsimError, match="there are: pose, published"):
+    with pytest.raises(LegsimError, match="there are: pose, paper"):
         rigid_motion(VIEWS, Sway.standing(0).poses(VIEWS), order="left")  # type: ignore[arg-type]
     with pytest.raises(LegsimError, match="no sensor named 'thigh'; there are: shank"):
         scan().start("thigh")

@@ -251,7 +251,7 @@ def test_refuses_a_start_that_is_no_pose():
 
 def test_refuses_unknown_schemes():
     sway, times = Sway.standing(0), np.arange(120) / 120
-    with pytest.raises(LegsimError, match="there are: accurate, published"):
+    with pytest.raises(LegsimError, match="there are: accurate, paper"):
         strapdown.integrate(
             times, *sway.signals(times), start_of(sway, times), times, scheme="fast"
         )  # type: ignore[arg-type]

@@ -41,7 +41,7 @@ def test_without_groups_no_row_heads_others():
 
 
 @pytest.mark.parametrize(
-    ("ours", "paper", "text"),
+    ("ours", "published", "text"),
     [(0.5, 0.4, "+0.100"), (0.4, 0.5, "−0.100"), (0.5004, 0.5, "0.000"), (0.4996, 0.5, "0.000")],
 )
 def test_differences_are_signed_unless_they_round_to_nothing(ours, published, text):

@@ -30,7 +30,7 @@ def test_quality_has_every_method_beside_the_published_value_of_its_condition():
         "Image quality",
         "Motion",
         "SSIM",
-        "paper",
+        "published",
         "uncorrected",
         "rigid",
         "oracle",

@@ -173,7 +173,7 @@ def test_the_report_says_what_the_projections_are_of():
     )
     read = with_detector(photons=2e4, lag_fractions=(0.01, 0.005), lag_times_s=(1.0, 2.0))
     said = run_c_arm.sentence(
-        read, config.PhantomConfig(wobble=config.SoftTissueConfig(amplitude=1))
+        read, config.PhantomConfig(tissue_swing=config.SoftTissueConfig(amplitude=1))
     )
     assert (
         "has 20000 photons a pixel of the open beam, with 0 of readout noise, lag of 1.5 %." in said
