@@ -15,7 +15,6 @@ from pathlib import Path
 import numpy as np
 
 from legsim import config
-from legsim.config import MotionConfig
 from legsim.kinematics import from_recording
 from legsim.mocap import opensim
 from legsim.run import pipeline
@@ -29,9 +28,7 @@ def make(folder: Path, number: int, overrides: tuple[str, ...] = ()) -> None:
     """
     rng = np.random.default_rng([20260, number])
     posture, mover, sizes = rng.choice(["squat_30", "squat_60"]), *rng.choice(PEOPLE, 2)
-    recorded = from_recording.solve_recording(
-        MotionConfig(file=f"{mover}/{posture}.trc")
-    ).trajectories
+    recorded = from_recording.solve_kinematics(f"{mover}/{posture}.trc").trajectories
     mean = recorded.values.mean(0)
     swaying = replace(
         recorded, values=mean + rng.uniform(0.5, 3.0, len(mean)) * (recorded.values - mean)

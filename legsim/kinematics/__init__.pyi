@@ -1,4 +1,4 @@
-from .from_recording import solve_recording as solve_recording
+from .from_recording import solve_kinematics as solve_kinematics
 from .joint_splines import JointSplines as JointSplines
 from .leg_model import LegModel as LegModel
 from .moving_leg import MovingLeg as MovingLeg

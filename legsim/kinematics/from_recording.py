@@ -3,13 +3,12 @@ a report on each.
 """
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
 
-from legsim.config import MotionConfig
-from legsim.core import files as core_files
 from legsim.core import resources
 from legsim.core.errors import LegsimError, file_error
 from legsim.core.values import FloatArray
@@ -29,7 +28,18 @@ _Result = TypeVar("_Result")
 _LARGEST_EXTENSION_DEG = 20.0
 
 
-def source(file: str) -> Path:
+@dataclass(frozen=True, slots=True)
+class _Reading:
+    """How marker files are read and cleaned: the keyword arguments of :func:`solve_kinematics`."""
+
+    marker_map: str | Path
+    unit: str | None
+    up: str | None
+    filter_hz: float
+    longest_gap: float
+
+
+def find_recording(file: str | Path) -> Path:
     """The path of a motion file: as given, or one that ships with legsim under motions/.
 
     Raises:
@@ -38,7 +48,7 @@ def source(file: str) -> Path:
     if Path(file).is_file():
         return Path(file)
     try:
-        return resources.motion_file(file)
+        return resources.motion_file(str(file))
     except LegsimError:
         raise file_error(
             file,
@@ -47,32 +57,66 @@ def source(file: str) -> Path:
         ) from None
 
 
-def fingerprint(config: MotionConfig) -> list[str]:
-    """Hashes of the files that a recovery reads."""
-    files = [source(config.file), _scaling_source(config)]
-    if config.marker_map.endswith(".toml") and Path(config.marker_map).is_file():
-        files.append(Path(config.marker_map))
-    return [core_files.sha256(path) for path in files]
+def files_read(
+    recording: str | Path, *, marker_map: str | Path = "auto", scale_from: str | Path | None = None
+) -> tuple[Path, ...]:
+    """The files that :func:`solve_kinematics` reads: recording, scaling trial, own marker map."""
+    path = find_recording(recording)
+    files = [path, _scaling_source(path, scale_from)]
+    if str(marker_map).endswith(".toml") and Path(marker_map).is_file():
+        files.append(Path(marker_map))
+    return tuple(files)
 
 
-def solve_recording(config: MotionConfig, *, filter_coordinates: bool = False) -> MovingLeg:
-    """Reads, cleans, scales and solves. Coordinates (.mot, .sto) are taken as they are, unless
-    ``filter_coordinates``.
+def solve_kinematics(
+    recording: str | Path,
+    *,
+    marker_map: str | Path = "auto",
+    unit: str | None = None,
+    up: str | None = None,
+    filter_hz: float = 6.0,
+    longest_gap: float = 2.0,
+    marker_noise: float = 0.2e-3,
+    scale_from: str | Path | None = None,
+    filter_coordinates: bool = False,
+) -> MovingLeg:
+    """Reads a recording, cleans it, scales the leg model to the person and solves for joint angles.
+
+    Coordinates (.mot, .sto) are taken as they are, unless ``filter_coordinates``.
+
+    Args:
+        recording: a motion file, or the name of one that ships with legsim.
+        marker_map: a TOML file, the name of a shipped marker set, or "auto" for the shipped one
+            that covers the file.
+        unit: of lengths, "m", "cm" or "mm"; None believes the header.
+        up: vertical axis of the laboratory, "x", "y" or "z"; None finds it.
+        filter_hz: cut-off of the markers' zero-phase Butterworth filter; 0 leaves them as they are.
+        longest_gap: s, longer gaps are not bridged.
+        marker_noise: m, RMS of a marker's white noise per axis: joint angles are filtered further,
+            as low as that hides.
+        scale_from: recording that the model is scaled from. None: the person's active squats for
+            legsim's own recordings, else ``recording`` itself.
+        filter_coordinates: low-pass joint coordinates of a .mot or .sto too.
 
     Raises:
-        LegsimError: anything that a careful person would object to, with file, place and cure.
+        LegsimError: anything that a careful person would object to, with file, place and fix.
+
+    >>> person = solve_kinematics("subject01/squat_60.trc")
+    >>> person.name, len(person.trajectories.times)
+    ('squat_60.trc', 2400)
     """
-    path = source(config.file)
-    if mocap_files.kind(path) in ("storage", "csv") and isinstance(
-        mocap_files.load_recording(path), JointTrajectories
-    ):
-        return _from_coordinates(config, path, filter_coordinates)
+    path = find_recording(recording)
+    reading = _Reading(marker_map, unit, up, filter_hz, longest_gap)
+    if mocap_files.kind(path) in ("storage", "csv"):
+        loaded = mocap_files.load_recording(path)
+        if isinstance(loaded, JointTrajectories):
+            scaled = None if scale_from is None else find_recording(scale_from)
+            low_pass_hz = filter_hz if filter_coordinates else 0.0
+            return _from_coordinates(loaded, path, scaled, reading, low_pass_hz)
     # a trial that is scaled from another may go without the landmarks that only scaling needs
-    measured, cleaning, notes = _cleaned(
-        config, path, required=() if config.scaling_file else PAPER_ROLES
-    )
-    scaled_from = _scaling_source(config)
-    reference = measured if scaled_from == path else _cleaned(config, scaled_from)[0]
+    measured, cleaning, notes = _cleaned(reading, path, required=() if scale_from else PAPER_ROLES)
+    scaled_from = _scaling_source(path, scale_from)
+    reference = measured if scaled_from == path else _cleaned(reading, scaled_from)[0]
     sites = marker_sites.load()
     fitted = _named(path, lambda: scaling.fit(LegModel.load(), reference, sites))
     leg = LegModel.load(fitted.scales)
@@ -89,8 +133,8 @@ def solve_recording(config: MotionConfig, *, filter_coordinates: bool = False) -
         leg,
         solution.trajectories,
         placed.only(names),
-        noise=1e-3 * config.marker_noise_mm,
-        filter_hz=config.filter_hz,
+        noise=marker_noise,
+        filter_hz=filter_hz,
     )
     fit = MarkerFit(
         shown, solution.modelled, cleaning, fitted, solution.report, scaled_from.name, settled_hz
@@ -98,13 +142,14 @@ def solve_recording(config: MotionConfig, *, filter_coordinates: bool = False) -
     return MovingLeg(path.name, leg, settled, fit, notes)
 
 
-def _scaling_source(config: MotionConfig) -> Path:
-    """The recording that the model is scaled from: the one that is named; for legsim's own held
-    squats the person's active squats, as in the study that is rebuilt here; the recording itself
-    otherwise."""
-    path = source(config.file)
-    if config.scaling_file:
-        return source(config.scaling_file)
+def _scaling_source(path: Path, scale_from: str | Path | None) -> Path:
+    """The recording that the model is scaled from.
+
+    The one that is named; for legsim's own held squats the person's active squats, as in the
+    published study; else the recording itself.
+    """
+    if scale_from:
+        return find_recording(scale_from)
     squats = path.with_name("squats.trc")
     own = path.name.startswith("squat_") and path.resolve().is_relative_to(
         resources.motion_file("README.md").resolve().parent
@@ -113,27 +158,23 @@ def _scaling_source(config: MotionConfig) -> Path:
 
 
 def _cleaned(
-    config: MotionConfig, path: Path, required: Sequence[str] = PAPER_ROLES
+    reading: _Reading, path: Path, required: Sequence[str] = PAPER_ROLES
 ) -> tuple[MarkerTrajectories, CleaningReport, tuple[str, ...]]:
     """The markers by role, what was done to them, and what the reader has to say about the file."""
-    raw, notes = _read(
-        path,
-        unit=None if config.unit == "file" else config.unit,
-        up=None if config.up == "file" else config.up,
-    )
+    raw, notes = _read(path, unit=reading.unit, up=reading.up)
 
     def cleaned() -> tuple[MarkerTrajectories, CleaningReport]:
-        automatic = config.marker_map == "auto"
+        automatic = reading.marker_map == "auto"
         chosen = (
             marker_sets.guess(raw.marker_names, required=required)
             if automatic
-            else marker_sets.load(config.marker_map)
+            else marker_sets.load(str(reading.marker_map))
         )
         return mocap_cleaning.clean(
             raw,
             chosen,
-            filter_hz=config.filter_hz,
-            longest_gap_s=config.longest_gap_s,
+            filter_hz=reading.filter_hz,
+            longest_gap_s=reading.longest_gap,
             required=required,
         )
 
@@ -163,23 +204,24 @@ def _named(path: Path, compute: Callable[[], _Result]) -> _Result:
         raise LegsimError(f"{path}: {error}") from error
 
 
-def _from_coordinates(config: MotionConfig, path: Path, filtered: bool) -> MovingLeg:
-    loaded = mocap_files.load_recording(path)
-    if not isinstance(loaded, JointTrajectories):
-        raise file_error(
-            path, "holds no joint coordinates", "give a .mot or .sto file of coordinates"
-        )
+def _from_coordinates(
+    loaded: JointTrajectories,
+    path: Path,
+    scaled_from: Path | None,
+    reading: _Reading,
+    low_pass_hz: float,
+) -> MovingLeg:
     leg = LegModel.load()
-    if config.scaling_file:
-        reference, _, _ = _cleaned(config, source(config.scaling_file))
+    if scaled_from is not None:
+        reference, _, _ = _cleaned(reading, scaled_from)
         leg = LegModel.load(scaling.fit(leg, reference, marker_sites.load()).scales)
     completed, filled = _with_feet(loaded)
     values, turned = _with_our_knee_sign(
         _named(path, lambda: leg.values_of(completed)), loaded.coordinate_names
     )
     _check_angles(path, values, loaded.times)
-    if filtered and config.filter_hz > 0:
-        values = _named(path, lambda: smoothing.low_pass(values, loaded.times, config.filter_hz))
+    if low_pass_hz > 0:
+        values = _named(path, lambda: smoothing.low_pass(values, loaded.times, low_pass_hz))
     return MovingLeg(
         path.name,
         leg,

@@ -8,11 +8,11 @@ from legsim.config import RunConfig
 from legsim.core import files
 from legsim.core.files import key_of
 from legsim.core.progress import OnProgress
-from legsim.kinematics import from_recording
 from legsim.kinematics.joint_splines import JointSplines
 from legsim.phantom import leg_phantom
 from legsim.report import page as report_page
 from legsim.report import replay_page
+from legsim.run import motion as run_motion
 from legsim.run import stages
 from legsim.run.folder import RunFolder, commit
 from legsim.run.sensors import noise_sentence, sensors
@@ -43,7 +43,7 @@ def replay(
     }
     folder = RunFolder(out, about)
     on_progress("joint angles", 0, 1)
-    recovered = from_recording.solve_recording(settings.motion, filter_coordinates=filtered)
+    recovered = run_motion.solve(settings.motion, filter_coordinates=filtered)
     motion_key = (
         key_of(stages.motion_key(settings), filtered) if filtered else stages.motion_key(settings)
     )

@@ -22,7 +22,7 @@ from legsim.geometry.volume import VolumeGrid
 from legsim.imu import simulation
 from legsim.imu.signals import ImuSignals
 from legsim.imu.simulation import Sensor
-from legsim.kinematics import from_recording, joint_splines
+from legsim.kinematics import joint_splines
 from legsim.kinematics.joint_splines import JointSplines
 from legsim.kinematics.moving_leg import MovingLeg
 from legsim.kinematics.skeleton import SegmentPoses
@@ -31,6 +31,7 @@ from legsim.opencl.device import Device
 from legsim.phantom import leg_phantom, tissue_swing, voxelize
 from legsim.phantom.leg_phantom import LegPhantom
 from legsim.run import c_arm as run_c_arm
+from legsim.run import motion as run_motion
 from legsim.run import sensors as run_sensors
 from legsim.run.c_arm import c_arm, seen_by_every_view, view_times
 from legsim.run.files import load_imu, save_imu, save_joint_centers, save_poses
@@ -45,7 +46,7 @@ _NOISE, _STARTS, _PHOTONS = 1, 2, 4
 
 def motion_key(settings: RunConfig) -> str:
     return key_of(
-        __version__, settings.motion.model_dump(), from_recording.fingerprint(settings.motion)
+        __version__, settings.motion.model_dump(), run_motion.fingerprint(settings.motion)
     )
 
 
@@ -102,7 +103,7 @@ def _photons(settings: RunConfig, exposure: int) -> np.random.Generator:
     """By the recording's content too: scans of one study share a seed, and must not share their
     noise.
     """
-    recording = int(from_recording.fingerprint(settings.motion)[0][:16], 16)
+    recording = int(run_motion.fingerprint(settings.motion)[0][:16], 16)
     return np.random.default_rng([settings.seed, _PHOTONS, exposure, recording])
 
 
@@ -134,7 +135,7 @@ class ScanSetup:
 def set_up(settings: RunConfig, folder: RunFolder, on_progress: OnProgress) -> ScanSetup:
     """Solves the recording for joint angles and poses the phantom's skeleton at every view."""
     on_progress("joint angles", 0, 1)
-    recovered = from_recording.solve_recording(settings.motion)
+    recovered = run_motion.solve(settings.motion)
     write_kinematics(recovered, folder, motion_key(settings))
     splines = JointSplines(recovered.trajectories)
     times = view_times(settings.scan, recovered.trajectories.times)

@@ -22,9 +22,9 @@ from legsim.core.progress import OnProgress
 from legsim.evaluation import similarity
 from legsim.imu import drift, simulation
 from legsim.imu.noise import Convention, ImuNoise
-from legsim.kinematics import from_recording
 from legsim.kinematics.joint_splines import JointSplines
 from legsim.run import c_arm, methods, pipeline
+from legsim.run import motion as run_motion
 from legsim.run import sensors as run_sensors
 from legsim.run.store import StageCache
 from legsim.study import results
@@ -88,7 +88,7 @@ def scan(job: ScanJob, on_progress: OnProgress | None = None) -> tuple[ScanScore
     key = key_of(
         __version__,
         settings.model_dump(),
-        from_recording.fingerprint(settings.motion),
+        run_motion.fingerprint(settings.motion),
         names,
         similarity.PROTOCOL,
     )
@@ -135,7 +135,7 @@ def ladder(job: LadderJob, on_progress: OnProgress | None = None) -> tuple[Ladde
     key = key_of(
         __version__,
         job.settings.model_dump(),
-        from_recording.fingerprint(job.settings.motion),
+        run_motion.fingerprint(job.settings.motion),
         asked.model_dump(),
         job.convention,
     )
@@ -149,7 +149,7 @@ def ladder(job: LadderJob, on_progress: OnProgress | None = None) -> tuple[Ladde
 
 def _ladder(job: LadderJob, on_progress: OnProgress) -> list[LadderScore]:
     settings, asked = job.settings, job.ladder
-    recovered = from_recording.solve_recording(settings.motion)
+    recovered = run_motion.solve(settings.motion)
     splines = JointSplines(recovered.trajectories)
     placed = [s for s in run_sensors.sensors(settings.imu) if s.name == asked.sensor]
     views = c_arm.view_times(settings.scan, recovered.trajectories.times)

@@ -11,9 +11,9 @@ from legsim.config import RunConfig
 from legsim.core import memory as core_memory
 from legsim.core.errors import LegsimError, file_error
 from legsim.geometry import volume
-from legsim.kinematics import from_recording
 from legsim.report.published_tables import counted
 from legsim.run import c_arm, methods, volumes
+from legsim.run import motion as run_motion
 from legsim.study import config
 from legsim.study import jobs as study_jobs
 from legsim.study.config import Ladder, StudyConfig
@@ -154,7 +154,7 @@ def plan(
             "each differently"
         )
     for job in (*found.scans, *found.ladders):
-        from_recording.fingerprint(job.settings.motion)
+        run_motion.fingerprint(job.settings.motion)
         volumes.check(job.settings)
     for job in found.ladders:
         names = [sensor.name for sensor in job.settings.imu.sensors]

@@ -324,7 +324,7 @@ def converted(source, out, **changes):
 
 
 def test_markers_go_through_every_format_to_the_last_bit(tmp_path):
-    source = from_recording.source("subject01/squat_30.trc")
+    source = from_recording.find_recording("subject01/squat_30.trc")
     lines = converted(source, tmp_path / "a.csv")
     assert lines[0] == "lengths in mm, y up"
     assert lines[-1] == f"2400 samples of 7 markers (m, y up): {tmp_path / 'a.csv'}"
@@ -367,7 +367,9 @@ def test_coordinates_go_through_every_format_to_the_last_bit(tmp_path):
 )
 def test_a_conversion_that_cannot_be_is_refused_and_leaves_nothing(tmp_path, out, changes, message):
     with pytest.raises(LegsimError, match=message):
-        converted(from_recording.source("subject01/squat_30.trc"), tmp_path / out, **changes)
+        converted(
+            from_recording.find_recording("subject01/squat_30.trc"), tmp_path / out, **changes
+        )
     assert not list(tmp_path.iterdir())
 
 

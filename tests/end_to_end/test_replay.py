@@ -16,6 +16,7 @@ from legsim.kinematics.joint_splines import JointSplines
 from legsim.mocap import opensim, trc
 from legsim.mocap.trajectories import MarkerTrajectories
 from legsim.run import files
+from legsim.run import motion as run_motion
 from legsim.run import replay as run_replay
 from legsim.run import sensors as run_sensors
 
@@ -25,7 +26,7 @@ TRUTH = ("coordinates.mot", "poses.npz", "joint_centres.csv")
 @pytest.fixture(scope="module")
 def standing(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The first two seconds of a held squat."""
-    whole = trc.load(from_recording.source("subject01/squat_30.trc"))
+    whole = trc.load(from_recording.find_recording("subject01/squat_30.trc"))
     path = tmp_path_factory.mktemp("recording") / "squat.trc"
     trc.save(
         path, MarkerTrajectories(whole.times[:240], whole.marker_names, whole.positions_world[:240])
@@ -80,7 +81,7 @@ def test_soft_tissue_without_amplitude_is_the_rigid_sensor_bit_for_bit(standing,
     )
     assert contents(rigid, (*TRUTH, "imu.csv")) == contents(plain, (*TRUTH, "imu.csv"))
     solved, read = (
-        from_recording.solve_recording(config.MotionConfig(file=str(standing))),
+        from_recording.solve_kinematics(str(standing)),
         signals(rigid),
     )
     alone = simulation.simulate(
@@ -166,11 +167,11 @@ def broken_off(name: str, write):
 
 
 def test_coordinates_in_degrees_and_in_radians_give_the_same_signals(standing, tmp_path):
-    solved = from_recording.solve_recording(config.MotionConfig(file=str(standing)))
+    solved = from_recording.solve_kinematics(str(standing))
     read = []
     for name, in_degrees in (("degrees.mot", True), ("radians.mot", False)):
         opensim.save(tmp_path / name, solved.trajectories, in_degrees=in_degrees)
-        again = from_recording.solve_recording(config.MotionConfig(file=str(tmp_path / name)))
+        again = from_recording.solve_kinematics(str(tmp_path / name))
         np.testing.assert_allclose(
             again.trajectories.values, solved.trajectories.values, atol=1e-14
         )
@@ -216,7 +217,7 @@ def test_a_wrong_unit_is_one_line_whose_cure_works(standing, tmp_path, capsys):
         file, MarkerTrajectories(whole.times, whole.marker_names, 1000 * whole.positions_world)
     )
     assert "--set motion.unit=mm" in refused(capsys, file)
-    cured = from_recording.solve_recording(
+    cured = run_motion.solve(
         config.load(overrides=(f"motion.file={file}", "motion.unit=mm")).motion
     )
     assert cured.fit is not None

@@ -10,13 +10,13 @@ from pathlib import Path
 ROOT = Path(__file__).parents[2]
 SCRIPT = """
 import legsim
-from legsim import config
+
 from legsim.core import resources
-from legsim.kinematics import solve_recording
+from legsim.kinematics import solve_kinematics
 from legsim.opencl import open_device
 from legsim.report import ReportContent, render
 assert not legsim.__file__.startswith({root!r}), legsim.__file__
-assert solve_recording(config.MotionConfig()).fit.ik.rms < 5e-3
+assert solve_kinematics("subject01/squat_60.trc").fit.ik.rms < 5e-3
 device = open_device()
 from legsim.phantom import load_leg_phantom
 assert load_leg_phantom().phantom.parts

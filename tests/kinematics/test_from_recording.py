@@ -6,6 +6,7 @@ from legsim.core.errors import LegsimError
 from legsim.kinematics import from_recording
 from legsim.mocap import opensim, trc
 from legsim.mocap.trajectories import JointTrajectories, MarkerTrajectories
+from legsim.run import motion as run_motion
 from tools.experiments import recovery_errors as recovery_errors
 
 SQUAT = "subject01/squat_30.trc"
@@ -13,13 +14,13 @@ SQUAT = "subject01/squat_30.trc"
 
 @pytest.fixture(scope="module")
 def squat() -> MarkerTrajectories:
-    return trc.load(from_recording.source(SQUAT))
+    return trc.load(from_recording.find_recording(SQUAT))
 
 
 @pytest.fixture(scope="module")
 def solved() -> JointTrajectories:
     """Coordinates of a held squat."""
-    return from_recording.solve_recording(MotionConfig(file=SQUAT)).trajectories
+    return from_recording.solve_kinematics(SQUAT).trajectories
 
 
 def saved(folder, motion: MarkerTrajectories, name="moved.trc") -> MotionConfig:
@@ -34,7 +35,7 @@ def short(motion: MarkerTrajectories, count: int = 240) -> MarkerTrajectories:
 
 
 def test_a_shipped_recording_becomes_a_bent_knee():
-    recovered = from_recording.solve_recording(MotionConfig(file=SQUAT))
+    recovered = from_recording.solve_kinematics(SQUAT)
     bend = -np.degrees(recovered.trajectories.coordinate("knee_angle_l"))
     assert 20 < bend.mean() < 40
     assert recovered.fit is not None
@@ -52,7 +53,7 @@ def test_a_poor_fit_and_what_was_not_seen_are_told_aloud(tmp_path, squat):
     positions[half:, ankle] = np.nan
     positions[half:, :, 0] += np.linspace(0, 0.6, len(positions) - half)[:, None]
     positions[half:, knee] = positions[half - 1, knee]
-    lines = from_recording.solve_recording(
+    lines = run_motion.solve(
         saved(tmp_path, MarkerTrajectories(squat.times, squat.marker_names, positions))
     ).lines()
     assert any(line.startswith("warning: that is no good fit; worst is") for line in lines)
@@ -62,33 +63,33 @@ def test_a_poor_fit_and_what_was_not_seen_are_told_aloud(tmp_path, squat):
     )
     assert not any(
         "no good fit" in line or "not seen" in line
-        for line in from_recording.solve_recording(MotionConfig(file=SQUAT)).lines()
+        for line in from_recording.solve_kinematics(SQUAT).lines()
     )
 
 
 def test_coordinates_are_taken_as_they_are(tmp_path):
-    recovered = from_recording.solve_recording(MotionConfig(file=SQUAT))
+    recovered = from_recording.solve_kinematics(SQUAT)
     opensim.save(tmp_path / "c.mot", recovered.trajectories)
-    again = from_recording.solve_recording(MotionConfig(file=str(tmp_path / "c.mot")))
+    again = from_recording.solve_kinematics(str(tmp_path / "c.mot"))
     np.testing.assert_array_equal(again.trajectories.values, recovered.trajectories.values)
     assert again.fit is None
 
 
 def test_flexion_positive_coordinates_are_turned_to_the_models_sign(tmp_path):
-    recovered = from_recording.solve_recording(MotionConfig(file=SQUAT))
+    recovered = from_recording.solve_kinematics(SQUAT)
     names = recovered.trajectories.coordinate_names
     flipped = recovered.trajectories.values.copy()
     flipped[:, [names.index("knee_angle_r"), names.index("knee_angle_l")]] *= -1
     opensim.save(
         tmp_path / "c.mot", JointTrajectories(recovered.trajectories.times, names, flipped)
     )
-    again = from_recording.solve_recording(MotionConfig(file=str(tmp_path / "c.mot")))
+    again = from_recording.solve_kinematics(str(tmp_path / "c.mot"))
     np.testing.assert_array_equal(again.trajectories.values, recovered.trajectories.values)
     assert any("positive in flexion" in line for line in again.lines())
 
 
 def test_filtering_coordinates_on_request_removes_what_is_fast(tmp_path):
-    recovered = from_recording.solve_recording(MotionConfig(file=SQUAT))
+    recovered = from_recording.solve_kinematics(SQUAT)
     shaken = (
         recovered.trajectories.values
         + 0.01 * np.sin(2 * np.pi * 25 * recovered.trajectories.times)[:, None]
@@ -99,15 +100,13 @@ def test_filtering_coordinates_on_request_removes_what_is_fast(tmp_path):
             recovered.trajectories.times, recovered.trajectories.coordinate_names, shaken
         ),
     )
-    calm = from_recording.solve_recording(
-        MotionConfig(file=str(tmp_path / "c.mot")), filter_coordinates=True
-    )
+    calm = run_motion.solve(MotionConfig(file=str(tmp_path / "c.mot")), filter_coordinates=True)
     assert np.abs(calm.trajectories.values - recovered.trajectories.values)[60:-60].max() < 1e-3
 
 
 def test_a_real_mot_of_opensim_opens(shared_data):
-    recovered = from_recording.solve_recording(
-        MotionConfig(file=str(shared_data / "mocap/squats_subject4/squats1_manual_scaling_ik.mot"))
+    recovered = from_recording.solve_kinematics(
+        str(shared_data / "mocap/squats_subject4/squats1_manual_scaling_ik.mot")
     )
     assert np.degrees(recovered.trajectories.coordinate("knee_angle_r").min()) < -90
 
@@ -115,13 +114,13 @@ def test_a_real_mot_of_opensim_opens(shared_data):
 @pytest.mark.parametrize("name", ["nowhere.trc", "subject99/squat_30.trc"])
 def test_a_missing_file_is_named(name):
     with pytest.raises(LegsimError, match=r"no such motion file, here or among the shipped ones"):
-        from_recording.solve_recording(MotionConfig(file=name))
+        from_recording.solve_kinematics(name)
 
 
 def test_what_is_no_trc_is_refused(tmp_path):
     (tmp_path / "a.trc").write_text("hello\n")
     with pytest.raises(LegsimError, match=r"a\.trc") as caught:
-        from_recording.solve_recording(MotionConfig(file=str(tmp_path / "a.trc")))
+        from_recording.solve_kinematics(str(tmp_path / "a.trc"))
     assert "\n" not in str(caught.value)
 
 
@@ -130,7 +129,7 @@ def test_a_leg_of_a_kilometer_is_refused_with_its_unit(tmp_path, squat):
         tmp_path, MarkerTrajectories(squat.times, squat.marker_names, 1000 * squat.positions_world)
     )
     with pytest.raises(LegsimError, match=r"moved\.trc.*unit"):
-        from_recording.solve_recording(config)
+        run_motion.solve(config)
 
 
 def test_a_role_without_a_marker_is_named(tmp_path, squat):
@@ -142,7 +141,7 @@ def test_a_role_without_a_marker_is_named(tmp_path, squat):
         ),
     )
     with pytest.raises(LegsimError, match=r"moved\.trc.*epicondyle_lateral_l"):
-        from_recording.solve_recording(config)
+        run_motion.solve(config)
 
 
 def test_a_trial_scaled_from_another_does_without_what_only_scaling_needs(tmp_path, squat):
@@ -158,11 +157,11 @@ def test_a_trial_scaled_from_another_does_without_what_only_scaling_needs(tmp_pa
         ),
     )
     with pytest.raises(LegsimError, match=r"moved\.trc.*malleolus_lateral_r"):
-        from_recording.solve_recording(lacking)
-    recovered = from_recording.solve_recording(lacking.model_copy(update={"scaling_file": SQUAT}))
+        run_motion.solve(lacking)
+    recovered = run_motion.solve(lacking.model_copy(update={"scaling_file": SQUAT}))
     assert recovered.fit is not None
     assert recovered.fit.scaled_from == "squat_30.trc"
-    whole = from_recording.solve_recording(
+    whole = run_motion.solve(
         saved(tmp_path, cut, "whole.trc").model_copy(update={"scaling_file": SQUAT})
     )
     np.testing.assert_array_equal(recovered.leg.scales.factors, whole.leg.scales.factors)
@@ -203,7 +202,7 @@ def errors_of(name: str, scaling_file: str = "") -> recovery_errors.Errors:
 def test_only_shipped_held_squats_are_scaled_from_the_squats_beside_them(tmp_path, squat):
     """A person's own squat_1.trc beside a squats.trc is taken as it is."""
     saved(tmp_path, short(squat), "squats.trc")
-    recovered = from_recording.solve_recording(saved(tmp_path, short(squat), "squat_1.trc"))
+    recovered = run_motion.solve(saved(tmp_path, short(squat), "squat_1.trc"))
     assert recovered.fit is not None
     assert recovered.fit.scaled_from == "squat_1.trc"
 
@@ -213,7 +212,7 @@ def test_a_marker_that_is_never_seen_is_named(tmp_path, squat):
     positions[:, squat.marker_names.index("LKNE")] = np.nan
     config = saved(tmp_path, MarkerTrajectories(short(squat).times, squat.marker_names, positions))
     with pytest.raises(LegsimError, match=r"moved\.trc.*LKNE|moved\.trc.*epicondyle_lateral_l"):
-        from_recording.solve_recording(config)
+        run_motion.solve(config)
 
 
 def test_degrees_that_the_header_calls_radians_are_refused(tmp_path, solved):
@@ -228,7 +227,7 @@ def test_degrees_that_the_header_calls_radians_are_refused(tmp_path, solved):
             r"inDegrees=yes"
         ),
     ):
-        from_recording.solve_recording(MotionConfig(file=str(tmp_path / "c.mot")))
+        from_recording.solve_kinematics(str(tmp_path / "c.mot"))
 
 
 def test_a_model_without_subtalar_and_toe_joints_is_read_with_them_at_zero(tmp_path, solved):
@@ -243,7 +242,7 @@ def test_a_model_without_subtalar_and_toe_joints_is_read_with_them_at_zero(tmp_p
             solved.times, tuple(solved.coordinate_names[k] for k in kept), solved.values[:, kept]
         ),
     )
-    recovered = from_recording.solve_recording(MotionConfig(file=str(tmp_path / "c.mot")))
+    recovered = from_recording.solve_kinematics(str(tmp_path / "c.mot"))
     assert recovered.trajectories.coordinate_names == solved.coordinate_names
     np.testing.assert_array_equal(recovered.trajectories.values[:, kept], solved.values[:, kept])
     assert not np.delete(recovered.trajectories.values, kept, 1).any()
@@ -259,7 +258,7 @@ def test_samples_left_out_of_coordinates_are_told(tmp_path, solved):
         tmp_path / "c.mot",
         JointTrajectories(solved.times[kept], solved.coordinate_names, solved.values[kept]),
     )
-    recovered = from_recording.solve_recording(MotionConfig(file=str(tmp_path / "c.mot")))
+    recovered = from_recording.solve_kinematics(str(tmp_path / "c.mot"))
     assert recovered.notes == (
         "0.258 s are missing after 0.825 s (elsewhere a sample every 0.00833 s): bridged by "
         "splines",
@@ -271,4 +270,4 @@ def test_coordinates_that_are_not_a_legs_are_refused(tmp_path):
         tmp_path / "c.mot", JointTrajectories(np.arange(5.0), ("elbow",), np.zeros((5, 1)))
     )
     with pytest.raises(LegsimError, match=r"c\.mot: the motion has no coordinate pelvis_tilt"):
-        from_recording.solve_recording(MotionConfig(file=str(tmp_path / "c.mot")))
+        from_recording.solve_kinematics(str(tmp_path / "c.mot"))

@@ -14,7 +14,7 @@ from legsim.run import replay as run_replay
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     """A replay of four seconds with a gap, a spike and a header in millimeters."""
-    whole = trc.load(from_recording.source("subject01/squat_60.trc"))
+    whole = trc.load(from_recording.find_recording("subject01/squat_60.trc"))
     positions = whole.positions_world[:480].copy()
     positions[100:112, whole.marker_names.index("LKNE")] = np.nan
     positions[200, whole.marker_names.index("RANK")] += 0.3

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from legsim import config
-from legsim.kinematics import from_recording
+from legsim.run import motion as run_motion
 from legsim.run import pipeline
 from legsim.run.folder import RunFolder
 from legsim.run.pipeline import RunResult
@@ -44,7 +44,7 @@ def test_a_ladder_is_scored_once(tmp_path, monkeypatch):
     def refuse(*_: object, **__: object) -> None:
         raise AssertionError("computed again")
 
-    monkeypatch.setattr(from_recording, "solve_recording", refuse)
+    monkeypatch.setattr(run_motion, "solve", refuse)
     assert study_jobs.ladder(job(tmp_path)) == first
     with pytest.raises(AssertionError, match="computed again"):
         study_jobs.ladder(job(tmp_path, ladder=LADDER.model_copy(update={"repetitions": 3})))

@@ -20,10 +20,11 @@ from legsim.core.values import FloatArray
 from legsim.correction import bead_scan, bead_tracking
 from legsim.deformation.models import RigidMotion
 from legsim.geometry.cone_beam import ConeBeamGeometry
-from legsim.kinematics import from_recording, joint_splines
+from legsim.kinematics import joint_splines
 from legsim.kinematics.joint_splines import JointSplines
 from legsim.kinematics.skeleton import SEGMENTS
 from legsim.phantom import leg_phantom
+from legsim.run import motion as run_motion
 from legsim.run.c_arm import c_arm, view_times
 
 DETECTION_PX = 0.1
@@ -32,7 +33,7 @@ DETECTION_PX = 0.1
 def beads(motion_file: str) -> tuple[ConeBeamGeometry, FloatArray, FloatArray]:
     """(scan, beads (v, b, 3), tibia poses (v, 4, 4)) of the preset "half"."""
     settings = config.load(preset="half", overrides=(f"motion.file={motion_file}",))
-    recovered = from_recording.solve_recording(settings.motion)
+    recovered = run_motion.solve(settings.motion)
     times = view_times(settings.scan, recovered.trajectories.times)
     poses = joint_splines.segment_poses_at(
         recovered.leg, JointSplines(recovered.trajectories), times

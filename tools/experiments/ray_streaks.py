@@ -34,7 +34,7 @@ from legsim.evaluation import regions, similarity
 from legsim.evaluation.regions import Region
 from legsim.geometry.cone_beam import ConeBeamGeometry, Projections
 from legsim.geometry.volume import Volume, VolumeGrid, nodes_over
-from legsim.kinematics import from_recording, joint_splines
+from legsim.kinematics import joint_splines
 from legsim.kinematics.joint_splines import JointSplines
 from legsim.kinematics.skeleton import SegmentPoses
 from legsim.opencl.device import Device, open_device
@@ -42,6 +42,7 @@ from legsim.phantom import leg_phantom, voxelize
 from legsim.phantom.leg_phantom import LegPhantom
 from legsim.reconstruction import cgls as reconstruction_cgls
 from legsim.reconstruction import fdk, weights
+from legsim.run import motion as run_motion
 from legsim.run.c_arm import c_arm, seen_by_every_view, view_times, volume_grid
 from legsim.scan import acquisition
 from legsim.scan.acquisition import Imaging
@@ -159,7 +160,7 @@ def joints(phantom: LegPhantom, poses: SegmentPoses) -> ControlPointMotion:
 def scene(case: Case, motion_file: str, device: Device) -> Scene:
     """The case with the recorded motion."""
     settings = case.settings(motion_file)
-    recovered = from_recording.solve_recording(settings.motion)
+    recovered = run_motion.solve(settings.motion)
     times = view_times(settings.scan, recovered.trajectories.times)
     poses = joint_splines.segment_poses_at(
         recovered.leg, JointSplines(recovered.trajectories), times

@@ -14,7 +14,6 @@ from typing import Annotated
 import numpy as np
 import typer
 
-from legsim.config import MotionConfig
 from legsim.core import resources, transforms
 from legsim.core.values import FloatArray
 from legsim.kinematics import from_recording, inverse_kinematics, marker_sites
@@ -53,9 +52,7 @@ class Errors:
 
 def recovered(name: str, scaling_file: str = "") -> tuple[MovingLeg, MarkerFit]:
     """A recording under motions/, scaled from ``scaling_file`` or as `legsim` chooses."""
-    found = from_recording.solve_recording(
-        MotionConfig(file=f"{name}.trc", scaling_file=scaling_file)
-    )
+    found = from_recording.solve_kinematics(f"{name}.trc", scale_from=scaling_file)
     assert found.fit is not None
     return found, found.fit
 

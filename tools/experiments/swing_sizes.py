@@ -10,11 +10,12 @@ import numpy as np
 
 from legsim import config
 from legsim.imu.skin_mount import SkinMount
-from legsim.kinematics import from_recording, joint_splines
+from legsim.kinematics import joint_splines
 from legsim.kinematics.joint_splines import JointSplines
 from legsim.phantom import tissue_swing
 from legsim.phantom.skinning import swing_of
 from legsim.run import c_arm
+from legsim.run import motion as run_motion
 
 RECORDINGS = ("subject01/squat_60.trc", "subject06/squat_60.trc", "subject01/squats.trc")
 
@@ -23,7 +24,7 @@ def main() -> None:
     """Prints the farthest swing of thigh and shank in mm."""
     for name in sys.argv[1:] or RECORDINGS:
         settings = config.load(overrides=(f"motion.file={name}",))
-        recovered = from_recording.solve_recording(settings.motion)
+        recovered = run_motion.solve(settings.motion)
         splines = JointSplines(recovered.trajectories)
         poses = joint_splines.segment_poses_at(
             recovered.leg, splines, c_arm.view_times(settings.scan, recovered.trajectories.times)

@@ -1,0 +1,38 @@
+"""The recording of a run: solved as its [motion] settings say, and known by its content."""
+
+from functools import cache
+from pathlib import Path
+
+from legsim.config import MotionConfig
+from legsim.core.files import sha256
+from legsim.kinematics.from_recording import files_read, solve_kinematics
+from legsim.kinematics.moving_leg import MovingLeg
+
+
+def solve(motion: MotionConfig, *, filter_coordinates: bool = False) -> MovingLeg:
+    """The person who moves in the configured recording; errors as in ``solve_kinematics``."""
+    return solve_kinematics(
+        motion.file,
+        marker_map=motion.marker_map,
+        unit=None if motion.unit == "file" else motion.unit,
+        up=None if motion.up == "file" else motion.up,
+        filter_hz=motion.filter_hz,
+        longest_gap=motion.longest_gap_s,
+        marker_noise=1e-3 * motion.marker_noise_mm,
+        scale_from=motion.scaling_file or None,
+        filter_coordinates=filter_coordinates,
+    )
+
+
+def fingerprint(motion: MotionConfig) -> list[str]:
+    """Hashes of the files that :func:`solve` reads."""
+    read = files_read(
+        motion.file, marker_map=motion.marker_map, scale_from=motion.scaling_file or None
+    )
+    return [_hash(path, path.stat().st_mtime_ns, path.stat().st_size) for path in read]
+
+
+@cache
+def _hash(path: Path, _changed_ns: int, _size: int) -> str:
+    """A recording is read once for its hash, however many stages ask for it."""
+    return sha256(path)
