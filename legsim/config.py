@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, Literal, TypeVar, get_args
 
 import tomli_w
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from legsim.core.errors import LegsimError, file_error
 
@@ -124,8 +124,8 @@ class ImuConfig(ConfigSection):
 class PhantomConfig(ConfigSection):
     """The scanned legs."""
 
-    legs: Literal["both", "left"] = "both"
-    """left: the scanned one alone, as if the other stood far off; the other one's edges leave
+    legs: Literal["both", "scanned"] = "both"
+    """scanned: that one alone, as if the other stood far off; the other one's edges leave
     streaks wherever the views are few
     """
     detail: Literal["coarse", "fine"] = "coarse"
@@ -178,6 +178,10 @@ class DetectorConfig(ConfigSection):
 class ScanConfig(ConfigSection):
     """The C-arm; defaults are the paper's."""
 
+    side: Literal["left", "right"] = "left"
+    """of the leg in the isocenter; regions, markers, beads and default sensors follow"""
+    center: Literal["knee"] | tuple[float, float, float] = "knee"
+    """of the rotation: the scanned knee at the first view, or a point of the world in mm"""
     start_s: float | None = None
     """time of the first view in the recording; none: the scan sits in the recording's middle"""
     views: int = Field(default=248, ge=2)
@@ -251,8 +255,8 @@ class MethodsConfig(ConfigSection):
     """the sensor that the rigid correction follows"""
     start: Literal["truth", "fiducials"] = "truth"
     """where each sensor's integration starts from at the first view"""
-    legs: Literal["left", "both"] = "left"
-    """whose joints the non-rigid methods follow; the right leg's need sensors of their own"""
+    legs: Literal["scanned", "both"] = "scanned"
+    """whose joints the non-rigid methods follow; the other leg's need sensors of their own"""
     points_per_segment: int = Field(default=0, ge=0)
     """further control points of the non-rigid methods, evenly between the joints of a segment"""
     node_mm: float = Field(default=8.0, gt=0)
@@ -279,6 +283,40 @@ class RunConfig(ConfigSection):
     methods: MethodsConfig = MethodsConfig()
     evaluation: EvaluationConfig = EvaluationConfig()
     seed: int = 0
+
+    @model_validator(mode="before")
+    @classmethod
+    def _on_the_scanned_side(cls, tree: Any) -> Any:
+        """Sensors that nobody names sit on the scanned leg."""
+        if not isinstance(tree, dict) or _key(tree, "scan", "side") != "right":
+            return tree
+        result = dict(tree)
+        if _key(tree, "imu", "sensors") is None:
+            left = ImuConfig().sensors
+            right = [
+                s.model_dump() | {"name": f"{s.name[:-1]}r", "segment": f"{s.segment[:-1]}r"}
+                for s in left
+            ]
+            result["imu"] = {**_section(tree, "imu"), "sensors": right}
+        if _key(tree, "methods", "sensor") is None:
+            first = _key(result, "imu", "sensors")[0]
+            name = first["name"] if isinstance(first, dict) else first.name
+            result["methods"] = {**_section(tree, "methods"), "sensor": name}
+        return result
+
+
+def _section(tree: dict[str, Any], name: str) -> dict[str, Any]:
+    """A section of an unvalidated tree, with the keys that were given."""
+    found = tree.get(name, {})
+    return found.model_dump(exclude_unset=True) if isinstance(found, ConfigSection) else dict(found)
+
+
+def _key(tree: dict[str, Any], section: str, key: str) -> Any:
+    """A value of an unvalidated tree; None where it was not given."""
+    try:
+        return _section(tree, section).get(key)
+    except (TypeError, ValueError):
+        return None  # no table: the validation reports it
 
 
 PRESETS: dict[str, dict[str, dict[str, Any]]] = {
@@ -318,9 +356,7 @@ def from_trees(preset: str, *trees: dict[str, Any], where: Path | None = None) -
         LegsimError: no such preset, or a key or value that is not allowed; the line names the key.
     """
     if preset not in PRESETS:
-        raise LegsimError(
-            f"--preset {preset}: there is no such preset; choose one of {', '.join(PRESETS)}"
-        )
+        raise LegsimError(f"--preset {preset}: unknown preset; choose one of {', '.join(PRESETS)}")
     tree: dict[str, Any] = merged({}, PRESETS[preset])
     for further in trees:
         tree = merged(tree, further)
@@ -362,7 +398,7 @@ def read(path: Path) -> dict[str, Any]:
             path, f"cannot be read ({error})", "give the path of a TOML file"
         ) from None
     except tomllib.TOMLDecodeError as error:
-        raise file_error(path, f"is not TOML: {error}", "mend that place") from None
+        raise file_error(path, f"is not TOML: {error}", "fix that place") from None
 
 
 def parse_override(text: str) -> dict[str, Any]:
@@ -395,7 +431,7 @@ def _explain(error: ValidationError, model: type[ConfigSection], path: Path | No
     place = ".".join(str(part) for part in first["loc"])
     where = f"{path or 'configuration'} ({place})"
     if first["type"] == "extra_forbidden":
-        return f"{where}: there is no such key; {_valid_keys(model, first['loc'])}"
+        return f"{where}: unknown key; {_valid_keys(model, first['loc'])}"
     more = f" (and {error.error_count() - 1} more)" if error.error_count() > 1 else ""
     override = f" or with --set {place}=..." if model is RunConfig else ""
     return (

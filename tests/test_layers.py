@@ -12,7 +12,8 @@ ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / "legsim"
 ORDER = (
     *("core", "config", "opencl", "geometry", "mocap", "kinematics", "imu", "phantom", "scan"),
-    *("deformation", "reconstruction", "evaluation", "correction", "scene", "figures", "view"),
+    *("deformation", "reconstruction", "evaluation", "correction", "simulation", "scene"),
+    *("figures", "view"),
     *("report", "run", "study", "cli"),
 )
 """Packages from the bottom up: each imports only from those before it"""

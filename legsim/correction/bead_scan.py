@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from legsim.config import BeadsConfig
 from legsim.core.values import FloatArray, frozen
 from legsim.geometry.cone_beam import Projections
 from legsim.kinematics.skeleton import SEGMENTS, SegmentPoses
@@ -37,24 +36,34 @@ class BeadScan:
         object.__setattr__(self, "guesses", frozen("BeadScan.guesses", self.guesses, (None, 3)))
 
 
-def bead_positions(phantom: LegPhantom, settings: BeadsConfig) -> FloatArray:
-    """(b, 3) on the left leg's skin in world of the phantom's reference pose, on a spiral around
-    the knee.
-    """
-    reach = 1e-3 * settings.reach_mm
-    turns = _GOLDEN_ANGLE * np.arange(settings.count)
-    return phantom.skin_points(
-        "l", heights=np.linspace(-reach, reach, settings.count), directions=turns
-    )
+@dataclass(frozen=True, slots=True)
+class Beads:
+    """Metal beads on the skin around the knee, tantalum; they are in no reconstruction."""
+
+    count: int = 12
+    radius: float = 1e-3
+    """m"""
+    reach: float = 0.070
+    """m, farthest above and below the knee"""
+    guess_error: float = 2e-3
+    """m, standard deviation per axis of the places that the search starts from"""
+
+
+def bead_positions(phantom: LegPhantom, beads: Beads, side: str = "l") -> FloatArray:
+    """(b, 3) m on the leg's skin in world of the reference pose, on a spiral around the knee."""
+    turns = _GOLDEN_ANGLE * np.arange(beads.count)
+    heights = np.linspace(-beads.reach, beads.reach, beads.count)
+    return phantom.skin_points(side, heights=heights, directions=turns)
 
 
 def add_beads(
     projections: Projections,
     phantom: LegPhantom,
     poses: SegmentPoses,
-    settings: BeadsConfig,
+    beads: Beads,
     device: Device,
     *,
+    side: str = "l",
     energy_kev: float,
     rng: np.random.Generator,
     progress: Callable[[int, int], None] | None = None,
@@ -64,7 +73,7 @@ def add_beads(
     A bead's whole attenuation is added, not the excess over the tissue it displaces, which is less
     than a hundredth of it.
     """
-    placed = bead_positions(phantom, settings)
+    placed = bead_positions(phantom, beads, side)
     # what is no segment of the phantom's is a swing of its soft tissue, which rests in the
     # reference pose
     start = [
@@ -73,13 +82,12 @@ def add_beads(
     ]
     at_views = phantom.paths(
         placed,
-        "soft_l",
+        f"soft_{side}",
         start=start,
         poses=poses.world_from_segment,
         segment_names=poses.segment_names,
     )
-    radius = 0.5e-3 * settings.diameter_mm
-    surface, triangles = sphere(radius)
+    surface, triangles = sphere(beads.radius)
     value = materials.attenuation("tantalum", energy_kev)
     parts = [
         Part(f"bead_{k}", "tantalum", value, center + surface, triangles)
@@ -92,9 +100,9 @@ def add_beads(
         posed=lambda view: [center + surface for center in at_views[view]],
         progress=progress,
     )
-    guesses = at_views[0] + 1e-3 * settings.guess_error_mm * rng.standard_normal(at_views[0].shape)
+    guesses = at_views[0] + beads.guess_error * rng.standard_normal(at_views[0].shape)
     return BeadScan(
         Projections(projections.geometry, projections.line_integrals + shadows.line_integrals),
         guesses,
-        radius,
+        beads.radius,
     )

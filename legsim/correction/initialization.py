@@ -6,12 +6,12 @@ ones.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from legsim.config import FiducialsConfig
 from legsim.core import transforms
 from legsim.core.errors import LegsimError
 from legsim.core.values import FloatArray, frozen
@@ -29,8 +29,8 @@ from legsim.correction.fiducials import (
 )
 from legsim.geometry.cone_beam import ConeBeamGeometry
 from legsim.imu import simulation, strapdown
+from legsim.imu.sensors import Sensor
 from legsim.imu.signals import ImuSignals, SensorStart
-from legsim.imu.simulation import Sensor
 from legsim.imu.strapdown import Scheme
 from legsim.kinematics.joint_splines import JointSplines
 from legsim.kinematics.leg_model import LegModel
@@ -63,6 +63,23 @@ def from_truth(
     )
 
 
+@dataclass(frozen=True, slots=True)
+class FiducialOptions:
+    """Four metal points in each sensor, and how they are found in the first views."""
+
+    fiducials: Fiducials = field(default_factory=Fiducials)
+    views: int = 2
+    """the first ones; 2 is the paper's way, more average the errors of detection"""
+    detector: DetectorBounds = "bounded"
+    """"unbounded": the paper's virtual detector, which also sees what lies beyond the real one"""
+    found: Literal["exact", "images"] = "exact"
+    """"exact" projects the points; "images" renders them as beads and finds their shadows"""
+    error_px: float = 0.0
+    """standard deviation along u and v added to exact points"""
+    bead_radius: float = 1e-3
+    """m, of the rendered beads, tantalum"""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class FiducialScan:
     """The first views of a scan in which the sensors' fiducials are looked for."""
@@ -79,12 +96,12 @@ def from_fiducials(
     placed: Sequence[Sensor],
     scan: FiducialScan,
     sensor_poses: SegmentPoses,
-    settings: FiducialsConfig,
+    options: FiducialOptions,
     *,
     scheme: Scheme,
     rng: np.random.Generator,
 ) -> Starts:
-    """Starts from the fiducials in the first ``settings.views`` views, as a scanner would find
+    """Starts from the fiducials in the first ``options.views`` views, as a scanner would find
     them.
 
     ``sensor_poses`` (true) say where the fiducials are to be seen; where they are found in images
@@ -93,20 +110,20 @@ def from_fiducials(
     Raises:
         LegsimError: fiducials off a bounded detector, or hidden; the line names the sensor.
     """
-    fiducials = Fiducials(1e-3 * settings.axis_length_mm)
-    if settings.views > len(scan.geometry):
+    fiducials = options.fiducials
+    if options.views > len(scan.geometry):
         raise LegsimError(
-            f"methods.fiducials.views is {settings.views}, but the scan has {len(scan.geometry)} "
+            f"methods.fiducials.views is {options.views}, but the scan has {len(scan.geometry)} "
             "views; ask for fewer"
         )
-    starts, notes = [], [_how(settings)]
+    starts, notes = [], [_how(options)]
     for sensor in placed:
-        poses = sensor_poses.of(sensor.name)[: settings.views]
-        geometry = scan.geometry[: settings.views]
+        poses = sensor_poses.of(sensor.name)[: options.views]
+        geometry = scan.geometry[: options.views]
         notes.append(
             _visible(sensor.name, correction_fiducials.on_detector(geometry, poses, fiducials))
         )
-        pixels = _seen(sensor, poses, scan, settings, fiducials, rng)
+        pixels = _seen(sensor, poses, scan, options, fiducials, rng)
         try:
             found = start_from_fiducials(
                 signals,
@@ -115,7 +132,7 @@ def from_fiducials(
                 pixels,
                 fiducials,
                 scheme=scheme,
-                detector=settings.detector,
+                detector=options.detector,
             )
         except LegsimError as error:
             raise LegsimError(f"start of sensor {sensor.name}: {error}") from error
@@ -124,16 +141,17 @@ def from_fiducials(
     return Starts(tuple(starts), tuple(notes))
 
 
-def _how(settings: FiducialsConfig) -> str:
+def _how(options: FiducialOptions) -> str:
     way = (
         "found as shadows in the images"
-        if settings.found == "images"
-        else f"projected with {settings.error_px:g} px of error"
+        if options.found == "images"
+        else f"projected with {options.error_px:g} px of error"
     )
     return (
-        f"Poses start from four fiducials {settings.axis_length_mm:g} mm apart in each sensor, "
-        f"{way}, in the first {settings.views} views "
-        f"of a detector that is {settings.detector}."
+        f"Poses start from four fiducials {1e3 * options.fiducials.axis_length:g} mm apart in "
+        "each sensor, "
+        f"{way}, in the first {options.views} views "
+        f"of a detector that is {options.detector}."
     )
 
 
@@ -151,7 +169,7 @@ def _seen(
     sensor: Sensor,
     poses: FloatArray,
     scan: FiducialScan,
-    settings: FiducialsConfig,
+    options: FiducialOptions,
     fiducials: Fiducials,
     rng: np.random.Generator,
 ) -> FloatArray:
@@ -159,13 +177,13 @@ def _seen(
     exact = np.stack(
         [project_fiducials(scan.geometry, k, pose, fiducials) for k, pose in enumerate(poses)]
     )
-    if settings.found == "exact":
-        return exact + settings.error_px * rng.standard_normal(exact.shape)
+    if options.found == "exact":
+        return exact + options.error_px * rng.standard_normal(exact.shape)
     geometry, shift = scan.geometry[: len(poses)], 0
-    if settings.detector == "unbounded":
+    if options.detector == "unbounded":
         geometry, shift = _widened(geometry, exact)
     centers = transforms.apply(sensor.segment_from_sensor, fiducials.points_sensor)
-    radius = 0.5e-3 * settings.bead_mm
+    radius = options.bead_radius
     beaded = scan.phantom.with_spheres("fiducial", centers, segment=sensor.segment, radius=radius)
     images = projector.project(
         beaded.phantom,

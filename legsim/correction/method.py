@@ -13,7 +13,8 @@ import numpy as np
 
 from legsim.core.errors import LegsimError
 from legsim.core.values import FloatArray
-from legsim.deformation.models import ControlPointMotion, Motion, RigidMotion
+from legsim.correction.control_points import AttachedPoint
+from legsim.deformation.models import ControlPointMotion, Motion
 from legsim.geometry.cone_beam import Projections
 from legsim.imu.signals import ImuSignals, SensorStart
 
@@ -28,9 +29,14 @@ class Scan:
     signals: ImuSignals
     starts: tuple[SensorStart, ...]
     """pose and velocity of each sensor of ``signals`` at the first view"""
+    joints: tuple[tuple[AttachedPoint, ...], ...] = ()
+    """of each followed leg hip, knee, ankle and whatever else is followed, on the sensors that
+    carry them: how those were strapped on is known; empty where it is not
+    """
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "starts", tuple(self.starts))
+        object.__setattr__(self, "joints", tuple(tuple(leg) for leg in self.joints))
         if len(self.starts) != len(self.signals.sensor_names):
             raise LegsimError(
                 f"Scan has {len(self.starts)} starts for {len(self.signals.sensor_names)} "
@@ -96,12 +102,6 @@ class Correction:
                 f"the projections {len(views)} from {views[0]:g} s; "
                 "estimate the motion at the projections' own times"
             )
-
-
-class MotionEstimator(Protocol):
-    """A method that finds one rigid motion; :func:`rigidly` makes a whole correction of it."""
-
-    def __call__(self, scan: Scan, /) -> RigidMotion: ...
 
 
 class CorrectionMethod(Protocol):

@@ -1,4 +1,6 @@
-"""The phantom's own motion as a displacement field: the ceiling of all non-rigid methods.
+"""Oracles, the ceilings of all methods: a correction that was handed the true motion.
+
+The phantom's own motion is a displacement field, the ceiling of non-rigid methods.
 
 The field is sampled at nodes and linear between them. Material points of soft tissue go as the
 phantom's skinning carries them. So that bones stay exact, every node within one spacing of a bone
@@ -6,11 +8,15 @@ goes with the nearest bone: soft tissue that close to a bone is then led by the 
 price of the sampling and shrinks with it.
 """
 
+from collections.abc import Callable
+from dataclasses import dataclass
+
 import numpy as np
 from scipy.spatial import KDTree
 
 from legsim.core.values import FloatArray, frozen_owned
-from legsim.deformation.models import FieldMotion
+from legsim.correction.method import Correction, Scan
+from legsim.deformation.models import FieldMotion, Motion
 from legsim.geometry import volume
 from legsim.geometry.volume import VolumeGrid
 from legsim.kinematics.skeleton import SegmentPoses
@@ -23,6 +29,19 @@ _FINER = 4
 
 _LED_BACK = 1e-6
 """m by which a point may miss itself when it is led to the straight leg and back"""
+
+
+@dataclass(frozen=True, slots=True)
+class Oracle:
+    """The correction that knows the motion: the ceiling of all that estimate it."""
+
+    motion: Motion | Callable[[], Motion]
+    """the true motion, or what computes it when it is asked for"""
+    name: str = "oracle"
+
+    def __call__(self, scan: Scan, /) -> Correction:
+        motion = self.motion() if callable(self.motion) else self.motion
+        return Correction(self.name, scan.projections, motion)
 
 
 def phantom_motion(

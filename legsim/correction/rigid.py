@@ -1,7 +1,6 @@
-"""Rigid corrections: the motion of a body from its poses, and the methods whose back-projection
-follows one such motion.
-"""
+"""Rigid corrections: the motion of a body from its poses, and the method that follows a sensor."""
 
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
@@ -10,7 +9,7 @@ from numpy.typing import ArrayLike
 from legsim.core import transforms
 from legsim.core.errors import LegsimError
 from legsim.core.values import FloatArray, frozen, increasing_times
-from legsim.correction.method import Correction, CorrectionMethod, MotionEstimator, Scan
+from legsim.correction.method import Correction, Scan
 from legsim.deformation.models import RigidMotion
 from legsim.imu import strapdown
 from legsim.imu.strapdown import Scheme
@@ -21,12 +20,12 @@ Order = Literal["pose", "paper"]
 def rigid_motion(
     times: ArrayLike, world_from_body: ArrayLike, *, order: Order = "pose"
 ) -> RigidMotion:
-    """How a body moved against its pose at the first time, from its poses (v, 4, 4): of a sensor, a
-    segment, anything rigid.
+    """Motion of a body against its pose at the first time, from its poses.
 
     Args:
         times: (v,) s.
-        world_from_body: (v, 4, 4). Any frame fixed in the body gives the same motion.
+        world_from_body: (v, 4, 4) of a sensor, a segment, anything rigid. Any frame fixed in the
+            body gives the same motion.
         order: "pose" is M(i) = S(i) S(0)^-1, which carries the first pose to the current one.
             "paper" is the recursion M(i+1) = M(i) Dg(i) with Dg(i) = S(i+1) S(i)^-1 as published in
             Maier et al. 2022, section 2.5: it multiplies from the wrong side and misses by a third
@@ -53,36 +52,45 @@ def _paper_product(poses: FloatArray) -> FloatArray:
     return motion
 
 
-def uncorrected(scan: Scan, /) -> Correction:
-    """Everything as recorded: the floor of every comparison."""
-    return Correction("uncorrected", scan.projections, None)
-
-
-def from_estimator(method: str, estimator: MotionEstimator) -> CorrectionMethod:
-    """The correction that lets the back-projection follow a rigid motion: matrices P(i) M(i),
-    images as recorded.
-    """
-
-    def correct(scan: Scan, /) -> Correction:
-        return Correction(method, scan.projections, estimator(scan))
-
-    return correct
-
-
-def known(motion: RigidMotion) -> MotionEstimator:
-    """An estimator that has been told: with a bone's true motion, the ceiling (oracle) of all rigid
-    methods.
-    """
-
-    def estimate(_: Scan, /) -> RigidMotion:
-        return motion
-
-    return estimate
-
-
-def sensor_path(scan: Scan, sensor: str, scheme: Scheme) -> FloatArray:
+def sensor_path(scan: Scan, sensor: str, scheme: Scheme = "accurate") -> FloatArray:
     """world_from_sensor (v, 4, 4) at the views, from that sensor's signals and its start."""
     rate, force = scan.signals.sensor(sensor)
     return strapdown.integrate(
         scan.signals.times, rate, force, scan.start(sensor), scan.times, scheme=scheme
     )
+
+
+@dataclass(frozen=True, slots=True)
+class Uncorrected:
+    """Everything as recorded: the floor of every comparison.
+
+    >>> Uncorrected()(scan).motion is None
+    True
+    """
+
+    def __call__(self, scan: Scan, /) -> Correction:
+        return Correction("uncorrected", scan.projections, None)
+
+
+@dataclass(frozen=True, slots=True)
+class Rigid:
+    """Rigid motion of the segment that carries one sensor.
+
+    Images stay as recorded; the back-projection follows the matrices P(i) M(i).
+
+    >>> Rigid("shank_l")(scan).motion
+    RigidMotion(248 views)
+    """
+
+    sensor: str = ""
+    """the sensor to follow; empty: the first one of the scan"""
+    scheme: Scheme = "accurate"
+    """of the integration; "paper" is the published recursion"""
+    order: Order = "pose"
+    """of the product of rigid changes; "paper" is the published one"""
+
+    def __call__(self, scan: Scan, /) -> Correction:
+        sensor = self.sensor or scan.signals.sensor_names[0]
+        motion = rigid_motion(scan.times, sensor_path(scan, sensor, self.scheme), order=self.order)
+        name = "rigid" if self.order == "pose" else "rigid-paper-order"
+        return Correction(name, scan.projections, motion)

@@ -10,17 +10,17 @@ import numpy as np
 
 from legsim.evaluation.registration import Registration
 from legsim.evaluation.residual_motion import Residual
-from legsim.evaluation.similarity import Metrics, RegionMetrics
+from legsim.evaluation.similarity import RegionScores, Scores
 
 if TYPE_CHECKING:
     pass
 
 
-def metrics_from(entry: dict[str, Any]) -> Metrics:
-    """Metrics from what ``dataclasses.asdict`` made of them."""
+def scores_from(entry: dict[str, Any]) -> Scores:
+    """Scores from what ``dataclasses.asdict`` made of them."""
     registration = entry["registration"]
-    return Metrics(
-        tuple(RegionMetrics(**r) for r in entry["regions"]),
+    return Scores(
+        tuple(RegionScores(**r) for r in entry["regions"]),
         None if registration is None else Registration(**registration),
     )
 
@@ -30,7 +30,7 @@ class MethodResult:
     """One row of the table."""
 
     method: str
-    metrics: Metrics
+    metrics: Scores
     residual_mm: float | None
     """RMS over the views at femur and tibia of the motion that was not undone; None for the
     motion-free scan and for warped images
@@ -52,7 +52,7 @@ def result_from(entry: dict[str, Any]) -> MethodResult:
     left = tuple(Residual(**r) for r in entry["residuals"])
     return MethodResult(
         entry["method"],
-        metrics_from(entry["metrics"]),
+        scores_from(entry["metrics"]),
         entry["residual_mm"],
         entry["seconds"],
         left,

@@ -44,7 +44,7 @@ _SLAB = 32
 
 
 @dataclass(frozen=True, slots=True)
-class RegionMetrics:
+class RegionScores:
     """Agreement with the reference inside one region."""
 
     region: str
@@ -60,15 +60,15 @@ class RegionMetrics:
 
 
 @dataclass(frozen=True, slots=True)
-class Metrics:
+class Scores:
     """All regions of one volume against its reference."""
 
-    regions: tuple[RegionMetrics, ...]
+    regions: tuple[RegionScores, ...]
     registration: Registration | None
     """None where the volume is the reference itself or registration was not asked for"""
 
-    def of(self, region: str) -> RegionMetrics:
-        """Metrics of the region of that name."""
+    def of(self, region: str) -> RegionScores:
+        """Scores of the region of that name."""
         for metrics in self.regions:
             if metrics.region == region:
                 return metrics
@@ -79,8 +79,8 @@ class Metrics:
 
 def evaluate(
     volume: Volume, reference: Volume, regions: Sequence[Region], *, register: bool = True
-) -> Metrics:
-    """Metrics of ``volume`` against ``reference`` in every region.
+) -> Scores:
+    """Scores of ``volume`` against ``reference`` in every region.
 
     Raises:
         LegsimError: the grids differ, a region is empty, or a volume holds NaN or nothing but one
@@ -108,14 +108,14 @@ def evaluate(
     if register and not np.array_equal(fixed, moving):
         registration, moving = evaluation_registration.register(moving, fixed, grid, union)
     similarity = ssim_map(moving, fixed)
-    return Metrics(
+    return Scores(
         tuple(_in_region(region, moving, fixed, similarity) for region in regions), registration
     )
 
 
 def _in_region(
     region: Region, moving: Float32Array, fixed: Float32Array, similarity: Float32Array
-) -> RegionMetrics:
+) -> RegionScores:
     covered = region.mask & np.isfinite(moving)
     difference = moving[covered].astype(np.float64) - fixed[covered]
     seen = similarity[covered]
@@ -126,7 +126,7 @@ def _in_region(
             "grid, where SSIM is defined"
         )
     ssim, rmse = float(seen.mean(dtype=np.float64)), float(np.sqrt(np.mean(difference**2)))
-    return RegionMetrics(
+    return RegionScores(
         region.name, ssim, rmse, gradient_entropy(moving, covered), int(covered.sum())
     )
 

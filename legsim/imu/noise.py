@@ -8,7 +8,7 @@ projection interval. Both readings are here; ``convention`` says which one a val
 belongs beside every number made with it.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -176,7 +176,7 @@ def add_noise(signals: ImuSignals, noise: ImuNoise, rng: np.random.Generator) ->
     turn = signals.angular_velocity + _disturbance(
         signals.angular_velocity, turn_rms, noise.angular_velocity_bias, rng
     )
-    return ImuSignals(signals.times, signals.sensor_names, turn, force)
+    return replace(signals, angular_velocity=turn, specific_force=force)
 
 
 def _disturbance(

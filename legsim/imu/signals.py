@@ -6,6 +6,7 @@ import numpy as np
 
 from legsim.core.errors import LegsimError
 from legsim.core.values import FloatArray, frozen, increasing_times, index_of, unique_names
+from legsim.imu.sensors import Sensor
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -21,6 +22,10 @@ class ImuSignals:
     """(n, k, 3) m/s^2 in the sensor frame: acceleration minus gravity, so +9.80665 upwards at
     rest
     """
+    sensors: tuple[Sensor, ...] = ()
+    """where the sensors are strapped on, in the order of their names; empty where that is not
+    known
+    """
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "times", increasing_times("ImuSignals.times", self.times))
@@ -28,6 +33,18 @@ class ImuSignals:
         shape = (len(self.times), len(self.sensor_names), 3)
         for name in ("angular_velocity", "specific_force"):
             object.__setattr__(self, name, frozen(f"ImuSignals.{name}", getattr(self, name), shape))
+        object.__setattr__(self, "sensors", tuple(self.sensors))
+        placed = tuple(sensor.name for sensor in self.sensors)
+        if placed and placed != self.sensor_names:
+            raise LegsimError(
+                f"the signals are of {', '.join(self.sensor_names)}, the placed sensors are "
+                f"{', '.join(placed)}; give one for each, in order"
+            )
+
+    def __repr__(self) -> str:
+        seconds = self.times[-1] - self.times[0]
+        names = ", ".join(self.sensor_names)
+        return f"ImuSignals({names}: {len(self.times)} samples over {seconds:.4g} s)"
 
     def sensor(self, name: str) -> tuple[FloatArray, FloatArray]:
         """(angular_velocity (n, 3), specific_force (n, 3)) of one sensor."""

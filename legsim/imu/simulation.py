@@ -6,91 +6,60 @@ den Bogert et al. 1996).
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from legsim.core import transforms
 from legsim.core.errors import LegsimError
-from legsim.core.values import FloatArray, frozen, increasing_times
+from legsim.core.values import FloatArray, increasing_times
+from legsim.imu import skin_mount as skin
+from legsim.imu.sensors import Sensor, default_sensors
 from legsim.imu.signals import ImuSignals, SensorStart
+from legsim.imu.skin_mount import SkinMount
 from legsim.kinematics.joint_splines import JointSplines
 from legsim.kinematics.leg_model import LegModel, SensorMotion
 from legsim.kinematics.marker_sites import MarkerSites
+from legsim.kinematics.moving_leg import MovingLeg
 from legsim.kinematics.skeleton import SegmentPoses
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Sensor:
-    """One sensor strapped to a segment. Segment frames sit at the proximal joint with y up along
-    the segment.
+def simulate_imu(
+    person: MovingLeg,
+    sensors: Sequence[Sensor] | None = None,
+    *,
+    rate_hz: float = 120.0,
+    skin_mount: SkinMount | None = None,
+    clock_offset: float = 0.0,
+) -> ImuSignals:
+    """What noise-free sensors on a person read from the first to the last sample of the recording.
+
+    Args:
+        person: who moves.
+        sensors: where they are strapped on; None for the two of the published study.
+        rate_hz: samples per second.
+        skin_mount: how the sensors swing on soft tissue; None fixes them to the bone.
+        clock_offset: s, the sensors' clock less the recording's, which is the C-arm's. The times of
+            the signals are shifted by it; poses and views stay in the recording's time.
+
+    Raises:
+        LegsimError: a rate that is not positive, segments that are missing, sensor names that
+            repeat, a recording too short for splines.
+
+    >>> signals = simulate_imu(solve_kinematics("subject01/squat_60.trc"))
+    >>> signals.sensor_names, len(signals.times)
+    (('shank_l', 'thigh_l'), 2400)
     """
-
-    name: str
-    segment: str
-    distance: float
-    """m from the segment's proximal joint (hip for the femur, knee for the tibia) along the
-    segment, downwards
-    """
-    offset: FloatArray
-    """(3,) m further, in the segment's axes (x forward, z to the subject's right): how far out on
-    the skin it sits
-    """
-    segment_from_sensor_rotation: FloatArray
-    """(3, 3); the identity where the sensor is aligned with the segment"""
-
-    def __post_init__(self) -> None:
-        object.__setattr__(
-            self, "offset", frozen(f"offset of sensor {self.name!r}", self.offset, (3,))
-        )
-        rotation = frozen(
-            f"rotation of sensor {self.name!r}", self.segment_from_sensor_rotation, (3, 3)
-        )
-        object.__setattr__(self, "segment_from_sensor_rotation", rotation)
-        if (
-            not np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-9)
-            or np.linalg.det(rotation) < 0
-        ):
-            raise LegsimError(
-                f"rotation of sensor {self.name!r} is not orthonormal and right-handed"
-            )
-        if not np.isfinite(self.distance) or not np.isfinite(self.offset).all():
-            raise LegsimError(
-                f"sensor {self.name!r} has a distance or an offset that is not a finite number"
-            )
-
-    @classmethod
-    def placed(
-        cls,
-        name: str,
-        segment: str,
-        distance: float,
-        offset: ArrayLike = (0.0, 0.0, 0.0),
-        rotation_vector: ArrayLike = (0.0, 0.0, 0.0),
-    ) -> "Sensor":
-        """A sensor whose axes are the segment's, turned by a rotation vector (3,) in rad."""
-        return cls(
-            name,
-            segment,
-            distance,
-            np.asarray(offset, float),
-            transforms.rotation_from_vector(rotation_vector),
-        )
-
-    @property
-    def segment_from_sensor(self) -> FloatArray:
-        """(4, 4)"""
-        return transforms.rigid(
-            self.segment_from_sensor_rotation, self.offset - [0.0, self.distance, 0.0]
-        )
-
-
-def default_sensors() -> tuple[Sensor, Sensor]:
-    """The two of Maier et al. 2022, section 2.1.3: shin 14 cm below the left knee, thigh 25 cm
-    below the left hip, both aligned.
-    """
-    return Sensor.placed("shank_l", "tibia_l", 0.14), Sensor.placed("thigh_l", "femur_l", 0.25)
+    if not rate_hz > 0:
+        raise LegsimError(f"a sensor's rate is {rate_hz:g} Hz; give a positive number")
+    placed = default_sensors() if sensors is None else tuple(sensors)
+    first, last = person.trajectories.times[[0, -1]]
+    count = int(np.floor((last - first) * rate_hz + 1e-6)) + 1
+    times = np.minimum(first + np.arange(count) / rate_hz, last)
+    signals = simulate(person.leg, person.splines, placed, times)
+    if skin_mount is not None and skin_mount.amplitude > 0:
+        signals = skin.swing(signals, skin_mount).signals
+    return replace(signals, times=signals.times + clock_offset, sensors=placed)
 
 
 def simulate(
@@ -106,7 +75,8 @@ def simulate(
     motions = [_motion(leg, splines, sensor, times) for sensor in sensors]
     rate = np.stack([motion.angular_velocity for motion in motions], 1)
     force = np.stack([motion.specific_force for motion in motions], 1)
-    return ImuSignals(times, tuple(sensor.name for sensor in sensors), rate, force)
+    names = tuple(sensor.name for sensor in sensors)
+    return ImuSignals(times, names, rate, force, tuple(sensors))
 
 
 def sensor_poses(

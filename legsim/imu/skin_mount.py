@@ -8,7 +8,7 @@ Coriolis terms (twice the angular rate times its speed, 1 % of the swing in a he
 out. The truth stays the rigid sensor's: this changes signals only.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -92,12 +92,7 @@ def swing(signals: ImuSignals, tissue: SkinMount) -> TissueMotion:
     second = _response(
         [1.0, 0.0, 0.0], tissue.damping, 2 * np.pi * tissue.frequency_hz / rate, -driven
     )
-    felt = ImuSignals(
-        signals.times,
-        signals.sensor_names,
-        signals.angular_velocity,
-        signals.specific_force + tissue.amplitude * second,
-    )
+    felt = replace(signals, specific_force=signals.specific_force + tissue.amplitude * second)
     return TissueMotion(felt, shift(driven, rate, tissue))
 
 

@@ -3,11 +3,13 @@ followed.
 """
 
 from dataclasses import asdict, dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 from legsim.kinematics.inverse_kinematics import IkReport
+from legsim.kinematics.joint_splines import JointSplines
 from legsim.kinematics.leg_model import LegModel
 from legsim.kinematics.scaling import Scaling
 from legsim.mocap.cleaning import CleaningReport
@@ -55,7 +57,7 @@ class CoordinateRange:
     highest_rate_frame: int
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class MovingLeg:
     """A person's leg model and how it moves."""
 
@@ -66,6 +68,18 @@ class MovingLeg:
     """None where the file held coordinates"""
     notes: tuple[str, ...] = ()
     """what was put right on the way in"""
+
+    @cached_property
+    def splines(self) -> JointSplines:
+        """The joint coordinates at any time; errors as of :class:`JointSplines`."""
+        return JointSplines(self.trajectories)
+
+    def __repr__(self) -> str:
+        times = self.trajectories.times
+        fit = "" if self.fit is None else f", markers within {1e3 * self.fit.ik.rms:.1f} mm RMS"
+        return (
+            f"MovingLeg({self.name}: {len(times)} samples over {times[-1] - times[0]:.4g} s{fit})"
+        )
 
     def ranges(self) -> tuple[CoordinateRange, ...]:
         """Mean, spread and extremes of every coordinate."""

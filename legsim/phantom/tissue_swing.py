@@ -12,7 +12,7 @@ from scipy.interpolate import CubicSpline
 from legsim.core.constants import GRAVITY_WORLD
 from legsim.core.errors import LegsimError
 from legsim.imu import simulation, skin_mount
-from legsim.imu.simulation import Sensor
+from legsim.imu.sensors import Sensor
 from legsim.imu.skin_mount import SkinMount
 from legsim.kinematics.joint_splines import JointSplines
 from legsim.kinematics.leg_model import LegModel

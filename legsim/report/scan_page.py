@@ -110,10 +110,12 @@ def scan_report(
     pictures: Sequence[Picture],
     summary: Sequence[str],
     provenance: Sequence[tuple[str, str]],
+    *,
+    side: str = "left",
 ) -> ReportContent:
-    """The page of a run."""
-    condition = _condition(recovered)
-    further = _residual_table(results)
+    """The page of a run; ``side`` is the scanned leg's."""
+    condition = _condition(recovered, side)
+    further = _residual_table(results, side)
     images = PageSection(
         "Image quality", tables=(*quality(results, condition), further), figures=tuple(pictures[:3])
     )
@@ -138,7 +140,7 @@ def scan_report(
     )
 
 
-def _residual_table(results: Sequence[MethodResult]) -> Table:
+def _residual_table(results: Sequence[MethodResult], side: str) -> Table:
     """What each method left of the motion, by structure, and its time."""
     structures = [r.structure for r in results[0].residuals]
     rows = []
@@ -151,7 +153,7 @@ def _residual_table(results: Sequence[MethodResult]) -> Table:
         f"{structure} {unit}" for structure in structures for unit in ("(mm)", "(deg)", "(px)")
     )
     note = (
-        "RMS over the views and points of each structure of the left knee within the field of "
+        f"RMS over the views and points of each structure of the {side} knee within the field of "
         "view: how far the method has them from "
         "where they were, by how much it turns a bone in excess, and how far apart the images see "
         "the two. Deformed images know no "
@@ -169,11 +171,12 @@ def _number(value: float | None) -> str:
     return "–" if value is None else f"{value:.2f}"
 
 
-def _condition(recovered: MovingLeg) -> str:
+def _condition(recovered: MovingLeg, side: str) -> str:
     """Which block of the published table to show beside ours: by the mean bend of the scanned
     knee.
     """
-    bend = -float(np.degrees(recovered.trajectories.coordinate("knee_angle_l").mean()))
+    knee = recovered.trajectories.coordinate(f"knee_angle_{side[0]}")
+    bend = -float(np.degrees(knee.mean()))
     return "30" if 15 <= bend < 45 else "60" if 45 <= bend <= 75 else "all"
 
 

@@ -1,88 +1,40 @@
-"""The scan configuration in SI units: view times, C-arm geometry, volume grid, beam and
-detector.
-"""
+"""The scan settings in SI units: C-arm, volume grid, beam and detector."""
 
 import numpy as np
-from numpy.typing import NDArray
 
 from legsim.config import GridConfig, PhantomConfig, ScanConfig, SpectrumConfig
 from legsim.core.errors import LegsimError
 from legsim.core.values import FloatArray
-from legsim.geometry.cone_beam import ConeBeamGeometry
 from legsim.geometry.volume import VolumeGrid
 from legsim.scan import spectrum
 from legsim.scan.acquisition import Imaging
+from legsim.scan.c_arm import CArm
 from legsim.scan.detector import Detector
 from legsim.scan.spectrum import Spectrum
 
 
-def view_times(scan: ScanConfig, recorded: FloatArray) -> FloatArray:
-    """Times (v,) s of the views: from ``scan.start_s``, or so that the scan sits in the middle of
-    the recording.
+def c_arm(scan: ScanConfig) -> CArm:
+    """The configured C-arm.
 
     Raises:
-        LegsimError: the recording is shorter than the scan, or the scan runs over one of its ends.
+        LegsimError: no such spectrum, or a detector that cannot be.
     """
-    first, last = float(recorded[0]), float(recorded[-1])
-    length = (scan.views - 1) / scan.rate_hz
-    if length > last - first:
-        raise LegsimError(
-            f"the recording lasts {last - first:.2f} s, the scan {length:.2f} s ({scan.views} "
-            f"views at {scan.rate_hz:g} Hz); "
-            "use a longer recording, or fewer views (--set scan.views=...) or a higher rate "
-            "(--set scan.rate_hz=...)"
-        )
-    start = first + 0.5 * (last - first - length) if scan.start_s is None else scan.start_s
-    if start < first or start + length > last:
-        raise LegsimError(
-            f"the scan would run from {start:.2f} to {start + length:.2f} s, the recording from "
-            f"{first:.2f} to {last:.2f} s; "
-            f"set scan.start_s between {first:.2f} and {last - length:.2f}"
-        )
-    return start + np.arange(scan.views) / scan.rate_hz
-
-
-def c_arm(scan: ScanConfig, times: FloatArray, isocenter: FloatArray) -> ConeBeamGeometry:
-    """The circular scan of the configuration about the vertical through ``isocenter`` (3,) m."""
-    return ConeBeamGeometry.circular(
-        times=times,
+    return CArm(
         angles=np.radians(scan.first_angle_deg + scan.increment_deg * np.arange(scan.views)),
+        rate_hz=scan.rate_hz,
         source_isocenter=1e-3 * scan.source_isocenter_mm,
         source_detector=1e-3 * scan.source_detector_mm,
         shape_vu=(scan.rows, scan.columns),
         pixel_pitch=1e-3 * scan.pixel_mm,
-        isocenter=isocenter,
+        start=scan.start_s,
+        rays_per_pixel=scan.rays_per_pixel,
+        imaging=imaging(scan),
     )
 
 
 def volume_grid(grid: GridConfig, isocenter: FloatArray) -> VolumeGrid:
     """The cube to reconstruct, around ``isocenter`` (3,) m."""
     return VolumeGrid.cubic(grid.voxels, 1e-3 * grid.voxel_mm, [float(c) for c in isocenter])
-
-
-def field_of_view(scan: ScanConfig) -> float:
-    """Radius (m) of the cylinder about the axis that every view sees whole."""
-    half_fan = np.arctan(0.5 * scan.columns * scan.pixel_mm / scan.source_detector_mm)
-    return float(1e-3 * scan.source_isocenter_mm * np.sin(half_fan))
-
-
-def seen_by_every_view(
-    scan: ScanConfig, grid: VolumeGrid, *, margin: float = 0.0
-) -> NDArray[np.bool_]:
-    """Voxels (z, y, x) of a grid around the isocenter that lie on the detector from every source of
-    a whole turn.
-
-    In the cylinder of :func:`field_of_view`, and between the cones from the sources to the
-    detector's upper and lower edge, there by more than ``margin`` (m) for what moves up and down.
-    """
-    x, y, z = (axis - middle for axis, middle in zip(grid.axes(), grid.center, strict=True))
-    away = np.hypot(x[None, :], z[:, None])
-    # the nearest source has the voxel at a depth of source_isocenter - away
-    slope = 0.5 * scan.rows * scan.pixel_mm / scan.source_detector_mm
-    reach = np.where(
-        away <= field_of_view(scan), slope * (1e-3 * scan.source_isocenter_mm - away), -1.0
-    )
-    return np.abs(y)[None, :, None] <= reach[:, None, :] - margin
 
 
 def imaging(scan: ScanConfig) -> Imaging:

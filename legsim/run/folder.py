@@ -13,7 +13,7 @@ import socket
 import subprocess
 import time
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -109,14 +109,17 @@ class RunFolder:
             for name, f in entry["files"].items()
         )
 
-    @contextmanager
-    def stage(self, stage: str, key: str, files: Sequence[str]) -> Iterator[None]:
-        """Runs a stage that writes ``files`` and then enters them in the manifest with their time,
-        memory and hash.
+    def cached(self, stage: str, key: str, make: Callable[[], Sequence[str]]) -> bool:
+        """Runs a stage unless it is finished under this key; returns whether it ran.
+
+        ``make`` writes files into the folder and returns their names. They are entered in the
+        manifest with the stage's time, memory and hashes.
         """
+        if self.done(stage, key):
+            return False
         start = time.perf_counter()
         memory.begin_peak()
-        yield
+        files = make()
         seconds, peak = round(time.perf_counter() - start, 3), memory.peak_mebibytes()
         entries = {
             name: {"sha256": sha256(self.path / name), "bytes": (self.path / name).stat().st_size}
@@ -131,6 +134,7 @@ class RunFolder:
         self.write_manifest()
         if self._store is not None:
             self._store.keep(stage, key, self._stages[stage], self.path)
+        return True
 
     def seconds(self, stage: str) -> float:
         """How long the stage took when it was computed."""

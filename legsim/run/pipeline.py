@@ -17,24 +17,18 @@ from legsim.correction.initialization import Starts
 from legsim.correction.method import Scan
 from legsim.deformation.models import RigidMotion
 from legsim.evaluation.scores import MethodResult
-from legsim.geometry.cone_beam import Projections
-from legsim.imu.signals import ImuSignals
 from legsim.opencl.device import Device, open_device
 from legsim.report import page, scan_page
 from legsim.run import c_arm, scores, sensors, stages, volumes
 from legsim.run.folder import RunFolder, commit
 from legsim.run.stages import (
-    ScanSetup,
     StageContext,
-    motion_key,
-    read_sensors,
-    regions,
-    scan_key,
-    set_up,
 )
 from legsim.run.store import StageCache
 from legsim.run.volumes import Reconstructed
 from legsim.scene import build
+from legsim.simulation.setup import joints_on_sensors
+from legsim.simulation.simulated_scan import SimulatedScan
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,26 +97,29 @@ def run(
     Stages that ``store`` holds are taken from there. Without ``presented`` the run ends at the
     numbers: no report, no recording.
     """
-    volumes.check(settings)  # what no method can be run with is told before anything is computed
-    how = c_arm.imaging(settings.scan)  # so is a spectrum
+    volumes.check(
+        settings
+    )  # what no method can be run with is reported before anything is computed
+    c_arm.imaging(settings.scan)  # so is a spectrum
     opened = open_device(device)
     folder = RunFolder(out, _about(settings, opened), store)
     write_text(out / "config.toml", config.dump(settings))
-    body = set_up(settings, folder, on_progress)
-    signals = read_sensors(
-        settings, body.recovery, body.splines, body.sensors, folder, motion_key(settings)
+    stage = StageContext(settings, folder, opened, on_progress)
+    setup = stages.set_up(stage)
+    signals = stages.read_sensors(settings, setup.person, folder, stages.motion_key(settings))
+    starts = stages.starts(stage, setup, signals)
+    moving, at_rest = stages.exposures(stage, setup)
+    joints = joints_on_sensors(
+        setup,
+        volumes.followed_sides(settings),
+        points_per_segment=settings.methods.points_per_segment,
     )
-    starts = stages.starts(settings, body, signals, opened)
-    moving, still = stages.scan(settings, body, how, folder, opened, on_progress)
-    scan = Scan(moving, signals, starts.starts)
-    grid = c_arm.volume_grid(settings.grid, body.geometry.rotation_center())
-    stage = StageContext(settings, folder, opened, scan_key(settings), on_progress)
-    corrected = volumes.reconstruct_methods(stage, body, scan, still, grid)
-    results = scores.score_methods(
-        stage, body, corrected, lambda: regions(settings, body, grid, opened), grid
-    )
+    scan = SimulatedScan(setup, Scan(moving, signals, starts.starts, joints), at_rest, opened)
+    grid = c_arm.volume_grid(settings.grid, setup.geometry.rotation_center())
+    corrected = volumes.reconstruct_methods(stage, scan, grid)
+    results = scores.score_methods(stage, scan, corrected, grid)
     if presented:
-        _present(settings, body, signals, moving, corrected, results, starts, folder, on_progress)
+        _present(stage, scan, corrected, results, starts)
     return RunResult(out, results)
 
 
@@ -140,44 +137,43 @@ def _about(settings: RunConfig, device: Device) -> dict[str, Any]:
 
 
 def _present(
-    settings: RunConfig,
-    body: ScanSetup,
-    signals: ImuSignals,
-    moving: Projections,
+    stage: StageContext,
+    scan: SimulatedScan,
     corrected: tuple[Reconstructed, ...],
     results: tuple[MethodResult, ...],
     starts: Starts,
-    folder: RunFolder,
-    on_progress: OnProgress,
 ) -> None:
     """The recording, the pictures and the report."""
-    files = ["recording.rrd", "report.html"]
-    key = key_of(scan_key(settings), settings.model_dump(), folder.hash_of("metrics.json"))
-    if folder.done("presentation", key):
-        return
-    with folder.stage("presentation", key, files):
-        on_progress("recording and report", 0, 2)
-        replayed = build.replay_scene(
-            body.recovery, body.splines, body.sensors, signals, body.phantom
-        )
-        scene = build.scan_scene(
-            replayed, body.phantom, body.poses, moving, [c.volume for c in corrected]
-        )
+    settings, folder, setup = stage.settings, stage.folder, scan.setup
+
+    def write() -> tuple[str, ...]:
+        stage.on_progress("recording and report", 0, 2)
+        scene = build.scan_scene(scan, [c.volume for c in corrected])
         view.write_scan(folder.path / "recording.rrd", scene)
-        on_progress("recording and report", 1, 2)
-        truth = RigidMotion.from_poses(body.times, body.poses.of("tibia_l"))
+        stage.on_progress("recording and report", 1, 2)
+        shank = setup.poses.of(setup.named("tibia"))
+        truth = RigidMotion.from_poses(setup.times, shank)
         rigid = [(c.volume.name, c.motion) for c in corrected if isinstance(c.motion, RigidMotion)]
-        drawn = scan_page.scan_figures(scene, truth, rigid, body.poses.of("tibia_l")[0, :3, 3])
+        drawn = scan_page.scan_figures(scene, truth, rigid, shank[0, :3, 3])
         pictures = scan_page.write_pictures(folder.path / "pictures", drawn)
         provenance = [(what, str(value)) for what, value in folder.about.items()] + [
             ("command", f"legsim run config.toml --out {folder.path.name}")
         ]
-        summary = _summary(
-            settings, results, (*starts.notes, *(note for c in corrected for note in c.notes))
+        notes = (*starts.notes, *(note for c in corrected for note in c.notes))
+        content = scan_page.scan_report(
+            setup.person,
+            results,
+            pictures,
+            _summary(settings, results, notes),
+            provenance,
+            side=setup.side,
         )
-        content = scan_page.scan_report(body.recovery, results, pictures, summary, provenance)
         write_text(folder.path / "report.html", page.render(content))
-        on_progress("recording and report", 2, 2)
+        stage.on_progress("recording and report", 2, 2)
+        return "recording.rrd", "report.html"
+
+    key = key_of(stage.scan_key, settings.model_dump(), folder.hash_of("metrics.json"))
+    folder.cached("presentation", key, write)
 
 
 def _summary(

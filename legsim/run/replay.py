@@ -1,6 +1,7 @@
 """Kinematics, IMU signals and a recording of one motion file, without a scan."""
 
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 from legsim import __version__, config, view
@@ -8,15 +9,12 @@ from legsim.config import RunConfig
 from legsim.core import files
 from legsim.core.files import key_of
 from legsim.core.progress import OnProgress
-from legsim.kinematics.joint_splines import JointSplines
-from legsim.phantom import leg_phantom
 from legsim.report import page as report_page
 from legsim.report import replay_page
 from legsim.run import motion as run_motion
 from legsim.run import stages
 from legsim.run.folder import RunFolder, commit
-from legsim.run.sensors import noise_sentence, sensors
-from legsim.run.stages import read_sensors, write_kinematics
+from legsim.run.sensors import noise_sentence
 from legsim.scene import build
 
 
@@ -43,37 +41,30 @@ def replay(
     }
     folder = RunFolder(out, about)
     on_progress("joint angles", 0, 1)
-    recovered = run_motion.solve(settings.motion, filter_coordinates=filtered)
-    motion_key = (
-        key_of(stages.motion_key(settings), filtered) if filtered else stages.motion_key(settings)
-    )
-    write_kinematics(recovered, folder, motion_key)
+    person = run_motion.solve(settings.motion, filter_coordinates=filtered)
+    key = stages.motion_key(settings)
+    key = key_of(key, filtered) if filtered else key
+    stages.write_kinematics(person, folder, key)
     on_progress("joint angles", 1, 1)
     on_progress("sensors", 0, 1)
-    splines, placed = JointSplines(recovered.trajectories), sensors(settings.imu)
-    signals = read_sensors(settings, recovered, splines, placed, folder, motion_key)
+    signals = stages.read_sensors(settings, person, folder, key)
     on_progress("sensors", 1, 1)
     on_progress("recording", 0, 1)
-    scene = build.replay_scene(
-        recovered,
-        splines,
-        placed,
-        signals,
-        leg_phantom.load_leg_phantom(scales=recovered.leg.scales),
-    )
+    scene = build.replay_scene(person, signals)
     provenance = (
         *folder.about.items(),
         ("command", f"legsim replay {settings.motion.file} --out {out}"),
     )
-    key = key_of(motion_key, provenance)
-    known = folder.done("replay", key)
-    posture = replay_page.still(scene) if image is not None or not known else b""
-    if not known:
-        with folder.stage("replay", key, ["recording.rrd", "report.html"]):
-            view.write_replay(out / "recording.rrd", scene)
-            page = replay_page.content(recovered, scene, posture, provenance)
-            files.write_text(out / "report.html", report_page.render(page))
+    posture = cache(lambda: replay_page.still(scene))
+
+    def write() -> tuple[str, ...]:
+        view.write_replay(out / "recording.rrd", scene)
+        page = replay_page.content(person, scene, posture(), provenance)
+        files.write_text(out / "report.html", report_page.render(page))
+        return "recording.rrd", "report.html"
+
+    folder.cached("replay", key_of(key, provenance), write)
     if image is not None:
-        files.write_bytes(image, posture)
+        files.write_bytes(image, posture())
     on_progress("recording", 1, 1)
-    return ReplayResult(tuple(replay_page.replay_report_lines(recovered, out)))
+    return ReplayResult(tuple(replay_page.replay_report_lines(person, out)))

@@ -5,6 +5,8 @@ metrics.json.
 import json
 from collections.abc import Callable
 from dataclasses import asdict, fields
+from functools import cache
+from pathlib import Path
 
 import numpy as np
 
@@ -15,18 +17,19 @@ from legsim.evaluation.regions import SCALING_PERCENTILES, Region
 from legsim.evaluation.registration import RegistrationError
 from legsim.evaluation.residual_motion import Structure
 from legsim.evaluation.scores import MethodResult, result_from
-from legsim.evaluation.similarity import RegionMetrics
+from legsim.evaluation.similarity import RegionScores
 from legsim.geometry.volume import VolumeGrid
-from legsim.run import c_arm
 from legsim.run.folder import REGISTRATION_ERROR_FILE, registration_error
-from legsim.run.stages import ScanSetup, StageContext
+from legsim.run.stages import StageContext
 from legsim.run.volumes import Reconstructed
+from legsim.simulation.setup import ScanSetup, scan_regions
+from legsim.simulation.simulated_scan import SimulatedScan
 
 _SURFACES = (
-    ("femur", "femur_cortex_l"),
-    ("tibia", "tibia_cortex_l"),
-    ("patella", "patella_cortex_l"),
-    ("skin", "skin_l"),
+    ("femur", "femur_cortex"),
+    ("tibia", "tibia_cortex"),
+    ("patella", "patella_cortex"),
+    ("skin", "skin"),
 )
 
 _POINTS = 60
@@ -34,18 +37,20 @@ _POINTS = 60
 
 def score_methods(
     stage: StageContext,
-    body: ScanSetup,
+    scan: SimulatedScan,
     corrected: tuple[Reconstructed, ...],
-    regions: Callable[[], tuple[Region, ...]],
     grid: VolumeGrid,
 ) -> tuple[MethodResult, ...]:
-    """A row a method; each is a stage of its own, so that a further method costs only itself.
-    ``regions`` is asked at most once.
+    """One row per method; each is a stage of its own, so that a further method costs only itself.
+
+    Regions are made at most once, and only where something is scored.
     """
-    settings, folder = stage.settings, stage.folder
-    seen: list[tuple[tuple[Region, ...], tuple[Structure, ...]]] = []
+    evaluation, folder = stage.settings.evaluation, stage.folder
+    margin = 1e-3 * evaluation.air_margin_mm
+    regions = cache(lambda: scan_regions(scan.setup, grid, stage.device, margin=margin))
+    shown = cache(lambda: structures(scan.setup, grid))
+    measures = [f.name for f in fields(RegionScores)]  # a folder of an older version has fewer
     results = []
-    measures = [f.name for f in fields(RegionMetrics)]  # a folder of an older version has fewer
     for k, one in enumerate(corrected):
         stage.on_progress("comparing", k, len(corrected))
         path = folder.path / f"metrics-{one.volume.name}.json"
@@ -54,17 +59,14 @@ def score_methods(
             for name in (*_files(corrected[0]), *_files(one))
             if folder.has(name)
         ]
-        key = key_of(
-            stage.scan_key, settings.evaluation.model_dump(), similarity.PROTOCOL, measures, made
-        )
-        if not folder.done(path.stem, key):
-            with folder.stage(path.stem, key, [path.name]):
-                if not seen:
-                    seen.append(
-                        (regions(), structures(body, grid, c_arm.field_of_view(settings.scan)))
-                    )
-                result = _compared(stage, body, one, corrected[0], *seen[0])
-                files.write_text(path, json.dumps(asdict(result), indent=1) + "\n")
+        key = key_of(stage.scan_key, evaluation.model_dump(), similarity.PROTOCOL, measures, made)
+
+        def write(one: Reconstructed = one, path: Path = path) -> tuple[str, ...]:
+            result = _scored(stage, scan.setup, one, corrected[0], regions(), shown())
+            files.write_text(path, json.dumps(asdict(result), indent=1) + "\n")
+            return (path.name,)
+
+        folder.cached(path.stem, key, write)
         results.append(result_from(json.loads(path.read_text("utf-8"))))
     stage.on_progress("comparing", len(corrected), len(corrected))
     _write_all(stage, results, _registration_error(stage, corrected[0], regions))
@@ -84,10 +86,13 @@ def _registration_error(
         similarity.PROTOCOL,
         stage.folder.hash_of(f"volume-{reference.volume.name}.mha"),
     )
-    if not stage.folder.done(path.stem, key):
-        with stage.folder.stage(path.stem, key, [path.name]):
-            found = registration.registration_error(reference.volume.volume, regions())
-            files.write_text(path, json.dumps(asdict(found), indent=1) + "\n")
+
+    def write() -> tuple[str, ...]:
+        found = registration.registration_error(reference.volume.volume, regions())
+        files.write_text(path, json.dumps(asdict(found), indent=1) + "\n")
+        return (path.name,)
+
+    stage.folder.cached(path.stem, key, write)
     return registration_error(stage.folder.path)
 
 
@@ -102,12 +107,13 @@ def _write_all(
         "registration_error": None if missed is None else asdict(missed),
         "methods": [asdict(r) for r in results],
     }
-    key = key_of(content)
-    if not stage.folder.done("metrics", key):
-        with stage.folder.stage("metrics", key, ["metrics.json"]):
-            files.write_text(
-                stage.folder.path / "metrics.json", json.dumps(content, indent=1) + "\n"
-            )
+
+    def write() -> tuple[str, ...]:
+        path = stage.folder.path / "metrics.json"
+        files.write_text(path, json.dumps(content, indent=1) + "\n")
+        return (path.name,)
+
+    stage.folder.cached("metrics", key_of(content), write)
 
 
 def _files(one: Reconstructed) -> tuple[str, ...]:
@@ -115,9 +121,9 @@ def _files(one: Reconstructed) -> tuple[str, ...]:
     return f"volume-{label}.mha", f"motion-{label}.npz", f"warp-{label}.npz"
 
 
-def _compared(
+def _scored(
     stage: StageContext,
-    body: ScanSetup,
+    setup: ScanSetup,
     one: Reconstructed,
     reference: Reconstructed,
     regions: tuple[Region, ...],
@@ -130,31 +136,31 @@ def _compared(
     )
     if one is reference:
         # its leg rests: nothing is left
-        left = residual_motion.of_motion(None, tuple(s.at_rest() for s in seen), body.geometry)
+        left = residual_motion.of_motion(None, tuple(s.at_rest() for s in seen), setup.geometry)
     elif one.warped_by is not None:
-        left = residual_motion.of_warp(one.warped_by, seen, body.geometry)
+        left = residual_motion.of_warp(one.warped_by, seen, setup.geometry)
     else:
-        left = residual_motion.of_motion(one.motion, seen, body.geometry)
+        left = residual_motion.of_motion(one.motion, seen, setup.geometry)
     overall = None if one is reference else residual_motion.overall_mm(left)
     return MethodResult(name, metrics, overall, stage.folder.seconds(f"volume-{name}"), left)
 
 
-def structures(body: ScanSetup, grid: VolumeGrid, field_of_view: float) -> tuple[Structure, ...]:
-    """Points on the bones of the left knee and on its skin, within the field of view and the grid,
-    and their true way.
+def structures(setup: ScanSetup, grid: VolumeGrid) -> tuple[Structure, ...]:
+    """Points on the bones of the scanned knee and on its skin, and their true way.
+
+    They lie within the field of view and the grid.
     """
-    start = body.poses.world_from_segment[0]
-    vertices = body.phantom.posed(start, body.poses.segment_names)
+    start, vertices = setup.poses.world_from_segment[0], setup.scanned_leg()
     half = 0.5 * np.array(grid.shape_zyx[::-1]) * grid.spacing_xyz
     found = []
     for name, part in _SURFACES:
-        k = body.phantom.part_index(part)
+        k = setup.phantom.part_index(setup.named(part))
         away = vertices[k] - np.array(grid.center)
-        pixels, _ = body.geometry.project(vertices[k])
-        shown = ((pixels > 0) & (pixels < np.array(body.geometry.shape_vu[::-1]) - 1)).all((0, 2))
+        pixels, _ = setup.geometry.project(vertices[k])
+        shown = ((pixels > 0) & (pixels < np.array(setup.geometry.shape_vu[::-1]) - 1)).all((0, 2))
         inside = np.flatnonzero(
             (np.abs(away) < half).all(-1)
-            & (np.hypot(away[:, 0], away[:, 2]) < field_of_view)
+            & (np.hypot(away[:, 0], away[:, 2]) < setup.c_arm.field_of_view)
             & shown
         )
         if len(inside) < 3:
@@ -162,13 +168,13 @@ def structures(body: ScanSetup, grid: VolumeGrid, field_of_view: float) -> tuple
         chosen = vertices[k][
             inside[np.linspace(0, len(inside) - 1, min(_POINTS, len(inside))).astype(int)]
         ]
-        segment = body.phantom.segments[k]
-        paths = body.phantom.paths(
+        segment = setup.phantom.segments[k]
+        paths = setup.phantom.paths(
             chosen,
             segment,
             start=start,
-            poses=body.poses.world_from_segment,
-            segment_names=body.poses.segment_names,
+            poses=setup.poses.world_from_segment,
+            segment_names=setup.poses.segment_names,
         )
         found.append(Structure(name, not segment.startswith("soft"), paths))
     return tuple(found)

@@ -1,19 +1,15 @@
 """The configured sensors and their noise, in SI units."""
 
-from dataclasses import replace
-
 import numpy as np
 
 from legsim import config
 from legsim.config import ImuConfig, NoiseConfig
 from legsim.core import transforms
-from legsim.imu import simulation
-from legsim.imu import skin_mount as imu_skin_mount
 from legsim.imu.noise import ImuNoise, add_noise
+from legsim.imu.sensors import Sensor
 from legsim.imu.signals import ImuSignals
-from legsim.imu.simulation import Sensor
+from legsim.imu.simulation import simulate_imu
 from legsim.imu.skin_mount import SkinMount
-from legsim.kinematics.joint_splines import JointSplines
 from legsim.kinematics.moving_leg import MovingLeg
 
 
@@ -32,28 +28,19 @@ def sensors(settings: ImuConfig) -> tuple[Sensor, ...]:
 
 
 def skin_mount(settings: config.SoftTissueConfig) -> SkinMount:
+    """The configured oscillator between a bone and what rides on it."""
     return SkinMount(settings.frequency_hz, settings.damping, settings.amplitude)
 
 
-def sense(
-    recovered: MovingLeg, splines: JointSplines, placed: tuple[Sensor, ...], settings: ImuConfig
-) -> ImuSignals:
-    """What the sensors read from the first to the last sample of the recording, swinging on soft
-    tissue and by their own clock.
-
-    ``clock_offset_s`` is the sensors' clock less the recording's, which is the C-arm's: the times
-    of the signals are shifted by it, and whoever takes them for the C-arm's looks up the movement
-    that much too early. Poses and views stay in the recording's time.
-    """
-    first, last = recovered.trajectories.times[[0, -1]]
-    times = (
-        first
-        + np.arange(int(np.floor((last - first) * settings.rate_hz + 1e-6)) + 1) / settings.rate_hz
+def sense(person: MovingLeg, settings: ImuConfig) -> ImuSignals:
+    """What the configured sensors read without noise."""
+    return simulate_imu(
+        person,
+        sensors(settings),
+        rate_hz=settings.rate_hz,
+        skin_mount=skin_mount(settings.soft_tissue),
+        clock_offset=settings.clock_offset_s,
     )
-    signals = simulation.simulate(recovered.leg, splines, placed, np.minimum(times, last))
-    if settings.soft_tissue.amplitude > 0:
-        signals = imu_skin_mount.swing(signals, skin_mount(settings.soft_tissue)).signals
-    return replace(signals, times=signals.times + settings.clock_offset_s)
 
 
 def noise_of(settings: NoiseConfig, *, imu_rate_hz: float, view_rate_hz: float) -> ImuNoise | None:

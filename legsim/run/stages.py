@@ -1,250 +1,189 @@
 """The stages of a run up to the scan, and what all stages share."""
 
 import json
-from dataclasses import dataclass
-from functools import partial
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from legsim import __version__
 from legsim.config import RunConfig
-from legsim.core.errors import LegsimError
 from legsim.core.files import key_of, write_text
 from legsim.core.progress import OnProgress
-from legsim.core.values import FloatArray
 from legsim.correction import initialization
-from legsim.correction.initialization import FiducialScan, Starts
-from legsim.evaluation.regions import Region, leg_regions
+from legsim.correction.fiducials import Fiducials
+from legsim.correction.initialization import FiducialOptions, FiducialScan, Starts
 from legsim.geometry import files as geometry_files
 from legsim.geometry import image_files
-from legsim.geometry.cone_beam import ConeBeamGeometry, Projections
-from legsim.geometry.volume import VolumeGrid
+from legsim.geometry.cone_beam import Projections
 from legsim.imu import simulation
 from legsim.imu.signals import ImuSignals
-from legsim.imu.simulation import Sensor
-from legsim.kinematics import joint_splines
-from legsim.kinematics.joint_splines import JointSplines
 from legsim.kinematics.moving_leg import MovingLeg
-from legsim.kinematics.skeleton import SegmentPoses
 from legsim.mocap import opensim
 from legsim.opencl.device import Device
-from legsim.phantom import leg_phantom, tissue_swing, voxelize
-from legsim.phantom.leg_phantom import LegPhantom
 from legsim.run import c_arm as run_c_arm
 from legsim.run import motion as run_motion
 from legsim.run import sensors as run_sensors
-from legsim.run.c_arm import c_arm, seen_by_every_view, view_times
 from legsim.run.files import load_imu, save_imu, save_joint_centers, save_poses
 from legsim.run.folder import RunFolder
-from legsim.run.sensors import sense, skin_mount
-from legsim.scan import acquisition
-from legsim.scan.acquisition import Imaging
+from legsim.simulation.setup import PhantomOptions, ScanSetup, prepare_scan
+from legsim.simulation.simulated_scan import expose
 
 _NOISE, _STARTS, _PHOTONS = 1, 2, 4
 """streams of the run's seed"""
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class StageContext:
+    """Where a stage reads its settings and leaves its files."""
+
+    settings: RunConfig
+    folder: RunFolder
+    device: Device
+    on_progress: OnProgress
+
+    @property
+    def scan_key(self) -> str:
+        """Of all that decides the projections."""
+        settings = self.settings
+        return key_of(
+            motion_key(settings),
+            settings.scan.model_dump(),
+            settings.phantom.model_dump(),
+            run_c_arm.fingerprint(settings.scan, settings.seed),
+        )
+
+
 def motion_key(settings: RunConfig) -> str:
+    """Of all that decides the kinematics."""
     return key_of(
         __version__, settings.motion.model_dump(), run_motion.fingerprint(settings.motion)
     )
 
 
-def scan_key(settings: RunConfig) -> str:
-    return key_of(
-        motion_key(settings),
-        settings.scan.model_dump(),
-        settings.phantom.model_dump(),
-        run_c_arm.fingerprint(settings.scan, settings.seed),
-    )
+def write_kinematics(person: MovingLeg, folder: RunFolder, key: str) -> None:
+    """Coordinates, joint centers, segment poses, and how well the markers are followed."""
 
-
-def write_kinematics(recovered: MovingLeg, folder: RunFolder, key: str) -> None:
-    files = ["coordinates.mot", "joint_centres.csv", "poses.npz", "kinematics.json"]
-    if folder.done("kinematics", key):
-        return
-    with folder.stage("kinematics", key, files):
-        poses = recovered.leg.segment_poses(recovered.trajectories)
-        centers = recovered.leg.joint_centers(poses)
-        opensim.save(folder.path / "coordinates.mot", recovered.trajectories)
+    def write() -> tuple[str, ...]:
+        poses = person.leg.segment_poses(person.trajectories)
+        centers = person.leg.joint_centers(poses)
+        opensim.save(folder.path / "coordinates.mot", person.trajectories)
         save_joint_centers(
-            folder.path / "joint_centres.csv", centers.times, centers.names, centers.positions_world
+            folder.path / "joint_centres.csv",
+            centers.times,
+            centers.names,
+            centers.positions_world,
         )
         save_poses(folder.path / "poses.npz", poses)
-        write_text(
-            folder.path / "kinematics.json", json.dumps(recovered.summary(), indent=1) + "\n"
-        )
+        summary = json.dumps(person.summary(), indent=1) + "\n"
+        write_text(folder.path / "kinematics.json", summary)
+        return "coordinates.mot", "joint_centres.csv", "poses.npz", "kinematics.json"
+
+    folder.cached("kinematics", key, write)
 
 
-def read_sensors(
-    settings: RunConfig,
-    recovered: MovingLeg,
-    splines: JointSplines,
-    placed: tuple[Sensor, ...],
-    folder: RunFolder,
-    motion_key: str,
-) -> ImuSignals:
-    """The IMU signals over the whole recording, at the sensors' own rate."""
+def read_sensors(settings: RunConfig, person: MovingLeg, folder: RunFolder, key: str) -> ImuSignals:
+    """The IMU signals over the whole recording, at the sensors' own rate.
+
+    ``key`` is of the kinematics.
+    """
     drawn = () if settings.imu.noise.kind == "none" else (settings.seed, settings.scan.rate_hz)
-    key = key_of(motion_key, settings.imu.model_dump(), drawn)
-    if folder.done("imu", key):
-        return load_imu(folder.path / "imu.csv")
-    with folder.stage("imu", key, ["imu.csv"]):
-        clean = sense(recovered, splines, placed, settings.imu)
+    signals: list[ImuSignals] = []
+
+    def write() -> tuple[str, ...]:
         drawing = np.random.default_rng([settings.seed, _NOISE])
-        signals = run_sensors.noisy(
-            clean, settings.imu, view_rate_hz=settings.scan.rate_hz, rng=drawing
+        clean = run_sensors.sense(person, settings.imu)
+        signals.append(
+            run_sensors.noisy(clean, settings.imu, view_rate_hz=settings.scan.rate_hz, rng=drawing)
         )
-        save_imu(folder.path / "imu.csv", signals)
-    return signals
+        save_imu(folder.path / "imu.csv", signals[0])
+        return ("imu.csv",)
+
+    if folder.cached("imu", key_of(key, settings.imu.model_dump(), drawn), write):
+        return signals[0]
+    placed = run_sensors.sensors(settings.imu)
+    return replace(load_imu(folder.path / "imu.csv"), sensors=placed)
+
+
+def set_up(stage: StageContext) -> ScanSetup:
+    """Solves the recording for joint angles and places the person in the C-arm."""
+    settings = stage.settings
+    stage.on_progress("joint angles", 0, 1)
+    person = run_motion.solve(settings.motion)
+    write_kinematics(person, stage.folder, motion_key(settings))
+    wanted, scan = settings.phantom, settings.scan
+    setup = prepare_scan(
+        person,
+        run_c_arm.c_arm(scan),
+        side=scan.side,
+        center=None if scan.center == "knee" else 1e-3 * np.array(scan.center),
+        sensors=run_sensors.sensors(settings.imu),
+        phantom=PhantomOptions(
+            wanted.legs,
+            wanted.detail,
+            wanted.energy_kev,
+            run_sensors.skin_mount(wanted.tissue_swing),
+        ),
+    )
+    stage.on_progress("joint angles", 1, 1)
+    return setup
+
+
+def exposures(stage: StageContext, setup: ScanSetup) -> tuple[Projections, Projections]:
+    """Projections of the moving phantom, and of the one that keeps the first view's pose.
+
+    Each has noise of its own.
+    """
+    folder, key = stage.folder, stage.scan_key
+
+    def write_geometry() -> tuple[str, ...]:
+        for name in ("geometry.json", "geometry_rtk.xml"):
+            geometry_files.save_geometry(folder.path / name, setup.geometry)
+        return "geometry.json", "geometry_rtk.xml"
+
+    folder.cached("geometry", key, write_geometry)
+    made = []
+    for exposure, (name, moving) in enumerate(
+        (("projections", True), ("projections-static", False))
+    ):
+
+        def write(name: str = name, moving: bool = moving, exposure: int = exposure):
+            drawing = _photons(stage.settings, exposure)
+            images = expose(setup, moving, stage.device, drawing, stage.on_progress)
+            image_files.save_projections(folder.path / f"{name}.mha", images)
+            return (f"{name}.mha",)
+
+        folder.cached(name, key, write)
+        made.append(image_files.load_projections(folder.path / f"{name}.mha", setup.geometry))
+    return made[0], made[1]
 
 
 def _photons(settings: RunConfig, exposure: int) -> np.random.Generator:
-    """By the recording's content too: scans of one study share a seed, and must not share their
-    noise.
-    """
+    """Drawn by the recording's content too: scans of one study share a seed, not their noise."""
     recording = int(run_motion.fingerprint(settings.motion)[0][:16], 16)
     return np.random.default_rng([settings.seed, _PHOTONS, exposure, recording])
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class ScanSetup:
-    """The moving person, as every stage after the first needs it."""
-
-    recovery: MovingLeg
-    splines: JointSplines
-    sensors: tuple[Sensor, ...]
-    poses: SegmentPoses
-    """of the segments at the views"""
-    phantom: LegPhantom
-    geometry: ConeBeamGeometry
-
-    def __post_init__(self) -> None:
-        if not np.array_equal(self.poses.times, self.geometry.times):
-            raise LegsimError(
-                "a scanned leg's poses are those at the views: give them at the times of the "
-                "geometry"
-            )
-
-    @property
-    def times(self) -> FloatArray:
-        """(v,) s of the views."""
-        return self.geometry.times
-
-
-def set_up(settings: RunConfig, folder: RunFolder, on_progress: OnProgress) -> ScanSetup:
-    """Solves the recording for joint angles and poses the phantom's skeleton at every view."""
-    on_progress("joint angles", 0, 1)
-    recovered = run_motion.solve(settings.motion)
-    write_kinematics(recovered, folder, motion_key(settings))
-    splines = JointSplines(recovered.trajectories)
-    times = view_times(settings.scan, recovered.trajectories.times)
-    poses = joint_splines.segment_poses_at(recovered.leg, splines, times)
-    isocenter = recovered.leg.joint_centers(poses).of("knee_l")[0]
-    geometry = c_arm(settings.scan, times, isocenter)
-    wanted = settings.phantom
-    if wanted.tissue_swing.amplitude > 0:
-        poses = tissue_swing.with_swing(
-            poses, recovered.leg, splines, skin_mount(wanted.tissue_swing)
-        )
-    phantom = leg_phantom.load_leg_phantom(
-        scales=recovered.leg.scales,
-        detail=wanted.detail,
-        energy_kev=wanted.energy_kev,
-        swinging=wanted.tissue_swing.amplitude > 0,
-    )
-    phantom = phantom.one_leg("l") if wanted.legs == "left" else phantom
-    on_progress("joint angles", 1, 1)
-    return ScanSetup(
-        recovered, splines, run_sensors.sensors(settings.imu), poses, phantom, geometry
-    )
-
-
-def scan(
-    settings: RunConfig,
-    body: ScanSetup,
-    how: Imaging,
-    folder: RunFolder,
-    device: Device,
-    on_progress: OnProgress,
-) -> tuple[Projections, Projections]:
-    """Projections of the moving phantom, and of the one that keeps the first view's pose; each with
-    noise of its own.
-    """
-    key = scan_key(settings)
-    if not folder.done("geometry", key):
-        with folder.stage("geometry", key, ["geometry.json", "geometry_rtk.xml"]):
-            geometry_files.save_geometry(folder.path / "geometry.json", body.geometry)
-            geometry_files.save_geometry(folder.path / "geometry_rtk.xml", body.geometry)
-    exposures = []
-    for exposure, (name, poses) in enumerate(
-        (("projections", body.poses), ("projections-static", body.poses.held_at(0)))
-    ):
-        path = folder.path / f"{name}.mha"
-        if not folder.done(name, key):
-            with folder.stage(name, key, [path.name]):
-                shown = "projecting" if poses is body.poses else "projecting, at rest"
-                drawing = _photons(settings, exposure)
-                exposed = acquisition.expose(
-                    body.phantom,
-                    poses,
-                    body.geometry,
-                    device,
-                    how,
-                    drawing,
-                    rays_per_pixel=settings.scan.rays_per_pixel,
-                    progress=partial(on_progress, shown),
-                )
-                image_files.save_projections(path, exposed)
-        exposures.append(image_files.load_projections(path, body.geometry))
-    return exposures[0], exposures[1]
-
-
-def starts(settings: RunConfig, body: ScanSetup, signals: ImuSignals, device: Device) -> Starts:
+def starts(stage: StageContext, setup: ScanSetup, signals: ImuSignals) -> Starts:
     """Where each sensor's integration begins, as methods.start says."""
+    settings, person = stage.settings, setup.person
     if settings.methods.start == "truth":
         return initialization.from_truth(
-            body.recovery.leg, body.splines, body.sensors, float(body.times[0])
+            person.leg, person.splines, setup.sensors, float(setup.times[0])
         )
-    true_poses = simulation.sensor_poses(body.recovery.leg, body.splines, body.sensors, body.times)
+    wanted = settings.methods.fiducials
     return initialization.from_fiducials(
         signals,
-        body.sensors,
-        FiducialScan(body.geometry, body.poses, body.phantom, device),
-        true_poses,
-        settings.methods.fiducials,
+        setup.sensors,
+        FiducialScan(setup.geometry, setup.poses, setup.phantom, stage.device),
+        simulation.sensor_poses(person.leg, person.splines, setup.sensors, setup.times),
+        FiducialOptions(
+            Fiducials(1e-3 * wanted.axis_length_mm),
+            wanted.views,
+            wanted.detector,
+            wanted.found,
+            wanted.error_px,
+            0.5e-3 * wanted.bead_mm,
+        ),
         scheme=settings.methods.scheme,
         rng=np.random.default_rng([settings.seed, _STARTS]),
     )
-
-
-def regions(
-    settings: RunConfig, body: ScanSetup, grid: VolumeGrid, device: Device
-) -> tuple[Region, ...]:
-    """Whole leg, shank and thigh of the scanned leg, from the phantom's truth at the reference
-    pose.
-    """
-    vertices = body.phantom.posed(body.poses.world_from_segment[0], body.poses.segment_names)
-    left = [k for k, part in enumerate(body.phantom.phantom.parts) if part.name.endswith("_l")]
-    leg = body.phantom.phantom.only(left).with_vertices(tuple(vertices[k] for k in left))
-    labels = voxelize.labels(leg, grid, device)
-    knee = float(body.recovery.leg.joint_centers(body.poses).of("knee_l")[0, 1])
-    return leg_regions(
-        labels,
-        grid,
-        knee,
-        seen_by_every_view(settings.scan, grid),
-        1e-3 * settings.evaluation.air_margin_mm,
-    )
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class StageContext:
-    """Where a stage works."""
-
-    settings: RunConfig
-    folder: RunFolder
-    device: Device
-    scan_key: str
-    """of all that decides the projections"""
-    on_progress: OnProgress

@@ -3,7 +3,6 @@ folder.
 """
 
 import json
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 
@@ -12,20 +11,19 @@ import numpy as np
 from legsim.config import RunConfig
 from legsim.core.errors import LegsimError
 from legsim.core.files import key_of, write_text
-from legsim.correction import bead_scan, oracle, rigid
-from legsim.correction.bead_scan import BeadScan
-from legsim.correction.control_points import AttachedPoint
-from legsim.correction.method import Correction, Scan
+from legsim.correction import bead_scan
+from legsim.correction.bead_scan import Beads, BeadScan
+from legsim.correction.method import Correction, CorrectionMethod
 from legsim.deformation.files import load_motion, save_motion
 from legsim.deformation.models import ControlPointMotion, Motion
 from legsim.geometry import image_files
-from legsim.geometry.cone_beam import Projections
 from legsim.geometry.volume import NamedVolume, VolumeGrid, nodes_over
-from legsim.imu import simulation
 from legsim.reconstruction import fdk
 from legsim.run import methods
-from legsim.run.methods import Setup
-from legsim.run.stages import ScanSetup, StageContext
+from legsim.run.methods import MethodInputs
+from legsim.run.stages import StageContext
+from legsim.simulation.setup import Side
+from legsim.simulation.simulated_scan import SimulatedScan
 
 _BEADS = 3
 """stream of the run's seed"""
@@ -76,56 +74,42 @@ def check(settings: RunConfig) -> None:
                 "it to imu.sensors"
             )
     if set(run) & set(_FOLLOW_JOINTS):
-        carriers(settings)
+        _check_carriers(settings)
 
 
-def carriers(settings: RunConfig) -> tuple[tuple[str, str, str], ...]:
-    """(side, thigh's sensor, shank's sensor) of each leg whose joints are followed; the first
-    sensor on each segment is taken.
+def followed_sides(settings: RunConfig) -> tuple[Side, ...]:
+    """Legs whose joints are followed."""
+    return ("left", "right") if settings.methods.legs == "both" else (settings.scan.side,)
 
-    Raises:
-        LegsimError: a segment of a leg that is to be followed has no sensor.
-    """
-    legs = []
-    for side in ("l", "r") if settings.methods.legs == "both" else ("l",):
-        found = [
-            next((s.name for s in settings.imu.sensors if s.segment == f"{bone}_{side}"), None)
-            for bone in ("femur", "tibia")
-        ]
-        if found[0] is None or found[1] is None:
+
+def _check_carriers(settings: RunConfig) -> None:
+    """Refuses a leg that is to be followed without a sensor on thigh and shank."""
+    for side in followed_sides(settings):
+        segments = [f"{bone}_{side[0]}" for bone in ("femur", "tibia")]
+        if not set(segments) <= {sensor.segment for sensor in settings.imu.sensors}:
             asked = (
                 'methods.legs = "both" needs'
                 if settings.methods.legs == "both"
                 else "nonrigid-2d and nonrigid-3d need"
             )
             raise LegsimError(
-                f"{asked} sensors on femur_{side} and tibia_{side}; add them to imu.sensors"
+                f"{asked} sensors on {' and '.join(segments)}; add them to imu.sensors"
             )
-        legs.append((side, found[0], found[1]))
-    return tuple(legs)
 
 
 def reconstruct_methods(
-    stage: StageContext, body: ScanSetup, scan: Scan, still: Projections, grid: VolumeGrid
+    stage: StageContext, scan: SimulatedScan, grid: VolumeGrid
 ) -> tuple[Reconstructed, ...]:
-    """A volume a method, the motion-free one first."""
-    setup = setup_of(stage, body, scan, grid)
+    """One volume per method, the motion-free one first."""
+    given = _method_inputs(stage, scan, grid)
     names = list(dict.fromkeys([methods.REFERENCE, *stage.settings.methods.run]))
-    # all are built before the first is run: a wrong name is told at once
-    built = {name: methods.build(name, setup) for name in names if name != methods.REFERENCE}
+    # all are built before the first is run: a wrong name is reported at once
+    built = {name: methods.build(name, given) for name in names if name != methods.REFERENCE}
     outcomes = []
     for name in names:
-        label, key = methods.label(name), _key(stage, name)
-        if not stage.folder.done(f"volume-{label}", key):
-            _make(
-                stage,
-                name,
-                key,
-                lambda name=name: (
-                    built[name](scan) if name in built else Correction(name, still, None)
-                ),
-                grid,
-            )
+        label = methods.label(name)
+        make = partial(_make, stage, name, built.get(name), scan, grid)
+        stage.folder.cached(f"volume-{label}", _key(stage, name), make)
         outcomes.append(_load(stage, label))
     return tuple(outcomes)
 
@@ -144,31 +128,33 @@ def _key(stage: StageContext, name: str) -> str:
 
 
 def _make(
-    stage: StageContext, name: str, key: str, correct: Callable[[], Correction], grid: VolumeGrid
-) -> None:
-    """Runs one method and writes its volume, motion and notes."""
+    stage: StageContext,
+    name: str,
+    method: CorrectionMethod | None,
+    scan: SimulatedScan,
+    grid: VolumeGrid,
+) -> list[str]:
+    """Runs one method and writes its volume, motion and notes; None is the scan at rest."""
     label, folder = methods.label(name), stage.folder
     files = [f"volume-{label}.mha", f"correction-{label}.json"]
     stage.on_progress(f"estimating {label}", 0, 1)
-    with folder.stage(f"volume-{label}", key, files):
-        found = correct()
-        stage.on_progress(f"estimating {label}", 1, 1)
-        for kind, motion in (("motion", found.motion), ("warp", found.warped_by)):
-            if motion is not None:
-                files.append(f"{kind}-{label}.npz")
-                save_motion(folder.path / files[-1], motion)
-        write_text(
-            folder.path / files[1],
-            json.dumps({"method": label, "notes": found.notes}, indent=1) + "\n",
-        )
-        volume = fdk.reconstruct(
-            found.projections,
-            grid,
-            stage.device,
-            motion=found.motion,
-            progress=partial(stage.on_progress, f"reconstructing {label}"),
-        )
-        image_files.save_volume(folder.path / files[0], volume)
+    found = Correction(name, scan.at_rest, None) if method is None else method(scan.seen)
+    stage.on_progress(f"estimating {label}", 1, 1)
+    for kind, motion in (("motion", found.motion), ("warp", found.warped_by)):
+        if motion is not None:
+            files.append(f"{kind}-{label}.npz")
+            save_motion(folder.path / files[-1], motion)
+    notes = json.dumps({"method": label, "notes": found.notes}, indent=1) + "\n"
+    write_text(folder.path / files[1], notes)
+    volume = fdk.reconstruct(
+        found.projections,
+        grid,
+        stage.device,
+        motion=found.motion,
+        progress=partial(stage.on_progress, f"reconstructing {label}"),
+    )
+    image_files.save_volume(folder.path / files[0], volume)
+    return files
 
 
 def _load(stage: StageContext, label: str) -> Reconstructed:
@@ -184,60 +170,34 @@ def _load(stage: StageContext, label: str) -> Reconstructed:
     )
 
 
-def setup_of(stage: StageContext, body: ScanSetup, scan: Scan, grid: VolumeGrid) -> Setup:
-    """What the package's own methods are built from."""
-    settings = stage.settings
-    nodes = nodes_over(grid, 1e-3 * settings.methods.node_mm)
+def _method_inputs(stage: StageContext, scan: SimulatedScan, grid: VolumeGrid) -> MethodInputs:
+    settings, setup = stage.settings, scan.setup
+    wanted = settings.methods.beads
 
     def beads() -> BeadScan:
         return bead_scan.add_beads(
-            scan.projections,
-            body.phantom,
-            body.poses,
-            settings.methods.beads,
+            scan.seen.projections,
+            setup.phantom,
+            setup.poses,
+            Beads(
+                wanted.count,
+                0.5e-3 * wanted.diameter_mm,
+                1e-3 * wanted.reach_mm,
+                1e-3 * wanted.guess_error_mm,
+            ),
             stage.device,
+            side=setup.side[0],
             energy_kev=settings.phantom.energy_kev,
             rng=np.random.default_rng([settings.seed, _BEADS]),
             progress=partial(stage.on_progress, "projecting beads"),
         )
 
-    return Setup(
-        scheme=settings.methods.scheme,
+    return MethodInputs(
         sensor=settings.methods.sensor,
-        legs=followed_points(stage, body),
+        scheme=settings.methods.scheme,
         device=stage.device,
-        nodes=nodes,
-        true_shank=rigid.rigid_motion(body.times, body.poses.of("tibia_l")),
-        true_field=partial(oracle.phantom_motion, body.phantom, body.poses, nodes, stage.device),
+        nodes=nodes_over(grid, 1e-3 * settings.methods.node_mm),
+        scanned_shank=setup.named("tibia"),
+        truth=scan.truth,
         beads=beads,
     )
-
-
-def followed_points(stage: StageContext, body: ScanSetup) -> tuple[tuple[AttachedPoint, ...], ...]:
-    """Of each leg hip (by the thigh's sensor), knee and ankle (by the shank's), and the points
-    between them that are asked for.
-
-    Their places on the sensors are known. No leg has any where no method follows joints.
-    """
-    wanted = stage.settings.methods
-    if not set(wanted.run) & set(_FOLLOW_JOINTS):
-        return ()
-    poses = simulation.sensor_poses(body.recovery.leg, body.splines, body.sensors, body.times[:2])
-    centers = body.recovery.leg.joint_centers(body.poses)
-    legs = []
-    for side, thigh, shank in carriers(stage.settings):
-        hip, knee, ankle = (centers.of(f"{joint}_{side}")[0] for joint in ("hip", "knee", "ankle"))
-        shares = np.arange(1, wanted.points_per_segment + 1)[:, None] / (
-            wanted.points_per_segment + 1
-        )
-        between = [(thigh, p) for p in hip + shares * (knee - hip)] + [
-            (shank, p) for p in knee + shares * (ankle - knee)
-        ]
-        points = [(thigh, hip), (shank, knee), (shank, ankle), *between]
-        legs.append(
-            tuple(
-                AttachedPoint.at_start(sensor, poses.of(sensor)[0], point)
-                for sensor, point in points
-            )
-        )
-    return tuple(legs)

@@ -3,25 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from legsim.core.values import FloatArray
-from legsim.geometry.cone_beam import Projections
 from legsim.geometry.volume import NamedVolume
 from legsim.imu import simulation
 from legsim.imu.signals import ImuSignals
-from legsim.imu.simulation import Sensor
-from legsim.kinematics.joint_splines import JointSplines
 from legsim.kinematics.moving_leg import MovingLeg
 from legsim.kinematics.skeleton import JOINT_CENTERS, SegmentPoses
-from legsim.phantom.leg_phantom import LegPhantom
+from legsim.phantom.leg_phantom import LegPhantom, load_leg_phantom
 from legsim.scene.values import MovingSurface, ReplayScene, ScanScene, SegmentMesh, SlicePlanes
-
-if TYPE_CHECKING:
-    pass
-
+from legsim.simulation.simulated_scan import SimulatedScan
 
 _SHOWN_SURFACES = ("skin", "patella_cortex", "femur_cortex", "tibia_cortex", "fibula_cortex")
 
@@ -30,27 +23,27 @@ _AXIAL_OFFSET = 0.05
 
 
 def replay_scene(
-    recovered: MovingLeg,
-    splines: JointSplines,
-    sensors: tuple[Sensor, ...],
-    signals: ImuSignals,
-    phantom: LegPhantom,
+    person: MovingLeg, signals: ImuSignals, phantom: LegPhantom | None = None
 ) -> ReplayScene:
-    """Skeleton with bones, markers, sensors and curves."""
-    poses = recovered.leg.segment_poses(recovered.trajectories)
-    fit = recovered.fit
+    """Skeleton with bones, markers, sensors and curves; the bones are the phantom's.
+
+    ``signals`` know where their sensors are strapped on. Without a phantom it is the coarse one at
+    the person's size.
+    """
+    poses = person.leg.segment_poses(person.trajectories)
+    fit = person.fit
     return ReplayScene(
-        name=recovered.name,
-        trajectories=recovered.trajectories,
+        name=person.name,
+        trajectories=person.trajectories,
         poses=poses,
-        joint_centers=recovered.leg.joint_centers(poses),
+        joint_centers=person.leg.joint_centers(poses),
         imu=signals,
         sensor_poses=simulation.sensor_poses(
-            recovered.leg, splines, sensors, recovered.trajectories.times
+            person.leg, person.splines, signals.sensors, person.trajectories.times
         ),
         measured=None if fit is None else fit.measured,
         modelled=None if fit is None else fit.modelled,
-        segment_meshes=_bones(phantom),
+        segment_meshes=_bones(phantom or load_leg_phantom(scales=person.leg.scales)),
         floor_height=_floor(poses),
     )
 
@@ -74,16 +67,12 @@ def _floor(poses: SegmentPoses) -> float:
     )
 
 
-def scan_scene(
-    replay: ReplayScene,
-    phantom: LegPhantom,
-    poses: SegmentPoses,
-    projections: Projections,
-    volumes: Sequence[NamedVolume],
-    every: int = 8,
-) -> ScanScene:
+def scan_scene(scan: SimulatedScan, volumes: Sequence[NamedVolume], every: int = 8) -> ScanScene:
     """The replay with skin, C-arm, projections and slices; skin at every ``every``-th view."""
-    knee = replay.joint_centers.positions_world[:, JOINT_CENTERS.index("knee_l")].mean(0)
+    setup = scan.setup
+    phantom, poses = setup.phantom, setup.poses
+    replay = replay_scene(setup.person, scan.seen.signals, phantom)
+    knee = replay.joint_centers.positions_world[:, JOINT_CENTERS.index(setup.named("knee"))].mean(0)
     views = np.arange(0, len(poses.times), every)
     posed = [phantom.posed(poses.world_from_segment[view], poses.segment_names) for view in views]
     surfaces = [
@@ -99,7 +88,7 @@ def scan_scene(
     center = volumes[0].volume.grid.center if volumes else knee
     return ScanScene(
         replay=replay,
-        projections=projections,
+        projections=scan.seen.projections,
         surfaces=tuple(surfaces),
         volumes=tuple(volumes),
         planes=slice_planes(center),

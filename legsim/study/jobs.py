@@ -22,7 +22,6 @@ from legsim.core.progress import OnProgress
 from legsim.evaluation import similarity
 from legsim.imu import drift, simulation
 from legsim.imu.noise import Convention, ImuNoise
-from legsim.kinematics.joint_splines import JointSplines
 from legsim.run import c_arm, methods, pipeline
 from legsim.run import motion as run_motion
 from legsim.run import sensors as run_sensors
@@ -150,11 +149,12 @@ def ladder(job: LadderJob, on_progress: OnProgress | None = None) -> tuple[Ladde
 def _ladder(job: LadderJob, on_progress: OnProgress) -> list[LadderScore]:
     settings, asked = job.settings, job.ladder
     recovered = run_motion.solve(settings.motion)
-    splines = JointSplines(recovered.trajectories)
-    placed = [s for s in run_sensors.sensors(settings.imu) if s.name == asked.sensor]
-    views = c_arm.view_times(settings.scan, recovered.trajectories.times)
-    clean = run_sensors.sense(recovered, splines, tuple(placed), settings.imu)
-    start = simulation.true_start(recovered.leg, splines, placed[0], float(views[0]))
+    chosen = tuple(s for s in settings.imu.sensors if s.name == asked.sensor)
+    clean = run_sensors.sense(recovered, settings.imu.model_copy(update={"sensors": chosen}))
+    views = c_arm.c_arm(settings.scan).view_times(recovered.trajectories.times)
+    start = simulation.true_start(
+        recovered.leg, recovered.splines, clean.sensors[0], float(views[0])
+    )
     seeds = [(seed_of(job.subject, job.posture, r), 1) for r in range(asked.repetitions)]
     scores = []
     for row, f_a in enumerate(map(exponent, asked.f_a)):

@@ -10,7 +10,7 @@ import numpy as np
 
 from legsim import figures
 from legsim.core import files
-from legsim.evaluation.similarity import RegionMetrics
+from legsim.evaluation.similarity import RegionScores
 from legsim.figures import BoxGroup, ErrorLine, ErrorPanel, Figure, HeatMap
 from legsim.imu.noise import Convention
 from legsim.report import formats, page, published_tables, published_values
@@ -462,7 +462,7 @@ def scores_csv(scores: Sequence[ScanScore]) -> str:
     Clean sensors have no convention; an exponent of a noisy one that is empty means that this
     sensor was clean.
     """
-    metrics = [f.name for f in fields(RegionMetrics)]
+    metrics = [f.name for f in fields(RegionScores)]
     structures = tuple(dict.fromkeys(r.structure for score in scores for r in score.residuals))
     found = ("translation_mm", "rotation_deg", "applied", "correlation_before", "correlation_after")
     header = [

@@ -12,8 +12,8 @@ from legsim.core import files
 from legsim.core.errors import file_error
 from legsim.evaluation.registration import RegistrationError
 from legsim.evaluation.residual_motion import Residual
-from legsim.evaluation.scores import metrics_from
-from legsim.evaluation.similarity import Metrics
+from legsim.evaluation.scores import scores_from
+from legsim.evaluation.similarity import Scores
 from legsim.imu.noise import Convention
 
 SCHEMA = 1
@@ -59,7 +59,7 @@ class ScanScore:
     noise: NoiseLevel | None
     """None: clean sensors"""
     repetition: int
-    metrics: Metrics
+    metrics: Scores
     residuals: tuple[Residual, ...]
     seconds: float
     """estimation and reconstruction"""
@@ -155,7 +155,7 @@ def score_from(entry: dict[str, Any]) -> ScanScore:
         **{
             **entry,
             "noise": None if noise is None else NoiseLevel(**noise),
-            "metrics": metrics_from(entry["metrics"]),
+            "metrics": scores_from(entry["metrics"]),
             "residuals": tuple(Residual(**r) for r in entry["residuals"]),
         }
     )

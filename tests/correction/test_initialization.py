@@ -9,8 +9,8 @@ from legsim.correction import initialization
 from legsim.correction.initialization import FiducialScan
 from legsim.geometry.cone_beam import ConeBeamGeometry
 from legsim.imu import noise
+from legsim.imu.sensors import Sensor
 from legsim.imu.signals import ImuSignals
-from legsim.imu.simulation import Sensor
 from legsim.kinematics.skeleton import SEGMENTS, SegmentPoses
 from legsim.opencl import device
 from legsim.phantom import leg_phantom

@@ -10,7 +10,7 @@ from PIL import Image
 
 from legsim.evaluation.registration import Registration, RegistrationError
 from legsim.evaluation.residual_motion import Residual
-from legsim.evaluation.similarity import Metrics, RegionMetrics
+from legsim.evaluation.similarity import Scores, RegionScores
 from legsim.study.results import LadderScore, NoiseLevel, ScanScore, StageCost, StudyResults
 
 METHODS = {
@@ -38,7 +38,7 @@ def score(
     """Of a method that loses about so much similarity."""
     lost = loss * rng.uniform(0.7, 1.4)
     regions = tuple(
-        RegionMetrics(name, 1 - lost * k, 0.5 * lost * k, 12 + lost * k, 100_000)
+        RegionScores(name, 1 - lost * k, 0.5 * lost * k, 12 + lost * k, 100_000)
         for name, k in (("leg", 1.0), ("shank", 0.95), ("thigh", 1.1))
     )
     found = (
@@ -60,7 +60,7 @@ def score(
         method,
         noise,
         0,
-        Metrics(regions, found),
+        Scores(regions, found),
         left,
         float(rng.uniform(5, 90)),
         stem,

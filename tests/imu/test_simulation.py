@@ -4,7 +4,7 @@ import pytest
 from legsim.core import transforms
 from legsim.core.errors import LegsimError
 from legsim.imu import simulation, strapdown
-from legsim.imu.simulation import Sensor
+from legsim.imu.sensors import Sensor, default_sensors
 from legsim.kinematics import joint_splines
 from legsim.kinematics.joint_splines import JointSplines
 from legsim.kinematics.leg_model import LegModel
@@ -42,9 +42,7 @@ def test_sensor_at_rest_reads_gravity_only(leg: LegModel):
     still = JointTrajectories(
         TIMES, leg.coordinate_names, np.tile(leg.default_coordinates, (len(TIMES), 1))
     )
-    signals = simulation.simulate(
-        leg, JointSplines(still), simulation.default_sensors(), TIMES[:50]
-    )
+    signals = simulation.simulate(leg, JointSplines(still), default_sensors(), TIMES[:50])
     rate, force = signals.sensor("shank_l")
     np.testing.assert_allclose(rate, 0, atol=1e-9)
     np.testing.assert_allclose(np.linalg.norm(force, axis=-1), 9.80665, atol=1e-6)
@@ -55,7 +53,7 @@ def test_signals_are_the_derivatives_of_the_poses(leg: LegModel):
     """Against differences of the sensors' own poses, which come by another way."""
     splines, at, h = JointSplines(swaying(leg, size=0.05)), np.linspace(1, 7, 40), 1e-3
     sensors = (
-        *simulation.default_sensors(),
+        *default_sensors(),
         Sensor(
             "odd",
             "calcn_r",
@@ -81,7 +79,7 @@ def test_signals_are_the_derivatives_of_the_poses(leg: LegModel):
 def test_default_sensors_sit_where_the_paper_puts_them(leg: LegModel):
     splines = JointSplines(swaying(leg))
     poses, segments = (
-        simulation.sensor_poses(leg, splines, simulation.default_sensors(), VIEWS),
+        simulation.sensor_poses(leg, splines, default_sensors(), VIEWS),
         joint_splines.segment_poses_at(leg, splines, VIEWS),
     )
     for sensor, segment, distance in (("shank_l", "tibia_l", 0.14), ("thigh_l", "femur_l", 0.25)):
@@ -118,7 +116,7 @@ def test_whole_chain_reaches_the_noise_free_bound(leg: LegModel):
     the bound.
     """
     splines = JointSplines(swaying(leg, seed=3, size=0.03))
-    sensors = simulation.default_sensors()
+    sensors = default_sensors()
     signals, truth = (
         simulation.simulate(leg, splines, sensors, TIMES),
         simulation.sensor_poses(leg, splines, sensors, VIEWS),
@@ -135,7 +133,7 @@ def test_whole_chain_reaches_the_noise_free_bound(leg: LegModel):
 
 def test_true_start_is_the_pose_and_its_derivative(leg: LegModel):
     splines, h = JointSplines(swaying(leg, size=0.05)), 1e-4
-    for sensor in simulation.default_sensors():
+    for sensor in default_sensors():
         start = simulation.true_start(leg, splines, sensor, 2.5)
         poses = simulation.sensor_poses(leg, splines, [sensor], [2.5 - h, 2.5, 2.5 + h]).of(
             sensor.name
@@ -160,9 +158,7 @@ def test_segment_poses_are_exact_at_any_time(leg: LegModel):
 
 def test_refuses_times_outside_the_recording(leg: LegModel):
     with pytest.raises(LegsimError, match=r"times from 1 to 20 s .* recorded from 0 to 8\.99167 s"):
-        simulation.simulate(
-            leg, JointSplines(swaying(leg)), simulation.default_sensors(), [1.0, 20.0]
-        )
+        simulation.simulate(leg, JointSplines(swaying(leg)), default_sensors(), [1.0, 20.0])
 
 
 def test_refuses_motions_too_short_or_with_gaps(leg: LegModel):

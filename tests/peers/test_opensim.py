@@ -7,7 +7,7 @@ import pytest
 
 from legsim.core import transforms
 from legsim.imu import simulation
-from legsim.imu.simulation import Sensor
+from legsim.imu.sensors import Sensor
 from legsim.kinematics import inverse_kinematics
 from legsim.kinematics.joint_splines import JointSplines
 from legsim.kinematics.leg_model import COORDINATES, LegModel

@@ -3,13 +3,13 @@ import re
 import pytest
 
 from legsim.evaluation import scores
-from legsim.evaluation.similarity import Metrics, RegionMetrics
+from legsim.evaluation.similarity import Scores, RegionScores
 from legsim.report import scan_page
 
 
 def result(method: str, ssim: float) -> scores.MethodResult:
     return scores.MethodResult(
-        method, Metrics((RegionMetrics("leg", ssim, 0.1, 9.5, 10),), None), 0.5, 1.0
+        method, Scores((RegionScores("leg", ssim, 0.1, 9.5, 10),), None), 0.5, 1.0
     )
 
 

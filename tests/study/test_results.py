@@ -5,7 +5,7 @@ import pytest
 from legsim.core.errors import LegsimError
 from legsim.evaluation.registration import Registration, RegistrationError
 from legsim.evaluation.residual_motion import Residual
-from legsim.evaluation.similarity import Metrics, RegionMetrics
+from legsim.evaluation.similarity import Scores, RegionScores
 from legsim.study import results as study_results
 from legsim.study.results import LadderScore, NoiseLevel, ScanScore, StudyResults
 
@@ -13,7 +13,7 @@ REGISTRATION = Registration(0.5, 0.1, True, 0.9, 0.95, "converged")
 
 
 def results() -> StudyResults:
-    metrics = Metrics((RegionMetrics("leg", 0.9, 0.02, 9.5, 1000),), REGISTRATION)
+    metrics = Scores((RegionScores("leg", 0.9, 0.02, 9.5, 1000),), REGISTRATION)
     noise = NoiseLevel("per-sample", 5.0, None)
     score = ScanScore(
         "subject01",
@@ -45,7 +45,7 @@ def test_saved_results_load_equal(tmp_path):
 
 
 def test_clean_scores_load_without_noise(tmp_path):
-    clean = ScanScore("a", "b", "c", None, 0, Metrics((), None), (), 0.0, "d")
+    clean = ScanScore("a", "b", "c", None, 0, Scores((), None), (), 0.0, "d")
     study_results.save(tmp_path / "r.json", StudyResults("s", "t", (clean,), (), ()))
     assert study_results.load(tmp_path / "r.json").scores == (clean,)
 

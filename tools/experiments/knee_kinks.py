@@ -14,6 +14,7 @@ import typer
 from legsim.core.constants import STANDARD_GRAVITY
 from legsim.core.values import FloatArray
 from legsim.imu import simulation
+from legsim.imu.sensors import default_sensors
 from legsim.kinematics.joint_splines import JointSplines
 from legsim.kinematics.leg_model import COORDINATES, LegModel
 from legsim.mocap.trajectories import JointTrajectories
@@ -64,7 +65,7 @@ def measure(depth_deg: float, period_s: float) -> Kinks:
 
 def _acceleration(leg: LegModel, splines: JointSplines, times: FloatArray) -> FloatArray:
     """(n, 3) m/s^2 in world of the shank's sensor, gravity's constant left in."""
-    sensors = simulation.default_sensors()
+    sensors = default_sensors()
     rotations = simulation.sensor_poses(leg, splines, sensors, times).world_from_segment[
         :, 0, :3, :3
     ]

@@ -17,6 +17,7 @@ from legsim.core import transforms
 from legsim.core.constants import STANDARD_GRAVITY
 from legsim.core.values import FloatArray
 from legsim.imu import simulation
+from legsim.imu.sensors import default_sensors
 from legsim.kinematics import inverse_kinematics, marker_sites, smoothing
 from legsim.kinematics.joint_splines import JointSplines
 from legsim.kinematics.leg_model import COORDINATES, LegModel
@@ -90,7 +91,7 @@ def whole_leg(
     if settle:
         found, _ = smoothing.smooth_below_noise(leg, found, sites, noise=noise, filter_hz=6.0)
     ours, true = (
-        simulation.simulate(leg, JointSplines(t), simulation.default_sensors(), TIMES[INSIDE])
+        simulation.simulate(leg, JointSplines(t), default_sensors(), TIMES[INSIDE])
         for t in (found, truth)
     )
     force = 1e3 * (ours.specific_force - true.specific_force) / STANDARD_GRAVITY

@@ -18,6 +18,7 @@ from legsim.core.values import FloatArray
 from legsim.imu import drift, simulation, strapdown
 from legsim.imu.drift import Drift
 from legsim.imu.noise import Convention, ImuNoise
+from legsim.imu.sensors import default_sensors
 from legsim.imu.signals import ImuSignals, SensorStart
 from legsim.imu.strapdown import Scheme
 from legsim.kinematics.joint_splines import JointSplines
@@ -98,7 +99,7 @@ def table(
 
 def drift_lines(leg: LegModel, splines: JointSplines, views: FloatArray) -> list[str]:
     """Lines of text: scheme and rate down, RMS of the error against the truth across."""
-    sensor = simulation.default_sensors()[0]
+    sensor = default_sensors()[0]
     start, lines = (
         simulation.true_start(leg, splines, sensor, 0.0),
         ["noise-free drift over 8 s: scheme, rate, mm and deg RMS an axis"],
@@ -136,7 +137,7 @@ def main() -> None:
         JointSplines(standing(leg, times, np.random.default_rng(0))),
         np.arange(VIEWS) / VIEW_RATE_HZ,
     )
-    sensor = simulation.default_sensors()[0]
+    sensor = default_sensors()[0]
     clean, start = (
         simulation.simulate(leg, splines, [sensor], times),
         simulation.true_start(leg, splines, sensor, 0.0),

@@ -1,0 +1,27 @@
+"""The marker-based standard: beads on the skin, tracked in a second scan of the same motion."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from legsim.correction import bead_tracking
+from legsim.correction.bead_scan import BeadScan
+from legsim.correction.method import Correction, Scan
+
+
+@dataclass(frozen=True, slots=True)
+class MarkerBased:
+    """Rigid motion from the shadows of beads (Choi et al. 2013, 2014)."""
+
+    beads: BeadScan | Callable[[], BeadScan]
+    """the scan with beads, or what makes it when it is asked for"""
+
+    def __call__(self, scan: Scan, /) -> Correction:
+        beads = self.beads if isinstance(self.beads, BeadScan) else self.beads()
+        pixels = bead_tracking.track(beads.projections, beads.guesses, radius=beads.radius)
+        found = bead_tracking.estimate(scan.projections.geometry, pixels)
+        note = (
+            f"{len(beads.guesses)} beads of {2e3 * beads.radius:g} mm: "
+            f"{100 * found.used.mean():.0f} % of their shadows were found and "
+            f"believed, {found.residual_px:.2f} px RMS from a rigid motion."
+        )
+        return Correction("marker-based", scan.projections, found.motion, notes=(note,))

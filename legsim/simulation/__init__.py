@@ -1,0 +1,5 @@
+"""One simulated scan as a value: what a method may see, the scan at rest, the truth."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -1,0 +1,181 @@
+"""Everything that stands still before a scan: who moves, where the C-arm and the sensors are."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from legsim.core.errors import LegsimError
+from legsim.core.values import FloatArray
+from legsim.correction.control_points import AttachedPoint
+from legsim.evaluation.regions import Region, leg_regions
+from legsim.geometry.cone_beam import ConeBeamGeometry
+from legsim.geometry.volume import VolumeGrid
+from legsim.imu import simulation
+from legsim.imu.sensors import Sensor, default_sensors
+from legsim.imu.skin_mount import SkinMount
+from legsim.kinematics.joint_splines import segment_poses_at
+from legsim.kinematics.moving_leg import MovingLeg
+from legsim.kinematics.skeleton import SegmentPoses
+from legsim.opencl.device import Device
+from legsim.phantom import tissue_swing, voxelize
+from legsim.phantom.leg_phantom import LegPhantom, load_leg_phantom
+from legsim.scan.c_arm import CArm
+
+Side = Literal["left", "right"]
+_AIR_MARGIN = 0.005
+"""m of air around the leg that counts as its region, so that the skin's edge does"""
+
+
+@dataclass(frozen=True, slots=True)
+class PhantomOptions:
+    """Which phantom is scanned."""
+
+    legs: Literal["both", "scanned"] = "both"
+    """"scanned": that leg alone, as if the other stood far off; the other one's edges leave streaks
+    wherever the views are few
+    """
+    detail: Literal["coarse", "fine"] = "coarse"
+    energy_kev: float = 60.0
+    tissue_swing: SkinMount | None = None
+    """how its soft tissue swings on its bones; images and truth both show it"""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ScanSetup:
+    """A person in the C-arm, as every stage of a scan needs it."""
+
+    person: MovingLeg
+    sensors: tuple[Sensor, ...]
+    poses: SegmentPoses
+    """of the segments at the views"""
+    phantom: LegPhantom
+    geometry: ConeBeamGeometry
+    c_arm: CArm
+    side: Side
+    """of the scanned leg"""
+
+    def __post_init__(self) -> None:
+        if not np.array_equal(self.poses.times, self.geometry.times):
+            raise LegsimError(
+                "a scanned leg's poses are those at the views: give them at the times of the "
+                "geometry"
+            )
+
+    def __repr__(self) -> str:
+        return f"ScanSetup({self.side} leg of {self.person.name} in {self.c_arm!r})"
+
+    @property
+    def times(self) -> FloatArray:
+        """(v,) s of the views."""
+        return self.geometry.times
+
+    def named(self, what: str) -> str:
+        """Name of a segment, joint or part of the scanned leg: "tibia" gives "tibia_l"."""
+        return f"{what}_{self.side[0]}"
+
+    def scanned_leg(self) -> tuple[FloatArray, ...]:
+        """Vertices (p, 3) m of each part of the phantom, in world at the first view."""
+        first = self.poses.world_from_segment[0]
+        return self.phantom.posed(first, self.poses.segment_names)
+
+
+def prepare_scan(
+    person: MovingLeg,
+    c_arm: CArm,
+    *,
+    side: Side = "left",
+    center: ArrayLike | None = None,
+    sensors: tuple[Sensor, ...] | None = None,
+    phantom: PhantomOptions | None = None,
+) -> ScanSetup:
+    """Places a moving person in the C-arm, its axis through the knee of the scanned leg.
+
+    Args:
+        person: who moves.
+        c_arm: how the scan runs.
+        side: of the leg in the isocenter.
+        center: (3,) m, a point of the world to turn about; None for the knee's center at the
+            first view.
+        sensors: on the person; None for the two of the published study on that leg.
+        phantom: which phantom is scanned.
+
+    Raises:
+        LegsimError: a side that is none, a recording shorter than the scan.
+    """
+    if side not in ("left", "right"):
+        raise LegsimError(f"the scanned side is {side!r}; give left or right")
+    wanted = phantom or PhantomOptions()
+    times = c_arm.view_times(person.trajectories.times)
+    poses = segment_poses_at(person.leg, person.splines, times)
+    knee = person.leg.joint_centers(poses).of(f"knee_{side[0]}")[0]
+    isocenter = knee if center is None else np.asarray(center, float)
+    geometry = c_arm.geometry(times, isocenter)
+    swing = wanted.tissue_swing
+    swings = swing is not None and swing.amplitude > 0
+    if swing is not None and swings:
+        poses = tissue_swing.with_swing(poses, person.leg, person.splines, swing)
+    legs = load_leg_phantom(
+        scales=person.leg.scales,
+        detail=wanted.detail,
+        energy_kev=wanted.energy_kev,
+        swinging=swings,
+    )
+    legs = legs.one_leg(side[0]) if wanted.legs == "scanned" else legs
+    placed = default_sensors(side) if sensors is None else tuple(sensors)
+    return ScanSetup(person, placed, poses, legs, geometry, c_arm, side)
+
+
+def scan_regions(
+    setup: ScanSetup, grid: VolumeGrid, device: Device, *, margin: float = _AIR_MARGIN
+) -> tuple[Region, ...]:
+    """Whole leg, shank and thigh of the scanned leg, from the phantom's truth at the first view.
+
+    ``margin`` (m) of air around the leg belongs to its region.
+    """
+    vertices, parts = setup.scanned_leg(), setup.phantom.phantom.parts
+    chosen = [k for k, part in enumerate(parts) if part.name.endswith(setup.named(""))]
+    leg = setup.phantom.phantom.only(chosen).with_vertices(tuple(vertices[k] for k in chosen))
+    labels = voxelize.labels(leg, grid, device)
+    knee = setup.person.leg.joint_centers(setup.poses).of(setup.named("knee"))[0, 1]
+    return leg_regions(labels, grid, float(knee), setup.c_arm.seen_by_every_view(grid), margin)
+
+
+def sensor_on(sensors: tuple[Sensor, ...], segment: str) -> str | None:
+    """Name of the first sensor on a segment; None where none is."""
+    return next((s.name for s in sensors if s.segment == segment), None)
+
+
+def joints_on_sensors(
+    setup: ScanSetup, sides: tuple[Side, ...] | None = None, *, points_per_segment: int = 0
+) -> tuple[tuple[AttachedPoint, ...], ...]:
+    """Per leg hip (on the thigh's sensor), knee and ankle (on the shank's), and points between.
+
+    Their places on the sensors are taken from the truth at the first view: how sensors were
+    strapped on is known. A leg without both sensors is left out.
+
+    Args:
+        setup: of the scan.
+        sides: legs to follow; None for the scanned one.
+        points_per_segment: further points, evenly between the joints of a segment.
+    """
+    poses = simulation.sensor_poses(
+        setup.person.leg, setup.person.splines, setup.sensors, setup.times[:2]
+    )
+    centers = setup.person.leg.joint_centers(setup.poses)
+    legs = []
+    for side in sides or (setup.side,):
+        end = side[0]
+        thigh, shank = (sensor_on(setup.sensors, f"{bone}_{end}") for bone in ("femur", "tibia"))
+        if thigh is None or shank is None:
+            continue
+        hip, knee, ankle = (centers.of(f"{j}_{end}")[0] for j in ("hip", "knee", "ankle"))
+        shares = np.arange(1, points_per_segment + 1)[:, None] / (points_per_segment + 1)
+        between = [(thigh, p) for p in hip + shares * (knee - hip)]
+        between += [(shank, p) for p in knee + shares * (ankle - knee)]
+        points = [(thigh, hip), (shank, knee), (shank, ankle), *between]
+        legs.append(
+            tuple(AttachedPoint.at_start(name, poses.of(name)[0], point) for name, point in points)
+        )
+    return tuple(legs)
