@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from html import escape
 from typing import TYPE_CHECKING
 
 import lazy_loader
@@ -40,6 +41,9 @@ PROTOCOL = 4
 today
 """
 
+SCORE_COLUMNS = ("region", "SSIM", "RMSE", "gradient entropy", "voxels")
+"""Heads of the rows of :class:`Scores`"""
+
 _SLAB = 32
 
 
@@ -59,7 +63,7 @@ class RegionScores:
     """that were compared: those of the region that the registered volume still covers"""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, repr=False)
 class Scores:
     """All regions of one volume against its reference."""
 
@@ -75,6 +79,25 @@ class Scores:
         raise LegsimError(
             f"no region named {region!r}; there are: {', '.join(m.region for m in self.regions)}"
         )
+
+    def rows(self) -> tuple[tuple[str, ...], ...]:
+        """Region, SSIM, RMSE, gradient entropy and voxels as text, one row per region."""
+        return tuple(
+            (m.region, f"{m.ssim:.4f}", f"{m.rmse:.4f}", f"{m.gradient_entropy:.3f}", f"{m.voxels}")
+            for m in self.regions
+        )
+
+    def __repr__(self) -> str:
+        cells = (f"{m.region}: SSIM {m.ssim:.4f}, RMSE {m.rmse:.4f}" for m in self.regions)
+        return f"Scores({'; '.join(cells)})"
+
+    def _repr_html_(self) -> str:
+        """A table, which notebooks show."""
+        head = "".join(f"<th>{name}</th>" for name in SCORE_COLUMNS)
+        body = "".join(
+            f"<tr>{''.join(f'<td>{escape(cell)}</td>' for cell in row)}</tr>" for row in self.rows()
+        )
+        return f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
 
 
 def evaluate(

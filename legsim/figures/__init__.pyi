@@ -11,6 +11,9 @@ from .noise import error_lines as error_lines
 from .pictures import overlay as overlay
 from .pictures import projection_montage as projection_montage
 from .pictures import slices as slices
+from .plots import plot_angles as plot_angles
+from .plots import plot_imu as plot_imu
+from .plots import plot_slices as plot_slices
 from .posture import still as still
 from .statistics import BoxGroup as BoxGroup
 from .statistics import HeatMap as HeatMap

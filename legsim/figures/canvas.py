@@ -12,9 +12,16 @@ COLORS = ("#1f5fa8", "#d1661b", "#2a8a4a", "#b0307f", "#7a5bc0", "#8a6a1f", "#1d
 TEXT = "#1c1c1c"
 
 
+class NotebookFigure(Figure):
+    """A figure that a notebook draws by itself, whether or not pyplot is loaded."""
+
+    def _repr_png_(self) -> bytes:
+        return png(self, dpi=90)
+
+
 def new_figure(width: float, height: float) -> Figure:
     """An empty white figure of ``width`` x ``height`` inches, bound to Agg."""
-    figure = Figure(figsize=(width, height), layout="constrained", facecolor="white")
+    figure = NotebookFigure(figsize=(width, height), layout="constrained", facecolor="white")
     FigureCanvasAgg(figure)
     return figure
 

@@ -5,7 +5,6 @@ not at all.
 import dataclasses
 import hashlib
 from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +13,6 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from legsim.core.files import whole
-from legsim.core.values import FloatArray
 from legsim.scene.values import ReplayScene, ScanScene
 from legsim.view import curves, layout, motion
 from legsim.view.scan import log_c_arm, log_slices, log_surface
@@ -22,21 +20,36 @@ from legsim.view.stream import Recorder
 
 
 def write_replay(path: Path, scene: ReplayScene) -> None:
-    """Writes the recording of a replay; the same scene gives an equal recording (``rerun rrd
-    compare --unordered``).
+    """Writes the recording of a replay.
+
+    The same scene gives an equal recording (``rerun rrd compare --unordered``).
     """
-    with _recorder(
-        path, scene.name, scene, scene.trajectories.times, layout.replay(scene)
-    ) as recorder:
-        _record_replay(recorder, scene)
+    _write(path, scene)
 
 
 def write_scan(path: Path, scene: ScanScene) -> None:
     """Writes the recording of a whole scan: the replay, C-arm, projections, skin and slices."""
-    with _recorder(
-        path, scene.replay.name, scene, scene.replay.trajectories.times, layout.scan(scene)
-    ) as recorder:
-        _record_replay(recorder, scene.replay)
+    _write(path, scene)
+
+
+def new_stream(scene: ReplayScene | ScanScene) -> rr.RecordingStream:
+    """A stream named by the content of a scene, still empty and without a sink."""
+    return rr.RecordingStream("legsim", recording_id=content_id(scene), send_properties=False)
+
+
+def blueprint(scene: ReplayScene | ScanScene) -> rrb.Blueprint:
+    """Which views the viewer opens with."""
+    return layout.scan(scene) if isinstance(scene, ScanScene) else layout.replay(scene)
+
+
+def record(stream: rr.RecordingStream, scene: ReplayScene | ScanScene) -> None:
+    """Logs everything that a scene holds."""
+    replay = scene.replay if isinstance(scene, ScanScene) else scene
+    stream.send_recording_name(replay.name)
+    stream.log("world", rr.ViewCoordinates.RIGHT_HAND_Y_UP, static=True)
+    recorder = Recorder(stream, replay.trajectories.times)
+    _record_replay(recorder, replay)
+    if isinstance(scene, ScanScene):
         log_c_arm(recorder, scene.projections)
         for surface in scene.surfaces:
             log_surface(recorder, surface)
@@ -57,19 +70,12 @@ def _record_replay(recorder: Recorder, scene: ReplayScene) -> None:
         motion.log_sensors(recorder, scene.sensor_poses)
 
 
-@contextmanager
-def _recorder(
-    path: Path, name: str, content: Any, clock: FloatArray, blueprint: rrb.Blueprint
-) -> Iterator[Recorder]:
+def _write(path: Path, scene: ReplayScene | ScanScene) -> None:
     with whole(path) as partial:
-        stream = rr.RecordingStream(
-            "legsim", recording_id=content_id(content), send_properties=False
-        )
+        stream = new_stream(scene)
         try:
-            stream.save(partial, default_blueprint=blueprint)
-            stream.send_recording_name(name)
-            stream.log("world", rr.ViewCoordinates.RIGHT_HAND_Y_UP, static=True)
-            yield Recorder(stream, clock)
+            stream.save(partial, default_blueprint=blueprint(scene))
+            record(stream, scene)
         finally:
             stream.disconnect()  # writes all that waits and the footer
 

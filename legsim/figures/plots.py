@@ -1,0 +1,41 @@
+"""Figures of single values for a notebook: volumes, joint angles, IMU signals."""
+
+from collections.abc import Sequence
+
+from matplotlib.figure import Figure
+
+from legsim.core.errors import LegsimError
+from legsim.figures import curves, pictures
+from legsim.geometry.volume import NamedVolume, Volume
+from legsim.imu.signals import ImuSignals
+from legsim.kinematics.moving_leg import MovingLeg
+from legsim.scene.build import slice_planes
+
+
+def plot_slices(*, window_per_mm: tuple[float, float] | None = None, **volumes: Volume) -> Figure:
+    """Axial slices 5 cm below and above the grid's center, and the sagittal one through it.
+
+    Args:
+        window_per_mm: attenuation shown as black and as white; None takes it from the first volume.
+        volumes: one column each, under the name that it is passed by.
+
+    Raises:
+        LegsimError: no volume is given.
+
+    >>> plot_slices(truth=truth, rigid=volume).savefig("slices.png")
+    """
+    if not volumes:
+        raise LegsimError("plot_slices needs volumes by name, as in plot_slices(truth=a, rigid=b)")
+    named = [NamedVolume(name, volume) for name, volume in volumes.items()]
+    planes = slice_planes(named[0].volume.grid.center)
+    return pictures.slices(named, planes, window_per_mm=window_per_mm)
+
+
+def plot_angles(person: MovingLeg, names: Sequence[str] = ()) -> Figure:
+    """Joint angles in degrees over time, right and left in one plot; all, or ``names`` of them."""
+    return curves.joint_angles(person.trajectories, names)
+
+
+def plot_imu(signals: ImuSignals) -> Figure:
+    """Angular velocity and specific force of each sensor over time."""
+    return curves.imu_curves(signals)
