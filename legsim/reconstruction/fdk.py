@@ -8,7 +8,6 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from legsim.core.values import Float32Array
-from legsim.deformation import models
 from legsim.deformation.models import Motion
 from legsim.geometry.cone_beam import ConeBeamGeometry, Projections
 from legsim.geometry.volume import Volume, VolumeGrid
@@ -137,7 +136,7 @@ def object_geometry(
         return geometry
     half = np.maximum(0.25 * np.array(grid.shape_zyx[::-1]) * grid.spacing_xyz, _LEAST_HALF)
     corners = np.stack(np.meshgrid([-1.0, 1.0], [-1.0, 1.0], [-1.0, 1.0]), -1).reshape(-1, 3)
-    return geometry.moved(models.rigid_part(motion, grid.center + half * corners))
+    return geometry.moved(motion.rigid_part(grid.center + half * corners))
 
 
 def _halves(

@@ -19,7 +19,6 @@ from legsim.correction.bead_scan import BeadScan
 from legsim.correction.control_points import AttachedPoint
 from legsim.correction.method import Correction, CorrectionMethod, Scan
 from legsim.correction.rigid import sensor_path
-from legsim.deformation import models
 from legsim.deformation.models import ControlPointMotion, FieldMotion, RigidMotion
 from legsim.geometry.volume import VolumeGrid
 from legsim.imu.strapdown import Scheme
@@ -125,7 +124,7 @@ def _nonrigid_3d(setup: Setup) -> CorrectionMethod:
     def correct(scan: Scan, /) -> Correction:
         motion = _together(followed(scan, setup))
         # the device's closed form is for three points; any other number is sampled
-        whole = motion if len(motion.reference) == 3 else models.sampled(motion, setup.nodes)
+        whole = motion if len(motion.reference) == 3 else motion.on_grid(setup.nodes)
         return Correction("nonrigid-3d", scan.projections, whole)
 
     return correct

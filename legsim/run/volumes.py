@@ -20,7 +20,7 @@ from legsim.deformation.files import load_motion, save_motion
 from legsim.deformation.models import ControlPointMotion, Motion
 from legsim.geometry import image_files
 from legsim.geometry.cone_beam import Projections
-from legsim.geometry.volume import NamedVolume, VolumeGrid, nodes_over
+from legsim.geometry.volume import NamedVolume, VolumeGrid
 from legsim.imu import simulation
 from legsim.reconstruction import fdk
 from legsim.run import methods
@@ -187,7 +187,7 @@ def _load(stage: StageContext, label: str) -> Reconstructed:
 def setup_of(stage: StageContext, body: ScanSetup, scan: Scan, grid: VolumeGrid) -> Setup:
     """What the package's own methods are built from."""
     settings = stage.settings
-    nodes = nodes_over(grid, 1e-3 * settings.methods.node_mm)
+    nodes = grid.coarse(1e-3 * settings.methods.node_mm)
 
     def beads() -> BeadScan:
         return bead_scan.add_beads(
