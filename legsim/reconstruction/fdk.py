@@ -52,9 +52,19 @@ def plan(
         LegsimError: as :func:`reconstruct`, or the device has too little memory.
     """
     options = options if options is not None else FdkOptions()
-    stood = detector_alignment.widened(detector_alignment.upright(geometry))
+    aligned = detector_alignment.align(geometry).geometry
+    return _decided(aligned, grid, device, motion, options)
+
+
+def _decided(
+    geometry: ConeBeamGeometry,
+    grid: VolumeGrid,
+    device: Device,
+    motion: Motion | None,
+    options: FdkOptions,
+) -> BackprojectionPlan:
     return _backprojection_plan.plan(
-        stood, grid, device, motion=motion, kernel=options.kernel, slab_bytes=options.slab_bytes
+        geometry, grid, device, motion=motion, kernel=options.kernel, slab_bytes=options.slab_bytes
     )
 
 
@@ -103,22 +113,20 @@ def reconstruct_slabs(
     Hand the slabs to :func:`legsim.geometry.image_files.volume_writer` to have them on disk.
     """
     options = options if options is not None else FdkOptions()
-    decided = plan(projections.geometry, grid, device, motion=motion, options=options)
-    projections = detector_alignment.stood_up(projections)
-    added = detector_alignment.padding(projections.geometry)
-    projections = detector_alignment.padded(projections)
+    detector = detector_alignment.align(projections.geometry)
+    decided = _decided(detector.geometry, grid, device, motion, options)
+    weights_geometry = object_geometry(detector.geometry, grid, motion)
     mirrored = np.array(decided.mirrored)
     halves = _halves(progress)
-    weighted = replace(projections, geometry=object_geometry(projections.geometry, grid, motion))
     batches = filtering.filtered_views(
-        weighted,
+        replace(detector.apply(projections), geometry=weights_geometry),
         options.filter,
         halves[0],
-        added=added,
+        added=detector.added,
         finish=lambda images, views: backprojection.arranged(images, mirrored[views]),
     )
     yield from backprojection.slabs(
-        batches, projections.geometry, grid, device, decided, motion=motion, progress=halves[1]
+        batches, detector.geometry, grid, device, decided, motion=motion, progress=halves[1]
     )
 
 

@@ -52,7 +52,7 @@ def bent(geometry: ConeBeamGeometry, motion: ControlPointMotion) -> Projections:
 
 @contextmanager
 def _scanners_own_weights() -> Iterator[None]:
-    with mock.patch.object(fdk, "seen_from_the_object", lambda geometry, *_: geometry):
+    with mock.patch.object(fdk, "object_geometry", lambda geometry, *_: geometry):
         yield
 
 

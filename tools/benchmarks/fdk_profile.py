@@ -21,13 +21,13 @@ from legsim.deformation.models import Motion
 from legsim.geometry.cone_beam import ConeBeamGeometry
 from legsim.geometry.volume import VolumeGrid
 from legsim.opencl.device import Device, open_device
-from legsim.reconstruction import backprojection, fdk, filtering
+from legsim.reconstruction import _backprojection_plan, backprojection, fdk, filtering
 from legsim.reconstruction._backprojection_plan import BackprojectionPlan
 from legsim.reconstruction.weights import ShortScanWarning
 from tools.benchmarks import fdk as bench_fdk
 
 STAGES = {
-    "planning": (fdk, "plan", "weights"),
+    "planning": (_backprojection_plan, "plan", "weights"),
     "weights of the geometry": (filtering, "plan_filter", "weights"),
     "continuing rows": (filtering, "extended_rows", "filter"),
     "FFT": (filtering.fft, "rfft", "filter"),
