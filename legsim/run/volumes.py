@@ -161,10 +161,10 @@ def _make(
             folder.path / files[1],
             json.dumps({"method": label, "notes": found.notes}, indent=1) + "\n",
         )
-        volume = fdk.reconstruct(
+        volume = fdk.fdk(
             found.projections,
             grid,
-            stage.device,
+            device=stage.device,
             motion=found.motion,
             progress=partial(stage.on_progress, f"reconstructing {label}"),
         )

@@ -144,7 +144,7 @@ def setup(scan: Scan) -> methods.Setup:
 
 
 def volume(projections: Projections, motion: models.Motion | None = None) -> np.ndarray:
-    return fdk.reconstruct(projections, GRID, DEVICE, motion=motion).attenuation
+    return fdk.fdk(projections, GRID, device=DEVICE, motion=motion).attenuation
 
 
 @pytest.fixture(scope="module")

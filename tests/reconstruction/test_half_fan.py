@@ -120,7 +120,7 @@ def test_attenuation_is_absolute_on_either_side(
     ]
     geometry = scan(shift, mirrored=mirrored, views=120)
     grid = VolumeGrid.cubic(48, 0.004, (0.002, 0.002, 0.002))
-    volume = fdk.reconstruct(project(geometry, solids), grid, device).attenuation
+    volume = fdk.fdk(project(geometry, solids), grid, device=device).attenuation
     places = np.array(
         [
             (0.0, 0.0, 0.0),

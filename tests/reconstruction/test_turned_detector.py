@@ -103,7 +103,7 @@ def test_attenuation_is_absolute_however_the_detector_is_turned(
     device: Device, degrees: float
 ) -> None:
     grid = VolumeGrid((44, 44, 44), (0.004,) * 3, (0.002, 0.002, 0.002))
-    volume = fdk.reconstruct(project(scan(degrees), SOLIDS), grid, device).attenuation
+    volume = fdk.fdk(project(scan(degrees), SOLIDS), grid, device=device).attenuation
     places = np.array(
         [
             (0.0, 0.0, 0.0),

@@ -282,10 +282,10 @@ def main(
 
         def reconstruct(projections: Projections, motion: Motion, seen: Scene = seen) -> Volume:
             if cgls:
-                return reconstruction_cgls.reconstruct(
-                    projections, seen.grid, device, motion=motion, iterations=cgls
+                return reconstruction_cgls.cgls(
+                    projections, seen.grid, device=device, motion=motion, iterations=cgls
                 )
-            return fdk.reconstruct(projections, seen.grid, device, motion=motion)
+            return fdk.fdk(projections, seen.grid, device=device, motion=motion)
 
         for line in rows(seen, reconstruct, recorded=not cgls):
             typer.echo(f"| {case.name} | {line}")
