@@ -11,8 +11,7 @@ from pathlib import Path
 
 from legsim.geometry import files, image_files
 from legsim.geometry.volume import VolumeGrid
-from legsim.opencl import device
-from legsim.reconstruction import fdk
+from legsim.reconstruction.fdk import fdk
 
 
 def main(
@@ -27,7 +26,7 @@ def main(
     projections = image_files.load_projections(projections_file, geometry)
     x, y, z = geometry.rotation_center()
     grid = VolumeGrid.cubic(count, 1e-3 * voxel_mm, (x, y, z))
-    volume = fdk.reconstruct(projections, grid, device.open_device())
+    volume = fdk(projections, grid)
     image_files.save_volume(out, volume)
     print(f"{'x'.join(map(str, grid.shape_zyx))} voxels from {len(geometry)} views: {out}")
 

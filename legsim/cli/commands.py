@@ -146,7 +146,7 @@ def reconstruct(
         )
     opened = open_device(device)
     need = (
-        fdk.plan(geometry, grid, opened, motion=moved).device_bytes
+        fdk.plan(geometry, grid, device=opened, motion=moved).device_bytes
         + projections.line_integrals.nbytes
     )
     by_slabs, volume_bytes = out.suffix.lower() == ".mha", 4 * math.prod(grid.shape_zyx)
@@ -156,13 +156,13 @@ def reconstruct(
     progress = partial(on_progress, f"reconstructing ({memory}; {_size(volume_bytes)} of disk)")
     if by_slabs:
         with image_files.volume_writer(out, grid) as writer:
-            for first, slab in fdk.reconstruct_slabs(
-                projections, grid, opened, motion=moved, progress=progress
+            for first, slab in fdk.fdk_slabs(
+                projections, grid, device=opened, motion=moved, progress=progress
             ):
                 writer.write(first, slab)
     else:
         image_files.save_volume(
-            out, fdk.reconstruct(projections, grid, opened, motion=moved, progress=progress)
+            out, fdk.fdk(projections, grid, device=opened, motion=moved, progress=progress)
         )
     voxels = "x".join(str(n) for n in grid.shape_zyx)
     return [

@@ -13,7 +13,6 @@ from legsim.core.errors import LegsimError
 from legsim.correction import control_points, image_warp
 from legsim.correction.method import Correction, Scan
 from legsim.correction.rigid import sensor_path
-from legsim.deformation import models
 from legsim.deformation.models import ControlPointMotion
 from legsim.geometry.volume import VolumeGrid
 from legsim.imu.strapdown import Scheme
@@ -87,4 +86,4 @@ class NonRigid3D:
                 f"NonRigid3D follows {len(motion.reference)} points here, which need a coarse grid "
                 "to be sampled on; give nodes, for instance grid.coarse(0.008)"
             )
-        return Correction("nonrigid-3d", scan.projections, models.sampled(motion, self.nodes))
+        return Correction("nonrigid-3d", scan.projections, motion.on_grid(self.nodes))

@@ -17,7 +17,6 @@ from scipy.spatial import KDTree
 from legsim.core.values import FloatArray, frozen_owned
 from legsim.correction.method import Correction, Scan
 from legsim.deformation.models import FieldMotion, Motion
-from legsim.geometry import volume
 from legsim.geometry.volume import VolumeGrid
 from legsim.kinematics.skeleton import SegmentPoses
 from legsim.opencl.device import Device
@@ -52,7 +51,7 @@ def phantom_motion(
     One leg's: nodes beyond it go as its soft tissue would, also those in the other leg.
     """
     carrier = _carriers(phantom, poses, nodes, device, side)
-    points = volume.node_positions(nodes)
+    points = nodes.positions()
     fields = np.empty((len(poses.times), len(points), 3), np.float32)
     for segment in sorted(set(carrier.tolist())):
         chosen = np.flatnonzero(carrier == segment)

@@ -13,20 +13,8 @@ from legsim.geometry.volume import VolumeGrid
 
 
 def save_motion(path: Path, motion: Motion) -> None:
-    """motion-<method>.npz: times and moved_from_reference; or reference and moved points; or
-    displacements with their grid.
-    """
-    if isinstance(motion, RigidMotion):
-        save_npz(path, times=motion.times, moved_from_reference=motion.moved_from_reference)
-    elif isinstance(motion, ControlPointMotion):
-        save_npz(path, times=motion.times, reference=motion.reference, moved=motion.moved)
-    else:
-        grid = motion.grid
-        placed = {
-            "grid_spacing_xyz": np.array(grid.spacing_xyz),
-            "grid_center": np.array(grid.center),
-        }
-        save_npz(path, times=motion.times, displacements=motion.displacements, **placed)
+    """Writes an .npz of the times and of what :meth:`Motion.arrays` names."""
+    save_npz(path, times=motion.times, **motion.arrays())
 
 
 def load_motion(path: Path) -> Motion:

@@ -1,8 +1,13 @@
-"""How space moves during a scan: a rigid motion, moving least squares of tracked points, or
-displacements on a coarse grid.
+"""Motions of space during a scan: rigid, moving least squares of followed points, or displacements
+on a coarse grid.
 """
 
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -13,31 +18,110 @@ from legsim.core.errors import LegsimError
 from legsim.core.values import Float32Array, FloatArray, frozen, frozen_owned, increasing_times
 from legsim.deformation import moving_least_squares
 from legsim.geometry.cone_beam import ConeBeamGeometry
-from legsim.geometry.volume import VolumeGrid, node_positions
-
-
-def _between(nodes: FloatArray, index_zyx: FloatArray) -> FloatArray:
-    """(p,) linear between nodes (z, y, x), and as on the border beyond it."""
-    return np.asarray(
-        ndimage.map_coordinates(np.asarray(nodes, float), index_zyx, order=1, mode="nearest"), float
-    )
+from legsim.geometry.volume import VolumeGrid
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ControlPointMotion:
-    """A few points that were followed through the scan; in between, space moves by moving least
-    squares.
-    """
+class Motion(ABC):
+    """How space moves against a reference time, view by view, in world."""
 
     times: FloatArray
     """(v,) s"""
+
+    straight: ClassVar[bool] = False
+    """whether every line stays a line"""
+
+    def __post_init__(self) -> None:
+        name = f"{type(self).__name__}.times"
+        object.__setattr__(self, "times", increasing_times(name, self.times))
+
+    @abstractmethod
+    def arrays(self) -> dict[str, np.ndarray]:
+        """What makes up the motion beside its times, by the names that files give it."""
+
+    @abstractmethod
+    def _views(self, points: FloatArray) -> Iterator[FloatArray]:
+        """Yields points (p, 3) where each view has them."""
+
+    def carry(self, points: ArrayLike) -> FloatArray:
+        """(v, p, 3) m where points (p, 3), in world at the reference time, are at each time."""
+        return np.stack(list(self._views(np.asarray(points, float))))
+
+    def rigid_part(self, points: ArrayLike) -> FloatArray:
+        """(v, 4, 4) rigid transforms that carry points (p, 3) as this motion does, by least
+        squares.
+        """
+        return np.stack([transforms.best_rigid(points, moved) for moved in self.carry(points)])
+
+    def on_grid(self, grid: VolumeGrid) -> FieldMotion:
+        """The same motion as displacements at the nodes of ``grid``."""
+        nodes = grid.positions()
+        fields = np.empty((len(self.times), len(nodes), 3), np.float32)
+        for field, moved in zip(fields, self._views(nodes), strict=True):
+            field[:] = moved - nodes
+        return FieldMotion(
+            self.times, grid, frozen_owned(fields.reshape(len(fields), *grid.shape_zyx, 3))
+        )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RigidMotion(Motion):
+    """One rigid transform a view: everything moves alike."""
+
+    moved_from_reference: FloatArray
+    """(v, 4, 4): carries a point at the reference time to where it is at times[v]"""
+
+    straight: ClassVar[bool] = True
+
+    def __post_init__(self) -> None:
+        Motion.__post_init__(self)
+        shape = (len(self.times), 4, 4)
+        object.__setattr__(
+            self,
+            "moved_from_reference",
+            frozen("RigidMotion.moved_from_reference", self.moved_from_reference, shape),
+        )
+        if not np.isfinite(self.moved_from_reference).all():
+            bad = int(np.argwhere(~np.isfinite(self.moved_from_reference))[0, 0])
+            raise LegsimError(
+                "RigidMotion.moved_from_reference holds a value that is not a finite number in "
+                f"view {bad}"
+            )
+
+    @classmethod
+    def identity(cls, times: FloatArray) -> RigidMotion:
+        """Nothing moves."""
+        return cls(times, np.broadcast_to(np.eye(4), (len(times), 4, 4)))
+
+    @classmethod
+    def from_poses(cls, times: FloatArray, world_from_body: FloatArray) -> RigidMotion:
+        """Motion of a body against its first pose: M(i) = S(i) S(0)^-1, the order that is right
+        (not the published one).
+        """
+        return cls(times, world_from_body @ transforms.inverse(world_from_body[0]))
+
+    def arrays(self) -> dict[str, np.ndarray]:
+        return {"moved_from_reference": self.moved_from_reference}
+
+    def _views(self, points: FloatArray) -> Iterator[FloatArray]:
+        return (transforms.apply(matrix, points) for matrix in self.moved_from_reference)
+
+    def rigid_part(self, points: ArrayLike) -> FloatArray:
+        """(v, 4, 4) its own matrices, whatever the points."""
+        return self.moved_from_reference
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ControlPointMotion(Motion):
+    """A few points followed through the scan; between them space moves by moving least squares."""
+
     reference: FloatArray
     """(m, 3) m in world at the reference time: where the reconstruction holds them"""
     moved: FloatArray
     """(v, m, 3) m in world at each view"""
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "times", increasing_times("ControlPointMotion.times", self.times))
+        Motion.__post_init__(self)
         object.__setattr__(
             self, "reference", frozen("ControlPointMotion.reference", self.reference, (None, 3))
         )
@@ -50,15 +134,19 @@ class ControlPointMotion:
                 "ControlPointMotion needs at least one control point, all coordinates finite"
             )
 
+    def arrays(self) -> dict[str, np.ndarray]:
+        return {"reference": self.reference, "moved": self.moved}
+
+    def _views(self, points: FloatArray) -> Iterator[FloatArray]:
+        return (
+            moving_least_squares.warp_points(points, self.reference, moved) for moved in self.moved
+        )
+
 
 @dataclass(frozen=True, slots=True, eq=False)
-class FieldMotion:
-    """Displacements on a coarse grid, one field a view; linear between nodes, and as on its border
-    beyond it.
-    """
+class FieldMotion(Motion):
+    """Displacements on a coarse grid, one field a view: linear between nodes, constant beyond."""
 
-    times: FloatArray
-    """(v,) s"""
     grid: VolumeGrid
     """nodes, in world; may be much coarser than the volume, and should cover it"""
     displacements: Float32Array
@@ -67,7 +155,7 @@ class FieldMotion:
     """
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "times", increasing_times("FieldMotion.times", self.times))
+        Motion.__post_init__(self)
         shape = (len(self.times), *self.grid.shape_zyx, 3)
         object.__setattr__(
             self,
@@ -77,17 +165,23 @@ class FieldMotion:
         if not np.isfinite(self.displacements).all():
             raise LegsimError("FieldMotion.displacements holds a value that is not a finite number")
 
+    def arrays(self) -> dict[str, np.ndarray]:
+        return {
+            "displacements": self.displacements,
+            "grid_spacing_xyz": np.array(self.grid.spacing_xyz),
+            "grid_center": np.array(self.grid.center),
+        }
 
-def sampled(motion: ControlPointMotion, grid: VolumeGrid) -> FieldMotion:
-    """The same motion as displacements at the nodes of ``grid``: for any number of control points
-    on the device.
-    """
-    nodes = node_positions(grid)
-    fields = np.empty((len(motion.times), len(nodes), 3), np.float32)
-    for field, moved in zip(fields, motion.moved, strict=True):
-        field[:] = moving_least_squares.warp_points(nodes, motion.reference, moved) - nodes
-    return FieldMotion(
-        motion.times, grid, frozen_owned(fields.reshape(len(fields), *grid.shape_zyx, 3))
+    def _views(self, points: FloatArray) -> Iterator[FloatArray]:
+        index_zyx = ((points - self.grid.origin) / self.grid.spacing_xyz).T[::-1]
+        for field in self.displacements:
+            yield points + np.stack([_between(field[..., k], index_zyx) for k in range(3)], -1)
+
+
+def _between(nodes: FloatArray, index_zyx: FloatArray) -> FloatArray:
+    """(p,) linear between nodes (z, y, x), and as on the border beyond it."""
+    return np.asarray(
+        ndimage.map_coordinates(np.asarray(nodes, float), index_zyx, order=1, mode="nearest"), float
     )
 
 
@@ -113,74 +207,3 @@ def image_points(
             "the knee"
         )
     return resting, moved
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class RigidMotion:
-    """How everything moved against a reference time, as one rigid transform a view, in world."""
-
-    times: FloatArray
-    """(v,) s"""
-    moved_from_reference: FloatArray
-    """(v, 4, 4): carries a point at the reference time to where it is at times[v]"""
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "times", increasing_times("RigidMotion.times", self.times))
-        shape = (len(self.times), 4, 4)
-        object.__setattr__(
-            self,
-            "moved_from_reference",
-            frozen("RigidMotion.moved_from_reference", self.moved_from_reference, shape),
-        )
-        if not np.isfinite(self.moved_from_reference).all():
-            bad = int(np.argwhere(~np.isfinite(self.moved_from_reference))[0, 0])
-            raise LegsimError(
-                "RigidMotion.moved_from_reference holds a value that is not a finite number in "
-                f"view {bad}"
-            )
-
-    @classmethod
-    def identity(cls, times: FloatArray) -> "RigidMotion":
-        """Nothing moves."""
-        return cls(times, np.broadcast_to(np.eye(4), (len(times), 4, 4)))
-
-    @classmethod
-    def from_poses(cls, times: FloatArray, world_from_body: FloatArray) -> "RigidMotion":
-        """Motion of a body against its first pose: M(i) = S(i) S(0)^-1, the order that is right
-        (not the published one).
-        """
-        return cls(times, world_from_body @ transforms.inverse(world_from_body[0]))
-
-
-Motion = RigidMotion | ControlPointMotion | FieldMotion
-
-
-def carried(points: ArrayLike, motion: Motion) -> FloatArray:
-    """(v, p, 3) where ``motion`` says that points (p, 3), in world at rest, are at each of its
-    times.
-    """
-    points = np.asarray(points, float)
-    if isinstance(motion, RigidMotion):
-        return transforms.apply(motion.moved_from_reference, points)
-    if isinstance(motion, ControlPointMotion):
-        return np.stack(
-            [
-                moving_least_squares.warp_points(points, motion.reference, moved)
-                for moved in motion.moved
-            ]
-        )
-    index = ((points - motion.grid.origin) / motion.grid.spacing_xyz).T[::-1]
-    fields = (
-        np.stack([_between(field[..., axis], index) for axis in range(3)], -1)
-        for field in motion.displacements
-    )
-    return points + np.stack(list(fields))
-
-
-def rigid_part(motion: Motion, points: ArrayLike) -> FloatArray:
-    """(v, 4, 4) the rigid motion that carries points (p, 3) most nearly as ``motion`` does; a rigid
-    one's own matrices.
-    """
-    if isinstance(motion, RigidMotion):
-        return motion.moved_from_reference
-    return np.stack([transforms.best_rigid(points, moved) for moved in carried(points, motion)])

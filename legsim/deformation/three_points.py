@@ -73,7 +73,7 @@ def _check_three(motion: ControlPointMotion) -> None:
     if len(motion.reference) != 3:
         raise LegsimError(
             "the closed form of moving least squares is for 3 control points; there are "
-            f"{len(motion.reference)}"
+            f"{len(motion.reference)}; sample the motion on a coarse grid first (on_grid)"
         )
     everything = np.concatenate([motion.reference[None], motion.moved])
     closest = np.sqrt((_edges(everything) ** 2).sum(-1)).min()

@@ -60,9 +60,7 @@ def of_motion(
 def _of_motion(motion: Motion | None, structure: Structure, geometry: ConeBeamGeometry) -> Residual:
     resting = structure.paths[0]
     believed = (
-        np.broadcast_to(resting, structure.paths.shape)
-        if motion is None
-        else models.carried(resting, motion)
+        np.broadcast_to(resting, structure.paths.shape) if motion is None else motion.carry(resting)
     )
     distance = np.linalg.norm(believed - structure.paths, axis=-1)
     turns = (

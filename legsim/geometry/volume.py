@@ -60,6 +60,27 @@ class VolumeGrid:
         )
         return x, y, z
 
+    def positions(self) -> FloatArray:
+        """(n, 3) world positions of the voxel centers in the order of the arrays: x fastest."""
+        x, y, z = self.axes()
+        return np.stack(np.meshgrid(z, y, x, indexing="ij")[::-1], -1).reshape(-1, 3)
+
+    def coarse(self, spacing: float) -> "VolumeGrid":
+        """A grid of ``spacing`` (m) about the same center that covers all of this one.
+
+        Raises:
+            LegsimError: the spacing is not positive.
+        """
+        if not spacing > 0:
+            raise LegsimError(
+                f"nodes of a displacement field need a positive spacing in m; got {spacing:g}"
+            )
+        nx, ny, nz = (
+            int(np.ceil(n * s / spacing)) + 1
+            for n, s in zip(self.shape_zyx[::-1], self.spacing_xyz, strict=True)
+        )
+        return VolumeGrid((nz, ny, nx), (spacing, spacing, spacing), self.center)
+
     def cropped(self, box_zyx: tuple[slice, slice, slice]) -> "VolumeGrid":
         """The grid of the voxels in ``box_zyx``, where they are."""
         starts, stops = np.transpose(
@@ -88,29 +109,6 @@ class Volume:
                 f"{self.grid.shape_zyx} (z, y, x)"
             )
         object.__setattr__(self, "attenuation", frozen_owned(values))
-
-
-def node_positions(grid: VolumeGrid) -> FloatArray:
-    """(n, 3) world positions of a grid's points in the order of its arrays: x fastest."""
-    x, y, z = grid.axes()
-    return np.stack(np.meshgrid(z, y, x, indexing="ij")[::-1], -1).reshape(-1, 3)
-
-
-def nodes_over(grid: VolumeGrid, spacing: float) -> VolumeGrid:
-    """A coarse grid of ``spacing`` (m) that covers all of ``grid``.
-
-    Raises:
-        LegsimError: the spacing is not positive.
-    """
-    if not spacing > 0:
-        raise LegsimError(
-            f"nodes of a displacement field need a positive spacing in m; got {spacing:g}"
-        )
-    counts = [
-        int(np.ceil(n * s / spacing)) + 1
-        for n, s in zip(grid.shape_zyx[::-1], grid.spacing_xyz, strict=True)
-    ]
-    return VolumeGrid((counts[2], counts[1], counts[0]), (spacing, spacing, spacing), grid.center)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

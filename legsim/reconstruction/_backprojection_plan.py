@@ -7,8 +7,7 @@ import numpy as np
 
 from legsim.core.errors import LegsimError
 from legsim.core.values import FloatArray
-from legsim.deformation import models
-from legsim.deformation.models import ControlPointMotion, FieldMotion, Motion
+from legsim.deformation.models import Motion
 from legsim.geometry.cone_beam import ConeBeamGeometry
 from legsim.geometry.volume import VolumeGrid
 from legsim.opencl.device import Device
@@ -103,7 +102,7 @@ def plan(
     node_bytes = 12 * (slab // SPACING + 2) * (ny // SPACING + 2) * (nx // SPACING + 2)
     batch = int(np.clip(_NODE_BYTES // node_bytes, 1, _VIEWS_AT_ONCE))
     if curve is None:
-        curve = 2 if isinstance(motion, ControlPointMotion | FieldMotion) else 1
+        curve = 1 if _straight(motion) else 2
     found = BackprojectionPlan(
         chosen,
         axis,
@@ -122,6 +121,10 @@ def plan(
             "views or bin the pixels"
         )
     return found
+
+
+def _straight(motion: Motion | None) -> bool:
+    return motion is None or motion.straight
 
 
 def stride(rows: int) -> int:
@@ -145,7 +148,7 @@ def _column_axis(
         with np.errstate(
             divide="ignore", invalid="ignore"
         ):  # points beside the source, which the depths tell
-            return geometry.project(points if motion is None else models.carried(points, motion))
+            return geometry.project(points if motion is None else motion.carry(points))
 
     steps = np.diag(grid.spacing_xyz)
     at, depths = seen(np.zeros(3))
@@ -183,7 +186,7 @@ def _column_axis(
         )
     if not bend < _MOST_BEND:
         return axis, mirrored, None
-    if isinstance(motion, ControlPointMotion | FieldMotion):
+    if not _straight(motion):
         return axis, mirrored, 2
     count = grid.shape_zyx[2 - axis]
     straight = (

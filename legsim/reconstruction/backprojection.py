@@ -8,14 +8,16 @@ the layout of images and volume: "voxels" places every voxel by itself and is th
 """
 
 from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from legsim.core import transforms
+from legsim.core.errors import LegsimError
 from legsim.core.values import Float32Array, FloatArray
 from legsim.deformation import three_points
-from legsim.deformation.models import ControlPointMotion, FieldMotion, Motion
+from legsim.deformation.models import ControlPointMotion, FieldMotion, Motion, RigidMotion
 from legsim.geometry.cone_beam import ConeBeamGeometry
 from legsim.geometry.volume import VolumeGrid
 from legsim.opencl.device import Device
@@ -104,6 +106,42 @@ def forward_splat(
     return np.where(np.array(decided.mirrored)[:, None, None], found[:, ::-1], found)
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _DeviceMotion:
+    """What the kernels read of a motion."""
+
+    kind: int
+    """MOTION of backproject.cl: 0 matrices, 1 moving least squares, 2 displacements"""
+    tables: FloatArray
+    """(v, ...) numbers of each view"""
+    rest: np.ndarray
+    """numbers that all views share"""
+    field: Float32Array | None = None
+    """(v, z, y, x, 3) displacements"""
+
+
+def _device_motion(motion: Motion | None, maps: FloatArray, anchor: FloatArray) -> _DeviceMotion:
+    """A motion for views with matrices ``maps`` (v, 3, 4); ``anchor`` (3,) m is near the grid."""
+    match motion:
+        case None:
+            return _DeviceMotion(0, maps, np.zeros(1))
+        case RigidMotion():
+            return _DeviceMotion(0, maps @ motion.moved_from_reference, np.zeros(1))
+        case ControlPointMotion():
+            numbers = three_points.three_points(motion, maps, anchor=anchor)
+            return _DeviceMotion(1, np.asarray(numbers.views, float), numbers.rest)
+        case FieldMotion():
+            spacing, nodes = np.array(motion.grid.spacing_xyz), motion.grid
+            rest = np.concatenate(
+                [1 / spacing, (anchor - nodes.origin) / spacing, nodes.shape_zyx[::-1]]
+            )
+            tables = maps @ transforms.translation(anchor)
+            return _DeviceMotion(2, tables, rest, motion.displacements)
+    raise LegsimError(
+        f"back-projection cannot follow a {type(motion).__name__}; sample it with on_grid first"
+    )
+
+
 class VoxelMap:
     """Where voxels fall in the views, in the form that the kernels take."""
 
@@ -123,31 +161,9 @@ class VoxelMap:
             np.array(decided.mirrored)[:, None, None], flip @ geometry.matrices, geometry.matrices
         )
         self.anchor = np.array(grid.center)
-        self.field: Float32Array | None = None
-        rest: FloatArray | Float32Array = np.zeros(1)
-        if isinstance(motion, ControlPointMotion):
-            numbers = three_points.three_points(motion, maps, anchor=self.anchor)
-            self.motion, rest, self.tables = 1, numbers.rest, np.asarray(numbers.views, float)
-        elif isinstance(motion, FieldMotion):
-            spacing = np.array(motion.grid.spacing_xyz)
-            rest = np.concatenate(
-                [
-                    1 / spacing,
-                    (self.anchor - motion.grid.origin) / spacing,
-                    motion.grid.shape_zyx[::-1],
-                ]
-            )
-            self.motion, self.field, self.tables = (
-                2,
-                motion.displacements,
-                maps @ transforms.translation(self.anchor),
-            )
-        else:
-            self.motion, self.tables = (
-                0,
-                maps if motion is None else maps @ motion.moved_from_reference,
-            )
-        self.rest = device.upload(np.asarray(rest, np.float32))
+        followed = _device_motion(motion, maps, self.anchor)
+        self.motion, self.tables, self.field = followed.kind, followed.tables, followed.field
+        self.rest = device.upload(np.asarray(followed.rest, np.float32))
         self.nothing = device.zeros(8)
 
     def world_from_index(self, first_slice: int) -> FloatArray:

@@ -7,7 +7,7 @@ cones. Early iterations are the smooth ones; stopping is the regularization. Vox
 larger than a pixel seen at the isocenter, or A's images have gaps between them.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 
 import numpy as np
 
@@ -16,8 +16,9 @@ from legsim.core.values import Float32Array
 from legsim.deformation.models import Motion
 from legsim.geometry.cone_beam import ConeBeamGeometry, Projections
 from legsim.geometry.volume import Volume, VolumeGrid
-from legsim.opencl.device import Device
+from legsim.opencl.device import Device, open_device
 from legsim.reconstruction import _backprojection_plan, backprojection
+from legsim.reconstruction.corrected_scan import CorrectedScan, images_and_motion
 
 
 class SystemMatrix:
@@ -68,24 +69,50 @@ class SystemMatrix:
         return np.concatenate([slab for _, slab in slabs])
 
 
-def reconstruct(
-    projections: Projections,
+def cgls(
+    projections: Projections | CorrectedScan,
     grid: VolumeGrid,
-    device: Device,
     *,
     motion: Motion | None = None,
     iterations: int = 15,
+    nonnegative: bool = False,
     start: Volume | None = None,
+    device: Device | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Volume:
-    """Linear attenuation (1/m) on ``grid`` after so many steps of CGLS, from zero or from ``start``
-    (such as an FDK volume).
+    """Reconstructs linear attenuation (1/m) on ``grid`` by so many steps of conjugate gradients.
 
-    Everything that absorbs must lie inside the grid. ``progress`` counts steps.
+    Everything that absorbs must lie inside the grid. A step costs one projection and one
+    back-projection, whether or not values are kept at 0 or above.
+
+    Args:
+        projections: line integrals (v, rows, columns); or a correction, whose motion is followed.
+        grid: where to reconstruct, m in world.
+        motion: what to follow, as in :func:`legsim.reconstruction.fdk.fdk`.
+        iterations: steps, at least 1. Fewer are smoother.
+        nonnegative: no value below 0: :func:`_nonnegative_steps` instead of CGLS.
+        start: volume on the same grid to start from, such as an FDK volume; None: zero.
+        device: None opens the fastest one.
+        progress: called with (steps done, steps in all).
 
     Raises:
-        LegsimError: ``start`` lies on another grid, ``iterations`` is no positive number, or the
-            motion has another number of views.
+        LegsimError: ``start`` lies on another grid, ``iterations`` is not positive, the motion has
+            another number of views, a correction comes with a second motion, or no device works.
+
+    Example:
+        >>> geometry = ConeBeamGeometry.circular(
+        ...     times=np.arange(20) / 30,
+        ...     angles=np.radians(np.linspace(0, 180, 20)),
+        ...     source_isocenter=0.78,
+        ...     source_detector=1.198,
+        ...     shape_vu=(16, 16),
+        ...     pixel_pitch=4e-3,
+        ... )
+        >>> projections = Projections(geometry, np.ones((20, 16, 16), np.float32))
+        >>> grid = VolumeGrid.cubic(12, 2e-3, (0.0, 0.0, 0.0))
+        >>> volume = cgls(projections, grid, iterations=3, nonnegative=True)
+        >>> bool(volume.attenuation.min() >= 0)
+        True
     """
     if iterations < 1:
         raise LegsimError(f"{iterations} iterations were asked for; give at least 1")
@@ -93,20 +120,35 @@ def reconstruct(
         raise LegsimError(
             "the volume to start from lies on another grid; reconstruct it on the same one"
         )
-    system = SystemMatrix(projections.geometry, grid, device, motion)
+    images, motion = images_and_motion(projections, motion)
+    device = device if device is not None else open_device()
+    system = SystemMatrix(images.geometry, grid, device, motion)
     found = np.zeros(grid.shape_zyx, np.float32)
     if start is not None:
-        found += start.attenuation
+        found += np.maximum(start.attenuation, 0) if nonnegative else start.attenuation
     residual = (
-        projections.line_integrals.copy()
+        images.line_integrals.copy()
         if start is None
-        else projections.line_integrals - system.forward(found)
+        else images.line_integrals - system.forward(found)
     )
+    take = _nonnegative_steps if nonnegative else _conjugate_steps
+    for step in take(system, found, residual, iterations):
+        if progress is not None:
+            progress(step + 1, iterations)
+    return Volume(grid, found)
+
+
+def _conjugate_steps(
+    system: SystemMatrix, found: Float32Array, residual: Float32Array, iterations: int
+) -> Iterator[int]:
+    """Takes steps of CGLS, in place; yields the number of each. Ends early where the gradient is
+    zero.
+    """
     gradient = system.adjoint(residual)
     direction, energy = gradient.copy(), _energy(gradient)
     for step in range(iterations):
         if energy == 0:
-            break
+            return
         seen = system.forward(direction)
         length = np.float32(energy / _energy(seen))
         found += length * direction
@@ -115,9 +157,45 @@ def reconstruct(
         before, energy = energy, _energy(gradient)
         direction *= np.float32(energy / before)
         direction += gradient
-        if progress is not None:
-            progress(step + 1, iterations)
-    return Volume(grid, found)
+        yield step
+
+
+def _nonnegative_steps(
+    system: SystemMatrix, found: Float32Array, residual: Float32Array, iterations: int
+) -> Iterator[int]:
+    """Takes steps that minimize |A f - p|^2 over f >= 0, in place; yields the number of each.
+
+    Gradient projection with step lengths of Barzilai and Borwein and an exact line search: GPSR-BB,
+    monotone variant, without its sparsity term (Figueiredo, Nowak and Wright, IEEE J Sel Top Signal
+    Process 1, 2007, section III). The residual never grows. Ends early at the minimum.
+    """
+    gradient = system.adjoint(residual)
+    length = _steepest_length(system, np.where((found > 0) | (gradient > 0), gradient, 0))
+    for step in range(iterations):
+        change = np.maximum(found + length * gradient, 0) - found
+        size = _energy(change)
+        if size == 0:
+            return
+        seen = system.forward(change)
+        curvature = _energy(seen)
+        share = np.float32(np.clip(_dot(gradient, change) / curvature, 0, 1)) if curvature else 1.0
+        # of two nonnegative values, so that rounding leaves none below 0
+        np.maximum(found + share * change, 0, out=found)
+        residual -= share * seen
+        gradient = system.adjoint(residual)
+        length = np.float32(size / curvature) if curvature else length
+        yield step
+
+
+def _steepest_length(system: SystemMatrix, gradient: Float32Array) -> np.float32:
+    """Length of the exact step along the gradient; 0 where that is zero."""
+    energy = _energy(gradient)
+    return np.float32(energy / _energy(system.forward(gradient)) if energy else 0.0)
+
+
+def _dot(first: Float32Array, second: Float32Array) -> float:
+    """Scalar product, in double precision."""
+    return float(sum(np.vdot(a.astype(np.float64), b) for a, b in zip(first, second, strict=True)))
 
 
 def _energy(array: Float32Array) -> float:

@@ -8,11 +8,10 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from legsim.core.values import Float32Array
-from legsim.deformation import models
 from legsim.deformation.models import Motion
 from legsim.geometry.cone_beam import ConeBeamGeometry, Projections
 from legsim.geometry.volume import Volume, VolumeGrid
-from legsim.opencl.device import Device
+from legsim.opencl.device import Device, open_device
 from legsim.reconstruction import (
     _backprojection_plan,
     backprojection,
@@ -20,6 +19,7 @@ from legsim.reconstruction import (
     filtering,
 )
 from legsim.reconstruction._backprojection_plan import BackprojectionPlan, Kernel
+from legsim.reconstruction.corrected_scan import CorrectedScan, images_and_motion
 from legsim.reconstruction.ramp_filter import FilterOptions
 
 # m: half of the cube over which a motion's rigid part is taken in a grid of a few voxels
@@ -39,87 +39,121 @@ class FdkOptions:
     """memory of the part of the volume that is computed at once"""
 
 
-def plan(
-    geometry: ConeBeamGeometry,
+def fdk(
+    projections: Projections | CorrectedScan,
     grid: VolumeGrid,
-    device: Device,
     *,
     motion: Motion | None = None,
     options: FdkOptions | None = None,
-) -> BackprojectionPlan:
-    """What :func:`reconstruct` will do and the device memory that it takes; nothing is computed.
-
-    Raises:
-        LegsimError: as :func:`reconstruct`, or the device has too little memory.
-    """
-    options = options if options is not None else FdkOptions()
-    stood = detector_alignment.widened(detector_alignment.upright(geometry))
-    return _backprojection_plan.plan(
-        stood, grid, device, motion=motion, kernel=options.kernel, slab_bytes=options.slab_bytes
-    )
-
-
-def reconstruct(
-    projections: Projections,
-    grid: VolumeGrid,
-    device: Device,
-    *,
-    motion: Motion | None = None,
-    options: FdkOptions | None = None,
+    device: Device | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Volume:
-    """Linear attenuation (1/m) on ``grid``, of the object as it was at the motion's reference time.
+    """Reconstructs linear attenuation (1/m) on ``grid``, static or along a motion.
 
-    Works for any 3x4 matrices. Each voxel is looked up in view i where ``motion`` carries it to at
-    times[i]. The motion may be rigid (P(i) M(i)), moving least squares of three followed points, or
-    displacements on a coarse grid. Cosine and redundancy weights are those of the path that the
-    source takes about the object, which the motion's rigid part bends: see
-    :func:`seen_from_the_object`. Voxels that a view does not see get nothing from it. ``progress``
-    counts parts of the work.
+    The volume shows the object as it was at the motion's reference time. Any 3x4 matrices will do.
+    Each voxel is looked up in view i where the motion carries it to at times[i]. Cosine and
+    redundancy weights are those of the source's path about the object, which the motion's rigid
+    part bends: see :func:`object_geometry`. A view adds nothing to voxels that it does not see.
+
+    Args:
+        projections: line integrals (v, rows, columns); or a correction, whose motion is followed.
+        grid: where to reconstruct, m in world.
+        motion: what to follow: rigid (P(i) M(i)), moving least squares of three followed points, or
+            displacements on a coarse grid. None: nothing moves.
+        options: filter, weights and kernel.
+        device: None opens the fastest one.
+        progress: called with (parts of the work done, parts in all).
 
     Raises:
-        LegsimError: no axis of rotation fits the sources, or the motion has another number of
-            views.
+        LegsimError: no axis of rotation fits the sources, the motion has another number of views,
+            a correction comes with a second motion, or no device works.
+
+    Example:
+        >>> from legsim.deformation import RigidMotion
+        >>> times = np.arange(180) / 30
+        >>> geometry = ConeBeamGeometry.circular(
+        ...     times=times,
+        ...     angles=np.radians(np.linspace(0, 360, 180, endpoint=False)),
+        ...     source_isocenter=0.78,
+        ...     source_detector=1.198,
+        ...     shape_vu=(8, 32),
+        ...     pixel_pitch=4e-3,
+        ... )
+        >>> projections = Projections(geometry, np.zeros((180, 8, 32), np.float32))
+        >>> grid = VolumeGrid.cubic(16, 2e-3, (0.0, 0.0, 0.0))
+        >>> fdk(projections, grid, motion=RigidMotion.identity(times)).attenuation.shape
+        (16, 16, 16)
     """
     attenuation = np.empty(grid.shape_zyx, np.float32)
-    for start, slab in reconstruct_slabs(
-        projections, grid, device, motion=motion, options=options, progress=progress
+    for start, slab in fdk_slabs(
+        projections, grid, motion=motion, options=options, device=device, progress=progress
     ):
         attenuation[start : start + len(slab)] = slab
     return Volume(grid, attenuation)
 
 
-def reconstruct_slabs(
-    projections: Projections,
+def fdk_slabs(
+    projections: Projections | CorrectedScan,
     grid: VolumeGrid,
-    device: Device,
     *,
     motion: Motion | None = None,
     options: FdkOptions | None = None,
+    device: Device | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Iterator[tuple[int, Float32Array]]:
-    """As :func:`reconstruct`, but yields (first slice, attenuation (n, y, x)) slab by slab: for
-    volumes larger than the memory.
+    """Yields (first slice, attenuation (n, y, x) in 1/m) slab by slab; otherwise as :func:`fdk`.
 
-    Hand the slabs to :func:`legsim.geometry.image_files.volume_writer` to have them on disk.
+    For volumes larger than the memory: :func:`legsim.geometry.image_files.volume_writer` takes the
+    slabs to disk.
     """
+    images, motion = images_and_motion(projections, motion)
     options = options if options is not None else FdkOptions()
-    decided = plan(projections.geometry, grid, device, motion=motion, options=options)
-    projections = detector_alignment.stood_up(projections)
-    added = detector_alignment.padding(projections.geometry)
-    projections = detector_alignment.padded(projections)
+    device = device if device is not None else open_device()
+    detector = detector_alignment.align(images.geometry)
+    decided = _decided(detector.geometry, grid, device, motion, options)
+    weights_geometry = object_geometry(detector.geometry, grid, motion)
     mirrored = np.array(decided.mirrored)
-    halves = _halves(progress)
-    weighted = replace(projections, geometry=object_geometry(projections.geometry, grid, motion))
+    filtering_progress, adding_progress = _halves(progress)
     batches = filtering.filtered_views(
-        weighted,
+        replace(detector.apply(images), geometry=weights_geometry),
         options.filter,
-        halves[0],
-        added=added,
-        finish=lambda images, views: backprojection.arranged(images, mirrored[views]),
+        filtering_progress,
+        added=detector.added,
+        finish=lambda filtered, views: backprojection.arranged(filtered, mirrored[views]),
     )
     yield from backprojection.slabs(
-        batches, projections.geometry, grid, device, decided, motion=motion, progress=halves[1]
+        batches, detector.geometry, grid, device, decided, motion=motion, progress=adding_progress
+    )
+
+
+def plan(
+    geometry: ConeBeamGeometry,
+    grid: VolumeGrid,
+    *,
+    motion: Motion | None = None,
+    options: FdkOptions | None = None,
+    device: Device | None = None,
+) -> BackprojectionPlan:
+    """Decides what :func:`fdk` will do and the device memory that it takes; computes nothing.
+
+    Raises:
+        LegsimError: as :func:`fdk`, or the device has too little memory.
+    """
+    options = options if options is not None else FdkOptions()
+    device = device if device is not None else open_device()
+    aligned = detector_alignment.align(geometry).geometry
+    return _decided(aligned, grid, device, motion, options)
+
+
+def _decided(
+    geometry: ConeBeamGeometry,
+    grid: VolumeGrid,
+    device: Device,
+    motion: Motion | None,
+    options: FdkOptions,
+) -> BackprojectionPlan:
+    return _backprojection_plan.plan(
+        geometry, grid, device, motion=motion, kernel=options.kernel, slab_bytes=options.slab_bytes
     )
 
 
@@ -137,7 +171,7 @@ def object_geometry(
         return geometry
     half = np.maximum(0.25 * np.array(grid.shape_zyx[::-1]) * grid.spacing_xyz, _LEAST_HALF)
     corners = np.stack(np.meshgrid([-1.0, 1.0], [-1.0, 1.0], [-1.0, 1.0]), -1).reshape(-1, 3)
-    return geometry.moved(models.rigid_part(motion, grid.center + half * corners))
+    return geometry.moved(motion.rigid_part(grid.center + half * corners))
 
 
 def _halves(

@@ -17,7 +17,7 @@ from legsim.correction.method import Correction, CorrectionMethod
 from legsim.deformation.files import load_motion, save_motion
 from legsim.deformation.models import ControlPointMotion, Motion
 from legsim.geometry import image_files
-from legsim.geometry.volume import NamedVolume, VolumeGrid, nodes_over
+from legsim.geometry.volume import NamedVolume, VolumeGrid
 from legsim.reconstruction import fdk
 from legsim.run import methods
 from legsim.run.methods import MethodInputs
@@ -146,11 +146,10 @@ def _make(
             save_motion(folder.path / files[-1], motion)
     notes = json.dumps({"method": label, "notes": found.notes}, indent=1) + "\n"
     write_text(folder.path / files[1], notes)
-    volume = fdk.reconstruct(
-        found.projections,
+    volume = fdk.fdk(
+        found,
         grid,
-        stage.device,
-        motion=found.motion,
+        device=stage.device,
         progress=partial(stage.on_progress, f"reconstructing {label}"),
     )
     image_files.save_volume(folder.path / files[0], volume)
@@ -196,7 +195,7 @@ def _method_inputs(stage: StageContext, scan: SimulatedScan, grid: VolumeGrid) -
         sensor=settings.methods.sensor,
         scheme=settings.methods.scheme,
         device=stage.device,
-        nodes=nodes_over(grid, 1e-3 * settings.methods.node_mm),
+        nodes=grid.coarse(1e-3 * settings.methods.node_mm),
         scanned_shank=setup.named("tibia"),
         truth=scan.truth,
         beads=beads,

@@ -10,7 +10,6 @@ import numpy as np
 from legsim.config import RunConfig
 from legsim.core import memory as core_memory
 from legsim.core.errors import LegsimError, file_error
-from legsim.geometry import volume
 from legsim.report.published_tables import counted
 from legsim.run import c_arm, methods, volumes
 from legsim.run import motion as run_motion
@@ -108,7 +107,7 @@ def _field_bytes(settings: RunConfig) -> int:
         3
         * _FLOAT
         * settings.scan.views
-        * math.prod(volume.nodes_over(grid, 1e-3 * settings.methods.node_mm).shape_zyx)
+        * math.prod(grid.coarse(1e-3 * settings.methods.node_mm).shape_zyx)
     )
 
 

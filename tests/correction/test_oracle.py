@@ -4,9 +4,7 @@ import numpy as np
 
 from legsim.core import transforms
 from legsim.correction import oracle
-from legsim.deformation import models
 from legsim.deformation.models import FieldMotion
-from legsim.geometry import volume
 from legsim.geometry.volume import VolumeGrid
 from legsim.kinematics.skeleton import SEGMENTS, SegmentPoses
 from legsim.opencl import device
@@ -39,7 +37,7 @@ def bent(degrees: float, tilt: float = 0.0) -> np.ndarray:
 def field(*poses: np.ndarray, spacing: float = 0.012) -> tuple[FieldMotion, SegmentPoses]:
     over = SegmentPoses(np.arange(float(len(poses))), SEGMENTS, np.stack(poses))
     knee = over.of("tibia_l")[0, :3, 3]
-    nodes = volume.nodes_over(VolumeGrid.cubic(10, 0.012, knee.tolist()), spacing)
+    nodes = VolumeGrid.cubic(10, 0.012, knee.tolist()).coarse(spacing)
     return oracle.phantom_motion(phantom(), over, nodes, device.open_device()), over
 
 
@@ -57,7 +55,7 @@ def test_bones_and_soft_tissue_go_where_the_phantom_has_them():
         k = phantom().part_index(name)
         before, after = (phantom().posed(pose, SEGMENTS)[k] for pose in poses.world_from_segment)
         near = (np.abs(before - np.array(motion.grid.center)) < 0.055).all(-1)
-        error = np.linalg.norm(models.carried(before[near], motion)[1] - after[near], axis=-1)
+        error = np.linalg.norm(motion.carry(before[near])[1] - after[near], axis=-1)
         assert near.sum() > 20
         assert np.sqrt((error**2).mean()) < bound, name
 
@@ -66,7 +64,7 @@ def test_nothing_moves_at_the_first_view_and_rigidly_where_all_moves_as_one():
     whole = bent(20)
     turned = transforms.rigid(transforms.axis_rotation([1, 0, 0], 0.01), [0.003, 0, 0.002])
     motion, _ = field(whole, turned @ whole)
-    points = volume.node_positions(motion.grid)
+    points = motion.grid.positions()
     assert np.abs(motion.displacements[0]).max() < 1e-6
     expected = transforms.apply(turned, points) - points
     np.testing.assert_allclose(motion.displacements[1].reshape(-1, 3), expected, atol=2e-6)
@@ -86,12 +84,12 @@ def test_a_swing_of_the_soft_tissue_is_in_the_field():
         np.arange(2.0), names, np.stack([np.concatenate([bent(30), swing]) for swing in swings])
     )
     center = poses.of("tibia_l")[0, :3, 3].tolist()
-    nodes = volume.nodes_over(VolumeGrid.cubic(10, 0.008, center), 0.006)
+    nodes = VolumeGrid.cubic(10, 0.008, center).coarse(0.006)
     motion = oracle.phantom_motion(swinging, poses, nodes, device.open_device())
     for name, least, bound in (("skin_l", 2e-3, 0.4e-3), ("femur_cortex_l", 0.0, 0.02e-3)):
         k = swinging.part_index(name)
         before, after = (swinging.posed(pose, names)[k] for pose in poses.world_from_segment)
         near = (np.abs(before - np.array(motion.grid.center)) < 0.045).all(-1)
         assert np.linalg.norm(after - before, axis=-1)[near].max() >= least
-        error = np.linalg.norm(models.carried(before[near], motion)[1] - after[near], axis=-1)
+        error = np.linalg.norm(motion.carry(before[near])[1] - after[near], axis=-1)
         assert np.sqrt((error**2).mean()) < bound, name

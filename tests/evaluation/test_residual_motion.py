@@ -2,18 +2,17 @@ import numpy as np
 import pytest
 
 from legsim.core import transforms
-from legsim.deformation import models
 from legsim.deformation.models import ControlPointMotion, RigidMotion
 from legsim.evaluation import residual_motion
 from legsim.evaluation.residual_motion import Structure
-from legsim.geometry import volume
+from legsim.geometry.volume import VolumeGrid
 from tests.correction.test_bead_tracking import KNEE, TIMES, VIEWS, c_arm, sway
 
 POINTS = KNEE + 0.03 * np.vstack([np.zeros(3), np.eye(3), -np.eye(3)])
 
 
 def bone(motion: RigidMotion) -> tuple[Structure, ...]:
-    return (Structure("femur", True, models.carried(POINTS, motion)),)
+    return (Structure("femur", True, motion.carry(POINTS)),)
 
 
 def test_the_truth_leaves_nothing():
@@ -27,7 +26,7 @@ def test_a_shift_is_left_in_mm_and_pixels():
         TIMES, np.broadcast_to(transforms.translation([0, 0.002, 0]), (VIEWS, 4, 4))
     )
     left = residual_motion.of_motion(
-        None, (Structure("tibia", True, models.carried(POINTS, shift)),), c_arm()
+        None, (Structure("tibia", True, shift.carry(POINTS)),), c_arm()
     )[0]
     # the first view is the reference: a shift of all views is none
     assert left.mm == pytest.approx(0, abs=1e-9)
@@ -51,10 +50,8 @@ def test_a_turn_is_left_in_degrees():
 def test_every_kind_of_motion_is_read():
     true = sway(1)
     controls = KNEE + 0.3 * np.eye(3)
-    followed = ControlPointMotion(TIMES, controls, models.carried(controls, true))
-    field = models.sampled(
-        followed, volume.nodes_over(volume.VolumeGrid.cubic(4, 0.05, KNEE.tolist()), 0.05)
-    )
+    followed = ControlPointMotion(TIMES, controls, true.carry(controls))
+    field = followed.on_grid(VolumeGrid.cubic(4, 0.05, KNEE.tolist()).coarse(0.05))
     for motion in (followed, field):
         assert residual_motion.of_motion(motion, bone(true), c_arm())[0].mm == pytest.approx(
             0, abs=1e-4
@@ -64,7 +61,7 @@ def test_every_kind_of_motion_is_read():
 def test_a_warp_is_read_in_pixels_alone():
     true = sway(2)
     points = bone(true)[0].paths[0]
-    exact = ControlPointMotion(TIMES, points, models.carried(points, true))
+    exact = ControlPointMotion(TIMES, points, true.carry(points))
     left = residual_motion.of_warp(exact, bone(true), c_arm())[0]
     assert (left.mm, left.degrees) == (None, None)
     # the structure's own points are the control points
@@ -77,7 +74,7 @@ def test_a_warp_is_read_in_pixels_alone():
 
 def test_bones_together():
     left = residual_motion.of_motion(
-        None, (*bone(sway(0)), Structure("skin", False, models.carried(POINTS, sway(1)))), c_arm()
+        None, (*bone(sway(0)), Structure("skin", False, sway(1).carry(POINTS))), c_arm()
     )
     assert residual_motion.overall_mm(left) == pytest.approx(left[0].mm)
     assert left[1].degrees is None

@@ -15,7 +15,7 @@ from legsim.correction.method import Scan
 from legsim.deformation import models
 from legsim.deformation.models import FieldMotion, RigidMotion
 from legsim.geometry.cone_beam import ConeBeamGeometry, Projections
-from legsim.geometry.volume import VolumeGrid, node_positions, nodes_over
+from legsim.geometry.volume import VolumeGrid
 from legsim.imu.signals import ImuSignals, SensorStart
 from legsim.opencl import device
 from legsim.phantom.meshes import Part, Phantom
@@ -99,9 +99,9 @@ def true_motion() -> RigidMotion:
 
 
 def field() -> FieldMotion:
-    nodes = nodes_over(GRID, 0.03)
-    points = node_positions(nodes)
-    moved = models.carried(points, true_motion()) - points
+    nodes = GRID.coarse(0.03)
+    points = nodes.positions()
+    moved = true_motion().carry(points) - points
     return FieldMotion(
         VIEWS, nodes, moved.reshape(len(VIEWS), *nodes.shape_zyx, 3).astype(np.float32)
     )
@@ -136,7 +136,7 @@ def setup(scan: Scan) -> methods.Setup:
         "shank_l",
         (tuple(points),),
         DEVICE,
-        nodes_over(GRID, 0.03),
+        GRID.coarse(0.03),
         true_motion(),
         field,
         beaded,
@@ -144,7 +144,7 @@ def setup(scan: Scan) -> methods.Setup:
 
 
 def volume(projections: Projections, motion: models.Motion | None = None) -> np.ndarray:
-    return fdk.reconstruct(projections, GRID, DEVICE, motion=motion).attenuation
+    return fdk.fdk(projections, GRID, device=DEVICE, motion=motion).attenuation
 
 
 @pytest.fixture(scope="module")
@@ -186,8 +186,8 @@ def test_more_control_points_are_sampled_and_say_the_same(scan: Scan):
     found = methods.build("nonrigid-3d", replace(whole, legs=((*whole.legs[0], extra),)))(scan)
     assert isinstance(found.motion, FieldMotion)
     points = KNEE + 0.06 * np.eye(3)
-    true = models.carried(points, true_motion())
-    np.testing.assert_allclose(models.carried(points, found.motion), true, atol=2e-5)
+    true = true_motion().carry(points)
+    np.testing.assert_allclose(found.motion.carry(points), true, atol=2e-5)
 
 
 def test_both_legs_are_drawn_each_to_its_own_knee(scan: Scan):
@@ -230,7 +230,7 @@ def test_a_leg_at_rest_is_left_alone(still: np.ndarray, name: str):
         ImuSignals(SAMPLES, ("shank_l", "thigh_l"), np.zeros((len(SAMPLES), 2, 3)), force),
         starts,
     )
-    nodes = nodes_over(GRID, 0.03)
+    nodes = GRID.coarse(0.03)
     calm_setup = replace(
         setup(calm),
         true_shank=RigidMotion.identity(VIEWS),
@@ -260,5 +260,5 @@ def test_paper_order_and_right_order_differ_as_computed(scan: Scan):
     for k in range(len(VIEWS) - 1):
         product = product @ poses[k + 1] @ transforms.inverse(poses[k])
     np.testing.assert_allclose(published.moved_from_reference[-1], product, atol=1e-5)
-    apart = models.carried(KNEE[None], right) - models.carried(KNEE[None], published)
+    apart = right.carry(KNEE[None]) - published.carry(KNEE[None])
     assert 1e-4 < np.abs(apart).max() < 2e-2

@@ -80,7 +80,7 @@ def test_rtk_projections_give_rtks_volume(
     projections = image_files.load_projections(folder / "projections.mha", geometry)
     grid = VolumeGrid.cubic(COUNT, 1e-3 * SPACING_MM, (0.0, 0.0, 0.0))
     options = FdkOptions(filter=FilterOptions(window="ram-lak", water_attenuation=None))
-    ours = 1e-3 * fdk.reconstruct(projections, grid, device, options=options).attenuation
+    ours = 1e-3 * fdk.fdk(projections, grid, device=device, options=options).attenuation
     x, y, z = (1e3 * axis for axis in grid.axes())
     seen = (np.hypot(x[None, None], z[:, None, None]) < 110) & (np.abs(y[None, :, None]) < 80)
     contrast = drawn[seen].max() - drawn[seen].min()

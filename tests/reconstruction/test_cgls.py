@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.optimize import nnls
 
 from legsim.core import transforms
 from legsim.core.errors import LegsimError
@@ -83,21 +84,90 @@ def test_cgls_finds_the_volume_of_consistent_projections(
         np.float32
     )
     projections = Projections(geometry, SystemMatrix(geometry, GRID, device, motion).forward(truth))
-    found = cgls.reconstruct(projections, GRID, device, motion=motion, iterations=25)
+    found = cgls.cgls(projections, GRID, device=device, motion=motion, iterations=25)
     assert np.abs(found.attenuation - truth).max() < 0.05 * 20
-    again = cgls.reconstruct(
-        projections, GRID, device, motion=motion, iterations=1, start=Volume(GRID, truth.copy())
+    again = cgls.cgls(
+        projections,
+        GRID,
+        device=device,
+        motion=motion,
+        iterations=1,
+        start=Volume(GRID, truth.copy()),
     )
     np.testing.assert_allclose(again.attenuation, truth, atol=1e-3)
+
+
+SMALL = VolumeGrid((4, 5, 6), (0.012, 0.012, 0.012), (0.01, 0.0, -0.005))
+
+
+def residual(system: SystemMatrix, projections: Projections, found: np.ndarray) -> float:
+    return float(np.linalg.norm(system.forward(found) - projections.line_integrals))
+
+
+def test_nonnegative_values_are_those_of_a_direct_solver(
+    device: Device, rng: np.random.Generator
+) -> None:
+    """Images that no volume of positive values explains, so that many voxels end at 0."""
+    geometry = scan()
+    system = SystemMatrix(geometry, SMALL, device)
+    voxels = np.eye(120, dtype=np.float32).reshape(-1, *SMALL.shape_zyx)
+    matrix = np.stack([system.forward(voxel).ravel() for voxel in voxels], -1).astype(float)
+    values = matrix @ rng.normal(3, 10, 120) + rng.normal(0, 0.01, len(matrix))
+    projections = Projections(geometry, values.reshape(9, 24, 30))
+    best, least = nnls(matrix, projections.line_integrals.ravel().astype(float))
+    found = cgls.cgls(projections, SMALL, iterations=400, nonnegative=True, device=device)
+    assert 30 < (best == 0).sum() < 90
+    np.testing.assert_allclose(found.attenuation.ravel(), best, atol=1e-3 * best.max())
+    assert residual(system, projections, found.attenuation) == pytest.approx(least, rel=1e-5)
+
+
+def test_nonnegative_steps_never_raise_the_residual(
+    device: Device, rng: np.random.Generator
+) -> None:
+    geometry = scan()
+    motion = swaying(rng, geometry.times)
+    images = rng.normal(0.2, 1, (9, 24, 30)).astype(np.float32)
+    projections, system = (
+        Projections(geometry, images),
+        SystemMatrix(geometry, GRID, device, motion),
+    )
+    sizes = [float(np.linalg.norm(images))]
+    for steps in (1, 2, 3, 5, 8, 20):
+        found = cgls.cgls(
+            projections, GRID, motion=motion, iterations=steps, nonnegative=True, device=device
+        ).attenuation
+        assert found.min() >= 0
+        sizes.append(residual(system, projections, found))
+    assert (np.diff(sizes) < 0).all()
+    free = cgls.cgls(projections, GRID, motion=motion, iterations=20, device=device).attenuation
+    assert free.min() < 0, "the images do ask for negative values"
+
+
+def test_nonnegative_values_start_from_a_volume_without_its_negative_part(
+    device: Device, rng: np.random.Generator
+) -> None:
+    truth = rng.random(GRID.shape_zyx, np.float32)
+    geometry = scan()
+    projections = Projections(geometry, SystemMatrix(geometry, GRID, device).forward(truth))
+    below = Volume(GRID, np.where(truth > 0.5, truth, -truth))
+    kept = Volume(GRID, np.maximum(below.attenuation, 0))
+    first, second = (
+        cgls.cgls(projections, GRID, iterations=2, nonnegative=True, start=start, device=device)
+        for start in (below, kept)
+    )
+    np.testing.assert_array_equal(first.attenuation, second.attenuation)
+    true = Volume(GRID, truth.copy())
+    done = cgls.cgls(projections, GRID, iterations=1, nonnegative=True, start=true, device=device)
+    np.testing.assert_allclose(done.attenuation, truth, atol=1e-5)
 
 
 def test_refusals(device: Device) -> None:
     projections = Projections(scan(), np.zeros((9, 24, 30), np.float32))
     with pytest.raises(LegsimError, match="at least 1"):
-        cgls.reconstruct(projections, GRID, device, iterations=0)
+        cgls.cgls(projections, GRID, device=device, iterations=0)
     other = VolumeGrid.cubic(4, 0.004, (0.0, 0.0, 0.0))
     with pytest.raises(LegsimError, match="another grid"):
-        cgls.reconstruct(
-            projections, GRID, device, start=Volume(other, np.zeros((4, 4, 4), np.float32))
+        cgls.cgls(
+            projections, GRID, device=device, start=Volume(other, np.zeros((4, 4, 4), np.float32))
         )
-    assert not cgls.reconstruct(projections, GRID, device, iterations=3).attenuation.any()
+    assert not cgls.cgls(projections, GRID, device=device, iterations=3).attenuation.any()

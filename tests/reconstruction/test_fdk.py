@@ -74,7 +74,7 @@ TRUTH = np.array([20.0, 30.0, 0.0, 20.0, 20.0, 20.0])
 )
 def test_attenuation_is_absolute_for_any_range(device: Device, span: float, views: int) -> None:
     grid = VolumeGrid.cubic(64, 0.003, (0.0015, 0.0015, 0.0015))
-    volume = fdk.reconstruct(project(scan(span, views), [BODY, BONE, HOLE]), grid, device)
+    volume = fdk.fdk(project(scan(span, views), [BODY, BONE, HOLE]), grid, device=device)
     np.testing.assert_allclose(means(volume.attenuation, grid, PLACES), TRUTH, atol=0.005 * 30)
 
 
@@ -83,14 +83,14 @@ def test_uneven_steps_are_weighted_by_their_width(device: Device, rng: np.random
     kept = np.sort(np.concatenate([[0, 359], rng.permutation(np.arange(1, 359))[:260]]))
     uneven = replace(geometry, times=geometry.times[kept], matrices=geometry.matrices[kept])
     grid = VolumeGrid.cubic(64, 0.003, (0.0015, 0.0015, 0.0015))
-    volume = fdk.reconstruct(project(uneven, [BODY, BONE, HOLE]), grid, device)
+    volume = fdk.fdk(project(uneven, [BODY, BONE, HOLE]), grid, device=device)
     np.testing.assert_allclose(means(volume.attenuation, grid, PLACES), TRUTH, atol=0.02 * 30)
 
 
 def test_no_bias_grows_with_the_distance_from_the_center(device: Device) -> None:
     disk = Ellipsoid((0.0, 0.0, 0.0), (0.11, 0.05, 0.11), 20.0)
     grid = VolumeGrid((128, 1, 128), (0.0018, 0.0018, 0.0018), (0.0, 0.0, 0.0))
-    volume = fdk.reconstruct(project(scan(), [disk]), grid, device).attenuation[:, 0]
+    volume = fdk.fdk(project(scan(), [disk]), grid, device=device).attenuation[:, 0]
     x, _, z = grid.axes()
     radius = np.hypot(x[None], z[:, None])
     rings = [volume[(radius >= r) & (radius < r + 0.01)].mean() for r in np.arange(0, 0.1, 0.01)]
@@ -106,8 +106,8 @@ def test_a_small_ball_lands_where_it_is(
 ) -> None:
     spacing = 0.0015
     grid = VolumeGrid((17, 18, 19), (spacing,) * 3, tuple(np.array(place) + center))
-    volume = fdk.reconstruct(
-        project(scan(358.5, 240), [Ellipsoid(place, (0.006,) * 3, 20.0)]), grid, device
+    volume = fdk.fdk(
+        project(scan(358.5, 240), [Ellipsoid(place, (0.006,) * 3, 20.0)]), grid, device=device
     ).attenuation
     weight = np.maximum(volume - 5.0, 0.0)
     x, y, z = grid.axes()
@@ -137,7 +137,7 @@ def test_the_object_may_be_anywhere_and_the_axis_any(device: Device) -> None:
     places = [(0.0, 0.0, 0.0), (0.03, 0.01, 0.02), (-0.045, 0.0, 0.0), (0.0, 0.0, 0.05)]
     carried = transforms.apply(placed, places)
     grid = VolumeGrid.cubic(70, 0.0025, tuple(placed[:3, 3]))
-    volume = fdk.reconstruct(turned, grid, device)
+    volume = fdk.fdk(turned, grid, device=device)
     np.testing.assert_allclose(
         means(volume.attenuation, grid, [tuple(p) for p in carried]), [20, 30, 20, 20], atol=0.15
     )
@@ -151,18 +151,18 @@ def test_known_rigid_motion_is_undone(device: Device, rng: np.random.Generator) 
     moved = transforms.rigid(transforms.rotation_from_vector(turns), shifts)
     seen = replace(project(geometry.moved(moved), [BODY, BONE, HOLE]), geometry=geometry)
     grid = VolumeGrid.cubic(64, 0.003, (0.0015, 0.0015, 0.0015))
-    still = fdk.reconstruct(seen, grid, device)
-    corrected = fdk.reconstruct(seen, grid, device, motion=RigidMotion(geometry.times, moved))
+    still = fdk.fdk(seen, grid, device=device)
+    corrected = fdk.fdk(seen, grid, device=device, motion=RigidMotion(geometry.times, moved))
     error = np.abs(means(corrected.attenuation, grid, PLACES) - TRUTH)
     assert error.max() < 0.015 * 30  # weights of the scanner's own path leave 0.03
     assert error.mean() < 0.005 * 30
     assert error.mean() < 0.2 * np.abs(means(still.attenuation, grid, PLACES) - TRUTH).mean()
-    as_geometry = fdk.reconstruct(replace(seen, geometry=geometry.moved(moved)), grid, device)
+    as_geometry = fdk.fdk(replace(seen, geometry=geometry.moved(moved)), grid, device=device)
     np.testing.assert_allclose(as_geometry.attenuation, corrected.attenuation, atol=1e-4 * 30)
     joints = np.array([[0.02, 0.3, 0.0], [0.0, 0.0, 0.05], [0.0, -0.3, -0.02]])
     followed = ControlPointMotion(geometry.times, joints, transforms.apply(moved, joints))
     np.testing.assert_allclose(
-        fdk.reconstruct(seen, grid, device, motion=followed).attenuation,
+        fdk.fdk(seen, grid, device=device, motion=followed).attenuation,
         corrected.attenuation,
         atol=1e-4 * 30,
     )
@@ -192,7 +192,7 @@ def test_known_bending_is_undone(device: Device) -> None:
     )
     grid = VolumeGrid.cubic(64, 0.003, (0.0015, 0.0015, 0.0015))
     still, corrected = (
-        fdk.reconstruct(seen, grid, device, motion=m).attenuation for m in (None, motion)
+        fdk.fdk(seen, grid, device=device, motion=m).attenuation for m in (None, motion)
     )
     error = np.abs(means(corrected, grid, PLACES) - TRUTH)
     assert error.max() < 0.012 * 30
@@ -204,9 +204,9 @@ def test_a_rest_that_is_told_by_points_or_a_field_changes_nothing(device: Device
     grid, times = VolumeGrid.cubic(30, 0.005, (0.0, 0.0, 0.0)), projections.geometry.times
     joints = np.array([[0.02, 0.3, 0.0], [0.0, 0.0, 0.05], [0.0, -0.3, -0.02]])
     rest = np.zeros((60, 3, 4, 5, 3), np.float32)
-    plain = fdk.reconstruct(projections, grid, device).attenuation
+    plain = fdk.fdk(projections, grid, device=device).attenuation
     np.testing.assert_array_equal(
-        fdk.reconstruct(projections, grid, device, motion=RigidMotion.identity(times)).attenuation,
+        fdk.fdk(projections, grid, device=device, motion=RigidMotion.identity(times)).attenuation,
         plain,
     )
     for motion in (
@@ -214,7 +214,7 @@ def test_a_rest_that_is_told_by_points_or_a_field_changes_nothing(device: Device
         FieldMotion(times, VolumeGrid((3, 4, 5), (0.05, 0.06, 0.08), (0.0, 0.0, 0.0)), rest),
     ):
         np.testing.assert_allclose(
-            fdk.reconstruct(projections, grid, device, motion=motion).attenuation,
+            fdk.fdk(projections, grid, device=device, motion=motion).attenuation,
             plain,
             atol=2e-5 * plain.max(),
         )
@@ -224,9 +224,12 @@ def test_a_cut_off_object_keeps_its_values_inside(device: Device) -> None:
     wide = Ellipsoid((0.02, 0.0, 0.0), (0.17, 0.06, 0.10), 20.0)
     grid = VolumeGrid((40, 1, 40), (0.005, 0.005, 0.005), (0.0, 0.0, 0.0))
     projections = project(scan(), [wide])
-    corrected = fdk.reconstruct(projections, grid, device).attenuation[:, 0]
-    cut = fdk.reconstruct(
-        projections, grid, device, options=FdkOptions(filter=FilterOptions(water_attenuation=None))
+    corrected = fdk.fdk(projections, grid, device=device).attenuation[:, 0]
+    cut = fdk.fdk(
+        projections,
+        grid,
+        device=device,
+        options=FdkOptions(filter=FilterOptions(water_attenuation=None)),
     ).attenuation[:, 0]
     x, _, z = grid.axes()
     inside = np.hypot(x[None], z[:, None]) < 0.08
@@ -238,7 +241,7 @@ def test_below_the_minimum_it_warns_and_stays_finite(device: Device) -> None:
     grid = VolumeGrid.cubic(24, 0.008, (0.0, 0.0, 0.0))
     for span in (40.0, 120.0, 180.0, 197.0):
         with pytest.warns(ShortScanWarning, match=f"span {span:.1f} deg"):
-            volume = fdk.reconstruct(project(scan(span, 60), [BODY]), grid, device)
+            volume = fdk.fdk(project(scan(span, 60), [BODY]), grid, device=device)
         assert np.isfinite(volume.attenuation).all()
 
 
@@ -252,18 +255,18 @@ def test_a_part_of_the_volume_is_the_same_part_of_the_whole(device: Device) -> N
     )
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        inner = fdk.reconstruct(projections, part, device).attenuation
-        outer = fdk.reconstruct(projections, whole, device).attenuation
+        inner = fdk.fdk(projections, part, device=device).attenuation
+        outer = fdk.fdk(projections, whole, device=device).attenuation
     np.testing.assert_allclose(inner, outer[11:21, 15:27, 20:34], atol=2e-3)
 
 
 def test_progress_counts_to_its_total(device: Device) -> None:
     seen: list[tuple[int, int]] = []
     grid = VolumeGrid.cubic(8, 0.01, (0.0, 0.0, 0.0))
-    fdk.reconstruct(
+    fdk.fdk(
         project(scan(views=30), [BODY]),
         grid,
-        device,
+        device=device,
         progress=lambda done, total: seen.append((done, total)),
     )
     assert seen[-1] == (400, 400)
@@ -272,10 +275,10 @@ def test_progress_counts_to_its_total(device: Device) -> None:
 
 def test_a_motion_of_another_length_is_refused(device: Device) -> None:
     with pytest.raises(LegsimError, match="5 transforms for 30 views"):
-        fdk.reconstruct(
+        fdk.fdk(
             project(scan(views=30), [BODY]),
             VolumeGrid.cubic(4, 0.01, (0, 0, 0)),
-            device,
+            device=device,
             motion=RigidMotion.identity(np.arange(5.0)),
         )
 
@@ -303,7 +306,7 @@ def test_a_detector_tilted_about_its_rows_keeps_the_values(device: Device) -> No
         VolumeGrid.cubic(40, 0.004, (0.0015, 0.0015, 0.0015)),
         Ellipsoid((0.0, 0.0, 0.0), (0.08, 0.09, 0.08), 20.0),
     )
-    volume = fdk.reconstruct(project(leaning, [body]), grid, device)
+    volume = fdk.fdk(project(leaning, [body]), grid, device=device)
     places = [(x, y, 0.0) for x in (-0.05, 0.0, 0.05) for y in (-0.045, 0.0, 0.045)]
     # far from the plane of the sources one factor for all rows is off by 1.4 and 0.6 %
     np.testing.assert_allclose(means(volume.attenuation, grid, places), 20.0, rtol=0.005)
@@ -315,10 +318,10 @@ def test_views_that_come_twice_count_once(device: Device) -> None:
     geometry = replace(
         once.geometry, times=np.arange(180.0), matrices=once.geometry.matrices[twice]
     )
-    doubled = fdk.reconstruct(
-        Projections(geometry, once.line_integrals[twice]), grid, device
+    doubled = fdk.fdk(
+        Projections(geometry, once.line_integrals[twice]), grid, device=device
     ).attenuation
     assert np.isfinite(doubled).all()
     np.testing.assert_allclose(
-        doubled, fdk.reconstruct(once, grid, device).attenuation, atol=1e-3 * 30
+        doubled, fdk.fdk(once, grid, device=device).attenuation, atol=1e-3 * 30
     )

@@ -6,7 +6,6 @@ import trimesh
 
 from legsim import config
 from legsim.core.errors import LegsimError
-from legsim.geometry import volume
 from legsim.geometry.cone_beam import ConeBeamGeometry
 from legsim.phantom import materials
 from legsim.phantom.meshes import Part, Phantom
@@ -71,7 +70,7 @@ def test_what_every_view_sees_lies_on_the_detector_and_what_lies_beyond_does_not
     turn = scan(views=180, increment_deg=2.0, columns=62, rows=48, pixel_mm=6.16)
     isocenter = np.array([0.2, 0.5, -0.1])
     grid = volume_grid(config.GridConfig(voxels=40, voxel_mm=6.4), isocenter)
-    pixels, _ = c_arm(turn, np.arange(180) / 31, isocenter).project(volume.node_positions(grid))
+    pixels, _ = c_arm(turn, np.arange(180) / 31, isocenter).project(grid.positions())
     # a pixel reaches half a pixel beyond its middle
     on_detector = (
         ((pixels > -0.5) & (pixels < np.array([62, 48]) - 0.5)).all((0, 2)).reshape(grid.shape_zyx)

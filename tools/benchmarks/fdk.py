@@ -157,9 +157,9 @@ def measure(
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ShortScanWarning)
         for name, motion, options in motions:
-            fdk.reconstruct(projections, warm_up(count), device, motion=motion, options=options)
+            fdk.fdk(projections, warm_up(count), device=device, motion=motion, options=options)
             found, seconds, cpu = timed(
-                partial(fdk.reconstruct, projections, grid, device, motion=motion, options=options)
+                partial(fdk.fdk, projections, grid, device=device, motion=motion, options=options)
             )
             error = _rmse(found.attenuation, expected, counts, contrast) if motion is None else None
             rows.append(Row(name, seconds, cpu, error))

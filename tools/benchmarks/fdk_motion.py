@@ -52,7 +52,7 @@ def bent(geometry: ConeBeamGeometry, motion: ControlPointMotion) -> Projections:
 
 @contextmanager
 def _scanners_own_weights() -> Iterator[None]:
-    with mock.patch.object(fdk, "seen_from_the_object", lambda geometry, *_: geometry):
+    with mock.patch.object(fdk, "object_geometry", lambda geometry, *_: geometry):
         yield
 
 
@@ -68,7 +68,7 @@ def table(views: int = 248, binning: int = 4) -> Iterator[str]:
     middle[:, COUNT // 2 - 3 : COUNT // 2 + 4] = True
 
     def errors(projections: Projections, motion: RigidMotion | ControlPointMotion | None) -> str:
-        volume = fdk.reconstruct(projections, grid, device, motion=motion).attenuation
+        volume = fdk.fdk(projections, grid, device=device, motion=motion).attenuation
         slow = gaussian_filter(np.where(counts, volume - expected, 0.0), SMOOTH) / np.maximum(
             share, 1e-3
         )

@@ -21,13 +21,13 @@ from legsim.deformation.models import Motion
 from legsim.geometry.cone_beam import ConeBeamGeometry
 from legsim.geometry.volume import VolumeGrid
 from legsim.opencl.device import Device, open_device
-from legsim.reconstruction import backprojection, fdk, filtering
+from legsim.reconstruction import _backprojection_plan, backprojection, fdk, filtering
 from legsim.reconstruction._backprojection_plan import BackprojectionPlan
 from legsim.reconstruction.weights import ShortScanWarning
 from tools.benchmarks import fdk as bench_fdk
 
 STAGES = {
-    "planning": (fdk, "plan", "weights"),
+    "planning": (_backprojection_plan, "plan", "weights"),
     "weights of the geometry": (filtering, "plan_filter", "weights"),
     "continuing rows": (filtering, "extended_rows", "filter"),
     "FFT": (filtering.fft, "rfft", "filter"),
@@ -209,9 +209,9 @@ def run(views: int, count: int, binning: int, wanted: str | None) -> str:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ShortScanWarning)
         for name, motion in ways.items():
-            fdk.reconstruct(projections, bench_fdk.warm_up(count), device, motion=motion)
+            fdk.fdk(projections, bench_fdk.warm_up(count), device=device, motion=motion)
             spent[name] = profiled(
-                lambda motion=motion: fdk.reconstruct(projections, grid, device, motion=motion)
+                lambda motion=motion: fdk.fdk(projections, grid, device=device, motion=motion)
             )
             adding = spent[name][0]["back-projection"]
             seconds = (
@@ -223,7 +223,7 @@ def run(views: int, count: int, binning: int, wanted: str | None) -> str:
                 1e-9 * views * count**3 / seconds,
                 1e-9 * views * count**3 / sum(adding.clock),
             )
-            decided = fdk.plan(geometry, grid, device, motion=motion)
+            decided = fdk.plan(geometry, grid, device=device, motion=motion)
             if decided.kernel == "columns":
                 limited[name] = ceilings(decided, geometry, grid, limits)
     rows, columns = geometry.shape_vu

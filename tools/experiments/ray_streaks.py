@@ -33,7 +33,7 @@ from legsim.deformation.models import ControlPointMotion, FieldMotion, RigidMoti
 from legsim.evaluation import regions, similarity
 from legsim.evaluation.regions import Region
 from legsim.geometry.cone_beam import ConeBeamGeometry, Projections
-from legsim.geometry.volume import Volume, VolumeGrid, nodes_over
+from legsim.geometry.volume import Volume, VolumeGrid
 from legsim.kinematics import joint_splines
 from legsim.kinematics.joint_splines import JointSplines
 from legsim.kinematics.skeleton import SegmentPoses
@@ -239,7 +239,7 @@ def rows(scene: Scene, reconstruct: Reconstruct, *, recorded: bool) -> list[str]
         if motion_name == "as one":
             made["true motion"] = moving, truth
         else:
-            nodes = nodes_over(scene.grid, 8e-3)
+            nodes = scene.grid.coarse(8e-3)
             made["true motion"] = (
                 moving,
                 oracle.phantom_motion(scene.phantom, poses, nodes, scene.device),
@@ -282,10 +282,10 @@ def main(
 
         def reconstruct(projections: Projections, motion: Motion, seen: Scene = seen) -> Volume:
             if cgls:
-                return reconstruction_cgls.reconstruct(
-                    projections, seen.grid, device, motion=motion, iterations=cgls
+                return reconstruction_cgls.cgls(
+                    projections, seen.grid, device=device, motion=motion, iterations=cgls
                 )
-            return fdk.reconstruct(projections, seen.grid, device, motion=motion)
+            return fdk.fdk(projections, seen.grid, device=device, motion=motion)
 
         for line in rows(seen, reconstruct, recorded=not cgls):
             typer.echo(f"| {case.name} | {line}")

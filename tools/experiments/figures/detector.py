@@ -73,7 +73,7 @@ class Scene:
         """The axial slice (z, x) 12 mm above the knee axis, 1/m."""
         x, y, z = knee(self.legs)
         grid = VolumeGrid((180, 1, 180), (0.8e-3, 0.8e-3, 0.8e-3), (x, y + 0.012, z))
-        return fdk.reconstruct(projections, grid, self.device).attenuation[:, 0].astype(float)
+        return fdk.fdk(projections, grid, device=self.device).attenuation[:, 0].astype(float)
 
 
 def knee(legs: LegPhantom) -> FloatArray:

@@ -43,7 +43,7 @@ def main() -> None:
         warnings.simplefilter("ignore", ShortScanWarning)
         for column, (name, projections, moved) in enumerate(cases):
             for row, grid in enumerate(grids):
-                found = fdk.reconstruct(projections, grid, device, motion=moved).attenuation
+                found = fdk.fdk(projections, grid, device=device, motion=moved).attenuation
                 expected, _ = bench_fdk.truth(grid)
                 _show(panels[2 * row, column], found.squeeze(), (0.0, 50.0), "gray", name)
                 _show(

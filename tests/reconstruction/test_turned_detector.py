@@ -8,7 +8,8 @@ import pytest
 from legsim.geometry.cone_beam import ConeBeamGeometry, Projections
 from legsim.geometry.volume import VolumeGrid
 from legsim.opencl.device import Device
-from legsim.reconstruction import detector_alignment, fdk
+from legsim.reconstruction import fdk
+from legsim.reconstruction.detector_alignment import align
 from tests.references.backprojection import Ellipsoid, project
 
 SOLIDS = [
@@ -45,7 +46,7 @@ def scan(
 def test_the_tilt_is_that_of_the_rows(degrees: float, mirrored: bool) -> None:
     off = (
         np.mod(
-            np.degrees(detector_alignment.tilt(scan(degrees, mirrored=mirrored))) - degrees + 90,
+            np.degrees(align(scan(degrees, mirrored=mirrored)).tilt) - degrees + 90,
             180,
         )
         - 90
@@ -56,15 +57,16 @@ def test_the_tilt_is_that_of_the_rows(degrees: float, mirrored: bool) -> None:
 def test_a_scan_that_stands_is_left_alone() -> None:
     for degrees in (0, 2.9, 179):
         geometry = scan(degrees)
-        assert detector_alignment.upright(geometry) is geometry
+        assert align(geometry).geometry is geometry
         images = Projections(geometry, np.zeros((120, 120, 130), np.float32))
-        assert detector_alignment.stood_up(images) is images
+        assert align(geometry).apply(images) is images
 
 
 def test_a_quarter_turn_loses_nothing(rng: np.random.Generator) -> None:
     images = rng.normal(size=(120, 12, 20)).astype(np.float32)
     for degrees, turns in ((90, 1), (-90, 1)):
-        stood = detector_alignment.stood_up(Projections(scan(degrees, (12, 20)), images))
+        geometry = scan(degrees, (12, 20))
+        stood = align(geometry).apply(Projections(geometry, images))
         assert stood.geometry.shape_vu == (20, 12)
         found = stood.line_integrals
         differences = [
@@ -80,7 +82,7 @@ def test_points_are_seen_where_the_turned_images_show_them(
     geometry = scan(degrees)
     v, u = np.mgrid[:120, :130]
     ramp = np.broadcast_to(2 * u + 3 * v, (120, 120, 130)).astype(np.float32)
-    stood = detector_alignment.stood_up(Projections(geometry, ramp))
+    stood = align(geometry).apply(Projections(geometry, ramp))
     points = rng.uniform(-0.04, 0.04, (10, 3))
     (before, _), (after, _) = geometry.project(points), stood.geometry.project(points)
     column, row = np.rint(after).astype(int)[60].T
@@ -101,7 +103,7 @@ def test_attenuation_is_absolute_however_the_detector_is_turned(
     device: Device, degrees: float
 ) -> None:
     grid = VolumeGrid((44, 44, 44), (0.004,) * 3, (0.002, 0.002, 0.002))
-    volume = fdk.reconstruct(project(scan(degrees), SOLIDS), grid, device).attenuation
+    volume = fdk.fdk(project(scan(degrees), SOLIDS), grid, device=device).attenuation
     places = np.array(
         [
             (0.0, 0.0, 0.0),

@@ -11,7 +11,8 @@ from legsim.core.errors import LegsimError
 from legsim.geometry.cone_beam import ConeBeamGeometry, Projections
 from legsim.geometry.volume import VolumeGrid
 from legsim.opencl.device import Device
-from legsim.reconstruction import detector_alignment, fdk
+from legsim.reconstruction import fdk
+from legsim.reconstruction.detector_alignment import align
 from legsim.reconstruction.source_path import fan_angles, source_arc
 from legsim.reconstruction.weights import redundancy_weights
 from tests.references.backprojection import Ellipsoid, project
@@ -55,9 +56,7 @@ def scan(
 def test_as_many_columns_are_added_as_the_short_side_lacks(
     shift: float, added: tuple[int, int], mirrored: bool
 ) -> None:
-    assert detector_alignment.padding(scan(shift, mirrored=mirrored)) == (
-        added[::-1] if mirrored else added
-    )
+    assert align(scan(shift, mirrored=mirrored)).added == (added[::-1] if mirrored else added)
 
 
 def test_only_full_turns_of_one_side_are_widened(rng: np.random.Generator) -> None:
@@ -68,20 +67,22 @@ def test_only_full_turns_of_one_side_are_widened(rng: np.random.Generator) -> No
     swinging = replace(swinging, matrices=sideways @ swinging.matrices)
     for geometry in (short, swinging, scan(3)):
         images = Projections(geometry, rng.normal(size=(len(geometry), *geometry.shape_vu)))
-        assert detector_alignment.widened(geometry) is geometry
-        assert detector_alignment.padded(images) is images
+        aligned = align(geometry)
+        assert aligned.geometry is geometry
+        assert aligned.apply(images) is images
 
 
 def test_a_detector_that_ends_before_the_axis_is_refused() -> None:
     with pytest.raises(LegsimError, match="view 0: the detector ends before the axis of rotation"):
-        detector_alignment.padding(scan(50))
+        align(scan(50))
 
 
 @pytest.mark.parametrize("shift", [20, -20])
 def test_points_are_seen_in_the_same_pixels(shift: float, rng: np.random.Generator) -> None:
     geometry = scan(shift)
     images = Projections(geometry, rng.normal(size=(len(geometry), *geometry.shape_vu)))
-    wide, before = detector_alignment.padded(images), detector_alignment.padding(geometry)[0]
+    aligned = align(geometry)
+    wide, before = aligned.apply(images), aligned.added[0]
     points = rng.uniform(-0.04, 0.04, (10, 3))
     np.testing.assert_allclose(
         wide.geometry.project(points)[0] - (before, 0), geometry.project(points)[0], atol=1e-9
@@ -90,7 +91,7 @@ def test_points_are_seen_in_the_same_pixels(shift: float, rng: np.random.Generat
         wide.line_integrals[:, :, before : before + COLUMNS], images.line_integrals
     )
     assert np.abs(wide.line_integrals).sum() == np.abs(images.line_integrals).sum()
-    assert detector_alignment.widened(wide.geometry) is wide.geometry, "now it is centered"
+    assert align(wide.geometry).geometry is wide.geometry, "now it is centered"
 
 
 @pytest.mark.parametrize("shift", [10, 20, -20, 44])
@@ -119,7 +120,7 @@ def test_attenuation_is_absolute_on_either_side(
     ]
     geometry = scan(shift, mirrored=mirrored, views=120)
     grid = VolumeGrid.cubic(48, 0.004, (0.002, 0.002, 0.002))
-    volume = fdk.reconstruct(project(geometry, solids), grid, device).attenuation
+    volume = fdk.fdk(project(geometry, solids), grid, device=device).attenuation
     places = np.array(
         [
             (0.0, 0.0, 0.0),

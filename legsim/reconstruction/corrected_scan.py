@@ -1,0 +1,45 @@
+"""What reconstructions take: projections, or a correction that brings its own motion."""
+
+from typing import Protocol
+
+from legsim.core.errors import LegsimError
+from legsim.deformation.models import Motion
+from legsim.geometry.cone_beam import Projections
+
+
+class CorrectedScan(Protocol):
+    """Images and the motion to follow, such as a :class:`legsim.correction.Correction`."""
+
+    @property
+    def projections(self) -> Projections:
+        """Line integrals under the scanner's geometry."""
+        ...
+
+    @property
+    def motion(self) -> Motion | None:
+        """How the object moved; None: voxels stay where they are."""
+        ...
+
+
+def images_and_motion(
+    scan: Projections | CorrectedScan, motion: Motion | None
+) -> tuple[Projections, Motion | None]:
+    """Images to reconstruct and the motion to follow.
+
+    Raises:
+        LegsimError: a corrected scan comes with a second motion, or ``scan`` is something else.
+    """
+    if isinstance(scan, Projections):
+        return scan, motion
+    images = getattr(scan, "projections", None)
+    if not isinstance(images, Projections) or not hasattr(scan, "motion"):
+        raise LegsimError(
+            f"expected Projections, or a Correction with projections and motion, not "
+            f"{type(scan).__name__}"
+        )
+    if motion is not None:
+        raise LegsimError(
+            "the correction has a motion of its own; leave out motion=, or give the correction's "
+            "projections alone"
+        )
+    return images, scan.motion

@@ -1,0 +1,74 @@
+"""What the reconstruction functions take, and that they agree on it."""
+
+import doctest
+from collections.abc import Callable
+from dataclasses import dataclass
+from types import ModuleType
+
+import numpy as np
+import pytest
+
+from legsim.core import transforms
+from legsim.core.errors import LegsimError
+from legsim.correction.method import Correction
+from legsim.deformation.models import Motion, RigidMotion
+from legsim.geometry.cone_beam import ConeBeamGeometry, Projections
+from legsim.geometry.volume import Volume, VolumeGrid
+from legsim.opencl.device import open_device
+from legsim.reconstruction import cgls, fdk
+
+GRID = VolumeGrid.cubic(10, 0.006, (0.0, 0.0, 0.0))
+RECONSTRUCTIONS = [fdk.fdk, cgls.cgls]
+
+
+@dataclass(frozen=True)
+class Bare:
+    """No more than images and a motion."""
+
+    projections: Projections
+    motion: Motion | None
+
+
+def scanned(rng: np.random.Generator) -> tuple[Projections, RigidMotion]:
+    geometry = ConeBeamGeometry.circular(
+        times=np.arange(40) * 1.0,
+        angles=np.radians(np.linspace(0, 230, 40)),
+        source_isocenter=0.5,
+        source_detector=0.9,
+        shape_vu=(16, 20),
+        pixel_pitch=8e-3,
+    )
+    shifts = transforms.translation(rng.normal(0, 0.005, (40, 3)))
+    images = rng.random((40, 16, 20), np.float32)
+    return Projections(geometry, images), RigidMotion(geometry.times, shifts)
+
+
+@pytest.mark.parametrize("reconstruct", RECONSTRUCTIONS)
+def test_the_motion_of_a_correction_is_followed(
+    reconstruct: Callable[..., Volume], rng: np.random.Generator
+) -> None:
+    images, motion = scanned(rng)
+    expected = reconstruct(images, GRID, motion=motion, device=open_device()).attenuation
+    for given in (Correction("own", images, motion), Bare(images, motion)):
+        np.testing.assert_array_equal(reconstruct(given, GRID).attenuation, expected)
+    still = reconstruct(Correction("own", images, None), GRID).attenuation
+    np.testing.assert_array_equal(still, reconstruct(images, GRID).attenuation)
+    assert (still != expected).any()
+
+
+@pytest.mark.parametrize("reconstruct", RECONSTRUCTIONS)
+def test_two_motions_or_none_of_the_kinds_are_refused(
+    reconstruct: Callable[..., Volume], rng: np.random.Generator
+) -> None:
+    images, motion = scanned(rng)
+    with pytest.raises(LegsimError, match="a motion of its own; leave out motion="):
+        reconstruct(Bare(images, None), GRID, motion=motion)
+    with pytest.raises(LegsimError, match=r"or a Correction .*, not ndarray"):
+        reconstruct(images.line_integrals, GRID)
+
+
+@pytest.mark.parametrize("module", [fdk, cgls])
+def test_the_examples_in_the_docstrings_run(module: ModuleType) -> None:
+    found = doctest.testmod(module)
+    assert found.attempted > 0
+    assert found.failed == 0
