@@ -43,6 +43,12 @@ class Scan:
                 "sensors; give one each, in order"
             )
 
+    def __repr__(self) -> str:
+        sensors = ", ".join(self.signals.sensor_names)
+        return (
+            f"Scan({len(self.times)} views, sensors {sensors}, joints of {len(self.joints)} legs)"
+        )
+
     @property
     def times(self) -> FloatArray:
         """(v,) s of the views."""
@@ -76,6 +82,10 @@ class Correction:
     """
     notes: tuple[str, ...] = ()
     """sentences on how it went, for the report"""
+
+    def __repr__(self) -> str:
+        motion = "no motion" if self.motion is None else repr(self.motion)
+        return f"Correction({self.method}: {len(self.projections.geometry)} views, {motion})"
 
     def __post_init__(self) -> None:
         if not isinstance(self.projections, Projections):

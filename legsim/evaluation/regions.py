@@ -36,6 +36,9 @@ class Region:
     mask: NDArray[np.bool_]
     """(z, y, x); taken over, not copied, and can no more be written"""
 
+    def __repr__(self) -> str:
+        return f"Region({self.name}: {int(self.mask.sum())} voxels)"
+
     def __post_init__(self) -> None:
         if self.mask.ndim != 3 or self.mask.dtype != np.bool_:
             raise LegsimError(

@@ -16,7 +16,7 @@ class NotebookFigure(Figure):
     """A figure that a notebook draws by itself, whether or not pyplot is loaded."""
 
     def _repr_png_(self) -> bytes:
-        return png(self, dpi=90)
+        return png(self, dpi=110)
 
 
 def new_figure(width: float, height: float) -> Figure:

@@ -132,6 +132,10 @@ class LegModel:
         and patella, which glides on its own
         """
 
+    def __repr__(self) -> str:
+        thigh, shank = (1e3 * f("r") for f in (self.thigh_length, self.shank_length))
+        return f"LegModel(thigh {thigh:.0f} mm, shank {shank:.0f} mm)"
+
     @classmethod
     def load(cls, scales: SegmentScales | None = None) -> "LegModel":
         """The generic model, or one scaled by OpenSim's rules.

@@ -110,6 +110,9 @@ class SegmentPoses:
     world_from_segment: FloatArray
     """(n, s, 4, 4)"""
 
+    def __repr__(self) -> str:
+        return f"SegmentPoses({len(self.segment_names)} segments at {len(self.times)} times)"
+
     def __post_init__(self) -> None:
         object.__setattr__(self, "times", increasing_times("SegmentPoses.times", self.times))
         object.__setattr__(self, "segment_names", unique_names("segment", self.segment_names))

@@ -17,6 +17,13 @@ class MarkerTrajectories:
     positions_world: FloatArray
     """(n, m, 3) m, in world"""
 
+    def __repr__(self) -> str:
+        seconds = self.times[-1] - self.times[0]
+        count = len(self.marker_names)
+        return (
+            f"MarkerTrajectories({count} markers, {len(self.times)} samples over {seconds:.4g} s)"
+        )
+
     def __post_init__(self) -> None:
         object.__setattr__(self, "times", increasing_times("Motion.times", self.times))
         object.__setattr__(self, "marker_names", unique_names("marker", self.marker_names))
@@ -44,6 +51,12 @@ class JointTrajectories:
     coordinate_names: tuple[str, ...]
     values: FloatArray
     """(n, c) rad, and m for pelvis_tx, pelvis_ty, pelvis_tz"""
+
+    def __repr__(self) -> str:
+        seconds = self.times[-1] - self.times[0]
+        count = len(self.coordinate_names)
+        shape = f"{count} coordinates, {len(self.times)} samples"
+        return f"JointTrajectories({shape} over {seconds:.4g} s)"
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "times", increasing_times("JointTrajectories.times", self.times))

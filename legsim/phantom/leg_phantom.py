@@ -60,6 +60,9 @@ class LegPhantom:
     _swings: tuple[TissueMobility, TissueMobility] | None
     _groups: tuple[_Group, ...]
 
+    def __repr__(self) -> str:
+        return f"LegPhantom({self.phantom!r})"
+
     def part_index(self, name: str) -> int:
         """Place of a part.
 

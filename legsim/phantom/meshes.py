@@ -31,6 +31,9 @@ class Part:
     triangles: np.ndarray
     """(t, 3) int32, anticlockwise seen from outside"""
 
+    def __repr__(self) -> str:
+        return f"Part({self.name}: {self.material}, {len(self.triangles)} triangles)"
+
     def __post_init__(self) -> None:
         object.__setattr__(
             self, "vertices", frozen(f"part {self.name!r} vertices", self.vertices, (None, 3))
@@ -67,6 +70,10 @@ class Phantom:
     """
 
     parts: tuple[Part, ...]
+
+    def __repr__(self) -> str:
+        count = sum(len(part.triangles) for part in self.parts)
+        return f"Phantom({len(self.parts)} parts, {count} triangles)"
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "parts", tuple(self.parts))
