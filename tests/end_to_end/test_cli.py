@@ -177,7 +177,7 @@ def reconstruct(projections, geometry, out, **_):
         print("writing", flush=True)
         time.sleep(60)
 
-sys.modules["legsim.cli.commands"] = types.SimpleNamespace(reconstruct=reconstruct)
+sys.modules["legsim.cli.file_stages"] = types.SimpleNamespace(reconstruct=reconstruct)
 main(["reconstruct", "p.mha", "--geometry", "g.json", "--out", sys.argv[1]])
 """
 """a reconstruction that writes its volume for a minute"""
