@@ -66,6 +66,7 @@ def test_field_of_view_is_what_the_outermost_ray_touches():
     assert np.linalg.norm(nearest) == pytest.approx(radius, rel=1e-6)
 
 
+@pytest.mark.end_to_end
 def test_what_every_view_sees_lies_on_the_detector_and_what_lies_beyond_does_not():
     turn = scan(views=180, increment_deg=2.0, columns=62, rows=48, pixel_mm=6.16)
     isocenter = np.array([0.2, 0.5, -0.1])
