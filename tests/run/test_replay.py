@@ -20,6 +20,11 @@ from legsim.run import motion as run_motion
 from legsim.run import replay as run_replay
 from legsim.run import sensors as run_sensors
 
+
+def quiet(*_: object) -> None:
+    """No progress."""
+
+
 TRUTH = ("coordinates.mot", "poses.npz", "joint_centres.csv")
 
 
@@ -226,3 +231,23 @@ def test_a_wrong_unit_is_one_line_whose_cure_works(standing, tmp_path, capsys):
 
 def test_a_wrong_vertical_is_one_line_with_the_option(standing, capsys):
     assert "--set motion.up=" in refused(capsys, standing, "--set", "motion.up=x")
+
+
+def test_replay_of_markers_and_of_the_coordinates_it_wrote_agree(tiny_run, tmp_path):
+    settings = config.load(overrides=(f"motion.file={tiny_run.folder / 'coordinates.mot'}",))
+    result = run_replay.replay(
+        settings, tmp_path, filtered=False, image=tmp_path / "still.png", on_progress=quiet
+    )
+    assert {p.name for p in tmp_path.iterdir()} >= {
+        "coordinates.mot",
+        "joint_centres.csv",
+        "poses.npz",
+        "imu.csv",
+        "recording.rrd",
+        "still.png",
+    }
+    assert any("legsim view" in line for line in result.lines())
+    first, second = (
+        opensim.load(folder / "coordinates.mot") for folder in (tiny_run.folder, tmp_path)
+    )
+    np.testing.assert_array_equal(first.values, second.values)
