@@ -18,7 +18,10 @@ from legsim.mocap import opensim
 from legsim.run import pipeline
 from legsim.run.folder import RunFolder
 
-pytestmark = pytest.mark.filterwarnings("ignore::legsim.reconstruction.weights.ShortScanWarning")
+pytestmark = [
+    pytest.mark.end_to_end,
+    pytest.mark.filterwarnings("ignore::legsim.reconstruction.weights.ShortScanWarning"),
+]
 PROMISED = {
     *(
         "manifest.json",
