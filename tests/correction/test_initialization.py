@@ -10,8 +10,8 @@ from legsim.correction.fiducials import Fiducials
 from legsim.correction.initialization import FiducialScan
 from legsim.geometry.cone_beam import ConeBeamGeometry
 from legsim.imu import strapdown
-from legsim.imu.signals import ImuSignals
 from legsim.imu.sensors import Sensor
+from legsim.imu.signals import ImuSignals
 from legsim.kinematics.skeleton import SEGMENTS, SegmentPoses
 from legsim.opencl import device
 from legsim.phantom import leg_phantom

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from legsim.imu import simulation
+from legsim.imu.sensors import Sensor
 from legsim.kinematics.joint_splines import JointSplines
 from legsim.kinematics.leg_model import COORDINATES, LegModel
 from legsim.kinematics.moving_leg import MovingLeg
@@ -12,7 +13,7 @@ from legsim.phantom import leg_phantom
 from legsim.scene import build
 from legsim.scene.values import ReplayScene
 
-SENSOR = simulation.Sensor.placed("shank_l", "tibia_l", 0.14, (0.02, 0.0, 0.0))
+SENSOR = Sensor.placed("shank_l", "tibia_l", 0.14, (0.02, 0.0, 0.0))
 
 
 @pytest.fixture(scope="module")
