@@ -1,6 +1,7 @@
 """Fixtures that several test files share."""
 
 import os
+import re
 import warnings
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,6 +24,32 @@ settings.register_profile("legsim", deadline=None, derandomize=True)
 settings.load_profile("legsim")
 
 SHARED = Path(os.environ.get("LEGSIM_SHARED", Path(__file__).parents[2] / "shared"))
+
+ON_REQUEST = ("slow", "peer", "gpu")
+"""Markers whose tests run only where ``-m`` names them"""
+
+WHOLE_RUNS = {"tiny_run"}
+"""Fixtures that run a whole scan: what uses them is marked end_to_end"""
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Mark the tests of whole runs; leave out those that are to be asked for by name."""
+    asked = set(re.findall(r"\w+", config.option.markexpr))
+    unasked = set(ON_REQUEST) - asked
+    kept, left_out = [], []
+    for item in items:
+        if item.path.parent.name == "end_to_end" or WHOLE_RUNS & set(fixtures_of(item)):
+            item.add_marker("end_to_end")
+        names = {mark.name for mark in item.iter_markers()}
+        (left_out if names & unasked else kept).append(item)
+    config.hook.pytest_deselected(items=left_out)
+    items[:] = kept
+
+
+def fixtures_of(item: pytest.Item) -> list[str]:
+    """Names of all fixtures that a test uses, directly or not."""
+    return item.fixturenames if isinstance(item, pytest.Function) else []
 
 
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:

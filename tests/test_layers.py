@@ -128,7 +128,7 @@ def test_the_command_line_starts_without_any_stage():
 
 
 def test_a_slow_dependency_is_loaded_where_it_is_used():
-    assert not set(SLOW.values()) & loaded_by("legsim.cli.commands, legsim.run.pipeline")
+    assert not set(SLOW.values()) & loaded_by("legsim.cli.file_stages, legsim.run.pipeline")
 
 
 def test_what_tells_that_a_slow_dependency_is_loaded_does_tell():

@@ -90,6 +90,18 @@ def blocks(scores: Sequence[ScanScore]) -> dict[str, tuple[ScanScore, ...]]:
     return found
 
 
+def pools(scores: Sequence[ScanScore]) -> dict[str, tuple[ScanScore, ...]]:
+    """Blocks that hold each scan once: the two published squats together, every other condition
+    alone.
+    """
+    found = blocks(scores)
+    return {
+        name: block
+        for name, block in found.items()
+        if "all" not in found or name == "all" or name not in POOLED
+    }
+
+
 def of_method(scores: Iterable[ScanScore], method: str) -> tuple[ScanScore, ...]:
     """Those of one method."""
     return tuple(s for s in scores if s.method == method)
@@ -184,6 +196,11 @@ def ladder_cells(ladder: Iterable[LadderScore]) -> dict[NoiseLevel, LadderCell]:
         assert turn is not None
         cells[level] = LadderCell(shift, turn)
     return cells
+
+
+def conventions(cells: Mapping[NoiseLevel, LadderCell]) -> tuple[Convention, ...]:
+    """Conventions of the noise, in the order of the ladder."""
+    return tuple(dict.fromkeys(level.convention for level in cells))
 
 
 def needed_factor(cells: Mapping[NoiseLevel, LadderCell], convention: Convention) -> float | None:

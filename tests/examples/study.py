@@ -10,7 +10,7 @@ from PIL import Image
 
 from legsim.evaluation.registration import Registration, RegistrationError
 from legsim.evaluation.residual_motion import Residual
-from legsim.evaluation.similarity import Scores, RegionScores
+from legsim.evaluation.similarity import RegionScores, Scores
 from legsim.study.results import LadderScore, NoiseLevel, ScanScore, StageCost, StudyResults
 
 METHODS = {

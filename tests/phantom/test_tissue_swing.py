@@ -163,6 +163,7 @@ def test_the_farthest_swing_turns_no_tissue_inside_out(leg, legs, rng):
         assert determinants.min() > 0.1
 
 
+@pytest.mark.end_to_end
 def test_the_truth_of_material_points_holds_the_swing(leg, legs, rng):
     start, names = with_swing(squat(leg, 50.0), [0.002, -0.001, 0], [0, 0.001, -0.002])
     end, _ = with_swing(squat(leg, 55.0), [-0.003, 0, 0.001], [0.001, 0.002, 0])

@@ -33,6 +33,7 @@ def shares_of(geometry: ConeBeamGeometry) -> tuple[np.ndarray, np.ndarray, np.nd
     return arc.angles, fans, redundancy_weights(arc, fans), arc.coverage
 
 
+@pytest.mark.end_to_end
 @given(span=st.floats(100, 359), start=st.floats(-180, 180), backwards=st.booleans())
 @settings(max_examples=40, deadline=None)
 def test_the_shares_of_one_line_add_up_to_one(span: float, start: float, backwards: bool) -> None:

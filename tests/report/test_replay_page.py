@@ -85,6 +85,7 @@ def test_the_page_needs_nothing_from_outside_and_names_files_that_are_there(fold
     assert all((folder / name).is_file() for name in linked)
 
 
+@pytest.mark.end_to_end
 def test_a_page_of_coordinates_has_no_markers(folder, tmp_path):
     settings = config.load(overrides=(f"motion.file={folder / 'coordinates.mot'}",))
     run_replay.replay(settings, tmp_path, filtered=False, image=None, on_progress=lambda *_: None)

@@ -3,7 +3,7 @@ import re
 import pytest
 
 from legsim.evaluation import scores
-from legsim.evaluation.similarity import Scores, RegionScores
+from legsim.evaluation.similarity import RegionScores, Scores
 from legsim.report import scan_page
 
 

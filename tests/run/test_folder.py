@@ -1,18 +1,18 @@
+import errno
+import fcntl
 import json
+import os
+import signal
+import subprocess
+import sys
 
-import numpy as np
 import pytest
 
 from legsim.core import files as core_files
 from legsim.core.errors import LegsimError
 from legsim.core.files import PREFIX, write_text
-from legsim.deformation.files import load_motion, save_motion
-from legsim.deformation.models import ControlPointMotion, FieldMotion, RigidMotion
-from legsim.geometry.volume import VolumeGrid
-from legsim.imu.signals import ImuSignals
-from legsim.kinematics.skeleton import SegmentPoses
+from legsim.run import folder
 from legsim.run import folder as run_folder
-from legsim.run.files import load_imu, load_poses, save_imu, save_poses
 from legsim.run.folder import RunFolder
 
 
@@ -75,62 +75,41 @@ def test_a_broken_manifest_is_named(tmp_path):
         RunFolder(tmp_path, {})
 
 
-def test_imu_signals_survive_the_file_to_the_last_bit(tmp_path, rng):
-    signals = ImuSignals(
-        np.sort(rng.random(20)),
-        ("shank_l", "thigh_l"),
-        rng.normal(size=(20, 2, 3)),
-        rng.normal(size=(20, 2, 3)),
+HOLD = """
+import sys, time
+from pathlib import Path
+from legsim.run.folder import sole_use
+with sole_use(Path(sys.argv[1])):
+    print("held", flush=True)
+    time.sleep(60)
+"""
+
+
+def test_a_second_process_is_told_of_the_first_until_that_is_killed(tmp_path):
+    process = subprocess.Popen(
+        [sys.executable, "-c", HOLD, str(tmp_path)], stdout=subprocess.PIPE, text=True
     )
-    save_imu(tmp_path / "imu.csv", signals)
-    loaded = load_imu(tmp_path / "imu.csv")
-    assert loaded.sensor_names == signals.sensor_names
-    for name in ("times", "angular_velocity", "specific_force"):
-        np.testing.assert_array_equal(getattr(loaded, name), getattr(signals, name))
+    assert process.stdout is not None
+    assert process.stdout.readline() == "held\n"
+    with (
+        pytest.raises(
+            LegsimError,
+            match=f"is in use by process {process.pid} on .*; wait until that has ended",
+        ),
+        folder.sole_use(tmp_path),
+    ):
+        pass
+    os.kill(process.pid, signal.SIGKILL)
+    process.communicate()
+    for _ in range(2):
+        with folder.sole_use(tmp_path):
+            pass
 
 
-def test_imu_table_has_the_columns_that_were_promised(tmp_path):
-    signals = ImuSignals(np.arange(2.0), ("s",), np.zeros((2, 1, 3)), np.ones((2, 1, 3)))
-    save_imu(tmp_path / "imu.csv", signals)
-    first, second, _ = (tmp_path / "imu.csv").read_text().splitlines()
-    assert first == "time_s,s_ax_m_s2,s_ay_m_s2,s_az_m_s2,s_gx_rad_s,s_gy_rad_s,s_gz_rad_s"
-    assert second == "0.0,1.0,1.0,1.0,0.0,0.0,0.0"
+def test_a_file_system_without_locks_is_told_and_used(tmp_path, monkeypatch):
+    def refuse(*_: object) -> None:
+        raise OSError(errno.ENOLCK, "No locks available")
 
-
-def test_poses_and_motion_survive_the_file(tmp_path, rng):
-    poses = SegmentPoses(np.arange(3.0), ("a", "b"), rng.normal(size=(3, 2, 4, 4)))
-    save_poses(tmp_path / "p.npz", poses)
-    np.testing.assert_array_equal(
-        load_poses(tmp_path / "p.npz").world_from_segment, poses.world_from_segment
-    )
-    motion = RigidMotion(np.arange(3.0), rng.normal(size=(3, 4, 4)))
-    save_motion(tmp_path / "m.npz", motion)
-    loaded = load_motion(tmp_path / "m.npz")
-    assert isinstance(loaded, RigidMotion)
-    np.testing.assert_array_equal(loaded.moved_from_reference, motion.moved_from_reference)
-
-
-def test_every_kind_of_motion_survives_the_file(tmp_path, rng):
-    points = ControlPointMotion(np.arange(3.0), rng.normal(size=(4, 3)), rng.normal(size=(3, 4, 3)))
-    save_motion(tmp_path / "p.npz", points)
-    loaded = load_motion(tmp_path / "p.npz")
-    assert isinstance(loaded, ControlPointMotion)
-    np.testing.assert_array_equal(loaded.moved, points.moved)
-    np.testing.assert_array_equal(loaded.reference, points.reference)
-    field = FieldMotion(
-        np.arange(3.0),
-        VolumeGrid((2, 3, 4), (0.1, 0.2, 0.3), (1, 2, 3)),
-        rng.normal(size=(3, 2, 3, 4, 3)),
-    )
-    save_motion(tmp_path / "f.npz", field)
-    loaded = load_motion(tmp_path / "f.npz")
-    assert isinstance(loaded, FieldMotion)
-    assert loaded.grid == field.grid
-    np.testing.assert_array_equal(loaded.displacements, field.displacements)
-
-
-@pytest.mark.parametrize("content", [b"", b"not a zip", b"PK\x03\x04 broken"])
-def test_what_is_no_motion_file_is_refused(tmp_path, content):
-    (tmp_path / "m.npz").write_bytes(content)
-    with pytest.raises(LegsimError, match=r"m\.npz: is not a motion file"):
-        load_motion(tmp_path / "m.npz")
+    monkeypatch.setattr(fcntl, "flock", refuse)
+    with pytest.warns(UserWarning, match="has no locks"), folder.sole_use(tmp_path):
+        pass

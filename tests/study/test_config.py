@@ -26,14 +26,6 @@ def load(tmp_path, text, **options):
     return config.load(str(path), **options)
 
 
-@pytest.mark.parametrize("name", config.shipped())
-def test_every_shipped_study_plans(tmp_path, name):
-    asked, base = config.load(name)
-    planned = study_plan.plan(asked, base, tmp_path)
-    assert planned.scans or planned.ladders
-    assert asked.name == name
-
-
 def test_the_papers_study_is_shipped_whole():
     asked, _ = config.load("table1")
     assert len(asked.subjects) == 7
@@ -183,25 +175,9 @@ def test_a_study_that_is_not_there_lists_those_that_are(name):
         config.load(name)
 
 
-def test_a_recording_that_is_not_there_is_told_before_anything_runs(tmp_path):
-    asked, base = load(tmp_path, PLAIN.replace("squat_30", "squat_45"))
-    with pytest.raises(LegsimError, match="squat_45"):
-        study_plan.plan(asked, base, tmp_path)
-
-
 def test_the_study_in_the_documents_can_be_read(tmp_path):
     page = (Path(__file__).parents[2] / "docs/study.md").read_text()
     (text,) = re.findall(r"```toml\n(.*?)```", page, re.S)
     asked, _ = load(tmp_path, text)
     assert asked.subjects == ("anna", "ben")
     assert asked.noise[0].repetitions == 3
-
-
-def test_the_example_plans_with_a_users_own_method_found_beside_it(tmp_path):
-    example = Path(__file__).parents[2] / "docs/examples/own_study.toml"
-    asked, base = config.load(str(example))
-    clean, noisy = study_plan.plan(asked, base, tmp_path).scans
-    own = f"{example.parent / 'own_method.py'}:without_drift"
-    assert own in clean.settings.methods.run
-    assert noisy.settings.methods.run == ("static", "rigid", own)
-    assert noisy.settings.imu.noise.kind == "paper"

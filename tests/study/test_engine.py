@@ -110,6 +110,7 @@ def test_a_fault_that_nobody_foresaw_costs_its_task_alone_unless_it_is_looked_fo
         engine.run_here(tasks, lambda *_: None)
 
 
+@pytest.mark.end_to_end
 def test_on_a_cluster_it_is_the_same_and_a_killed_worker_costs_its_task(tmp_path):
     pytest.importorskip("distributed")
     # the worker dies when all others have come back, else one of them might rightly be run twice
@@ -144,6 +145,7 @@ def nap(folder: Path, name: str, **_: object) -> str:
     return note(folder, name)
 
 
+@pytest.mark.end_to_end
 def test_no_task_waits_behind_a_long_one_while_a_worker_is_free(tmp_path):
     names = ["long", *(f"short{k}" for k in range(6))]
     ended: list[str] = []
@@ -162,6 +164,7 @@ def test_no_task_waits_behind_a_long_one_while_a_worker_is_free(tmp_path):
     assert sorted(ended) == sorted(names)
 
 
+@pytest.mark.end_to_end
 def test_a_scheduler_that_is_not_there_is_told():
     pytest.importorskip("distributed")
     with pytest.raises(LegsimError, match="no Dask scheduler answers"):
@@ -229,6 +232,7 @@ if __name__ == "__main__":
 """
 
 
+@pytest.mark.end_to_end
 def test_workers_end_without_a_word_when_the_study_is_terminated(tmp_path):
     pytest.importorskip("distributed")
     (tmp_path / "terminated.py").write_text(TERMINATED)

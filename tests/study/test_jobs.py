@@ -31,6 +31,7 @@ def job(tmp_path, **changes) -> LadderJob:
     )
 
 
+@pytest.mark.end_to_end
 def test_a_ladder_is_scored_once(tmp_path, monkeypatch):
     first = study_jobs.ladder(job(tmp_path))
     assert [(s.noise.f_a, s.noise.f_g, s.repetition) for s in first] == [

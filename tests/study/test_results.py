@@ -5,7 +5,7 @@ import pytest
 from legsim.core.errors import LegsimError
 from legsim.evaluation.registration import Registration, RegistrationError
 from legsim.evaluation.residual_motion import Residual
-from legsim.evaluation.similarity import Scores, RegionScores
+from legsim.evaluation.similarity import RegionScores, Scores
 from legsim.study import results as study_results
 from legsim.study.results import LadderScore, NoiseLevel, ScanScore, StudyResults
 

@@ -8,7 +8,7 @@ import pytest
 import SimpleITK as sitk
 import trimesh
 
-from legsim.cli import commands
+from legsim.cli import file_stages
 from legsim.core.errors import LegsimError
 from legsim.deformation.files import save_motion
 from legsim.deformation.models import RigidMotion
@@ -46,11 +46,11 @@ def ball_scan(tmp_path_factory):
         pixel_pitch=2e-3,
     )
     geometry_files.save_geometry(folder / "geometry.json", geometry)
-    lines = commands.project(
+    lines = file_stages.project(
         folder / "phantom.toml",
         folder / "geometry.json",
         folder / "p.mha",
-        detector=commands.DetectorSize(),
+        detector=file_stages.DetectorSize(),
         energy_kev=60,
         device=None,
         on_progress=quiet,
@@ -60,11 +60,11 @@ def ball_scan(tmp_path_factory):
 
 
 def project(folder, out, *settings):
-    return commands.project(
+    return file_stages.project(
         folder / "phantom.toml",
         folder / "geometry.json",
         out,
-        detector=commands.DetectorSize(),
+        detector=file_stages.DetectorSize(),
         energy_kev=60,
         settings=settings,
         device=None,
@@ -118,7 +118,7 @@ def reconstruct(folder, out, **changes):
         "spacing_mm": (2.0, 2.0, 2.0),
         "center_mm": None,
     }
-    return commands.reconstruct(
+    return file_stages.reconstruct(
         folder / "p.mha",
         folder / "geometry.json",
         out,
@@ -166,7 +166,7 @@ def test_a_motion_of_another_scan_is_named(ball_scan, tmp_path):
 
 def test_a_volume_equals_itself_by_the_command(ball_scan, tmp_path):
     reconstruct(ball_scan, tmp_path / "v.mha")
-    rows = commands.evaluate(
+    rows = file_stages.evaluate(
         tmp_path / "v.mha", tmp_path / "v.mha", tmp_path / "m.json", regions=None, register=True
     )
     assert rows[0][:3] == ("cylinder", "1.0000", "0.0000")
@@ -181,7 +181,7 @@ def test_labels_name_the_regions(ball_scan, tmp_path):
     labels = np.zeros(grid.shape_zyx, np.uint8)
     labels[:20, 10:30, 10:30], labels[20:, 10:30, 10:30] = 1, 7
     save_labels(tmp_path / "l.mha", labels, grid)
-    rows = commands.evaluate(
+    rows = file_stages.evaluate(
         tmp_path / "v.mha",
         tmp_path / "v.mha",
         tmp_path / "m.json",
@@ -191,7 +191,7 @@ def test_labels_name_the_regions(ball_scan, tmp_path):
     assert [row[0] for row in rows] == ["label 1", "label 7"]
     save_labels(tmp_path / "l.mha", 0 * labels, grid)
     with pytest.raises(LegsimError, match="holds no label above 0"):
-        commands.evaluate(
+        file_stages.evaluate(
             tmp_path / "v.mha",
             tmp_path / "v.mha",
             tmp_path / "m.json",
@@ -210,14 +210,14 @@ def save_labels(path, labels, grid):
 def test_geometry_is_described_and_converted(ball_scan, tmp_path):
     assert any(
         "90" in line
-        for line in commands.describe_geometry(
+        for line in file_stages.describe_geometry(
             ball_scan / "geometry.json",
-            detector=commands.DetectorSize(),
+            detector=file_stages.DetectorSize(),
             phantom=ball_scan / "phantom.toml",
         )
     )
-    commands.convert_geometry(
-        ball_scan / "geometry.json", tmp_path / "g.xml", detector=commands.DetectorSize()
+    file_stages.convert_geometry(
+        ball_scan / "geometry.json", tmp_path / "g.xml", detector=file_stages.DetectorSize()
     )
     back = geometry_files.load_geometry(tmp_path / "g.xml")
     np.testing.assert_allclose(
@@ -229,8 +229,8 @@ def test_geometry_is_described_and_converted(ball_scan, tmp_path):
 
 
 def test_bare_matrices_take_their_detector_from_the_projections(ball_scan, tmp_path):
-    commands.convert_geometry(
-        ball_scan / "geometry.json", tmp_path / "g.npy", detector=commands.DetectorSize()
+    file_stages.convert_geometry(
+        ball_scan / "geometry.json", tmp_path / "g.npy", detector=file_stages.DetectorSize()
     )
     grid = {
         "motion": None,
@@ -240,7 +240,7 @@ def test_bare_matrices_take_their_detector_from_the_projections(ball_scan, tmp_p
         "center_mm": None,
     }
     for geometry, out in ((ball_scan / "geometry.json", "a.mha"), (tmp_path / "g.npy", "b.mha")):
-        commands.reconstruct(
+        file_stages.reconstruct(
             ball_scan / "p.mha", geometry, tmp_path / out, **grid, device=None, on_progress=quiet
         )
     first, second = (
@@ -251,8 +251,8 @@ def test_bare_matrices_take_their_detector_from_the_projections(ball_scan, tmp_p
 
 def test_pixels_are_where_rtks_projections_say(ball_scan, tmp_path):
     """Cut off a few columns and rows: the origin in the file tells, as it does RTK."""
-    commands.convert_geometry(
-        ball_scan / "geometry.json", tmp_path / "g.xml", detector=commands.DetectorSize()
+    file_stages.convert_geometry(
+        ball_scan / "geometry.json", tmp_path / "g.xml", detector=file_stages.DetectorSize()
     )
     grid = {
         "motion": None,
@@ -264,7 +264,7 @@ def test_pixels_are_where_rtks_projections_say(ball_scan, tmp_path):
     image = sitk.ReadImage(str(ball_scan / "p.mha"))
     sitk.WriteImage(image[6:, 4:62, :], str(tmp_path / "cut.nii.gz"))
     for name in (ball_scan / "p.mha", tmp_path / "cut.nii.gz"):
-        commands.reconstruct(
+        file_stages.reconstruct(
             name,
             tmp_path / "g.xml",
             tmp_path / f"{name.name[0]}.nii",
@@ -280,7 +280,7 @@ def test_pixels_are_where_rtks_projections_say(ball_scan, tmp_path):
     image.SetSpacing([2.0, 3.0, 1.0])
     sitk.WriteImage(image, str(tmp_path / "flat.mha"))
     with pytest.raises(LegsimError, match="2 x 3 mm; resample"):
-        commands.reconstruct(
+        file_stages.reconstruct(
             tmp_path / "flat.mha",
             tmp_path / "g.xml",
             tmp_path / "f.mha",
@@ -291,8 +291,8 @@ def test_pixels_are_where_rtks_projections_say(ball_scan, tmp_path):
 
 
 def test_the_example_reconstructs_another_toolkits_scan(ball_scan, tmp_path):
-    commands.convert_geometry(
-        ball_scan / "geometry.json", tmp_path / "g.xml", detector=commands.DetectorSize()
+    file_stages.convert_geometry(
+        ball_scan / "geometry.json", tmp_path / "g.xml", detector=file_stages.DetectorSize()
     )
     script = Path(__file__).parents[2] / "docs/examples/reconstruct_rtk.py"
     arguments = [
@@ -314,11 +314,11 @@ def test_the_example_reconstructs_another_toolkits_scan(ball_scan, tmp_path):
 
 def test_a_folder_without_a_recording_is_named(tmp_path):
     with pytest.raises(LegsimError, match=r"recording\.rrd: no such recording"):
-        commands.open_recording(tmp_path)
+        file_stages.open_recording(tmp_path)
 
 
 def converted(source, out, **changes):
-    return commands.convert_motion(
+    return file_stages.convert_motion(
         source, out, **({"unit": None, "up": None, "in_degrees": False} | changes)
     )
 

@@ -19,6 +19,7 @@ from legsim.study import plan as study_plan
 from legsim.study import results as study_results
 from legsim.study import run as study_run
 
+pytestmark = pytest.mark.end_to_end
 STUDY = """
 name = "small"
 title = "A small study"

@@ -129,6 +129,7 @@ def test_an_error_of_ours_keeps_its_traceback(monkeypatch, tmp_path):
         cli_main.main(["run", "--out", str(tmp_path)])
 
 
+@pytest.mark.end_to_end
 def test_no_opencl_runtime_is_one_line(tmp_path):
     (tmp_path / "none.icd").write_text("/nowhere/libnone.so\n")
     result = legsim(
@@ -143,10 +144,12 @@ def test_no_opencl_runtime_is_one_line(tmp_path):
     assert "Traceback" not in result.stderr
 
 
+@pytest.mark.end_to_end
 def test_debug_shows_where_an_error_came_from(tmp_path):
     assert "Traceback" in legsim("run", "nowhere.toml", "--debug").stderr
 
 
+@pytest.mark.end_to_end
 def test_ctrl_c_ends_with_a_word_of_comfort(tmp_path):
     command = [
         sys.executable,
@@ -177,7 +180,7 @@ def reconstruct(projections, geometry, out, **_):
         print("writing", flush=True)
         time.sleep(60)
 
-sys.modules["legsim.cli.commands"] = types.SimpleNamespace(reconstruct=reconstruct)
+sys.modules["legsim.cli.file_stages"] = types.SimpleNamespace(reconstruct=reconstruct)
 main(["reconstruct", "p.mha", "--geometry", "g.json", "--out", sys.argv[1]])
 """
 """a reconstruction that writes its volume for a minute"""
@@ -201,13 +204,6 @@ def test_a_stopped_command_leaves_no_half_file_and_says_what_is_kept(sent, code,
         errors.splitlines()[-1]
         == f"{word}; half-written files are removed, the same command starts again"
     )
-
-
-def test_replay_prints_how_well_the_markers_are_followed(tmp_path, capsys):
-    with pytest.raises(SystemExit) as caught:
-        cli_main.main(["replay", "subject01/squat_30.trc", "--out", str(tmp_path)])
-    assert caught.value.code == 0
-    assert "mm RMS" in capsys.readouterr().out
 
 
 def test_a_warning_is_told_once_whatever_its_numbers(capsys, monkeypatch):

@@ -1,5 +1,5 @@
-"""One stage at a time, from files to files: what `legsim convert`, `project`, `reconstruct`,
-`evaluate`, `geometry` and `view` do.
+"""One stage at a time, from files to files: the work of `legsim convert`, `project`, `reconstruct`,
+`evaluate`, `geometry` and `view`.
 """
 
 import json

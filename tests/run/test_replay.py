@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from legsim import config
-from legsim.cli import main as cli_main
 from legsim.imu import simulation
 from legsim.imu.signals import ImuSignals
 from legsim.kinematics import from_recording
@@ -16,10 +15,15 @@ from legsim.kinematics.joint_splines import JointSplines
 from legsim.mocap import opensim, trc
 from legsim.mocap.trajectories import MarkerTrajectories
 from legsim.run import files
-from legsim.run import motion as run_motion
 from legsim.run import replay as run_replay
 from legsim.run import sensors as run_sensors
 
+
+def quiet(*_: object) -> None:
+    """No progress."""
+
+
+pytestmark = pytest.mark.end_to_end
 TRUTH = ("coordinates.mot", "poses.npz", "joint_centres.csv")
 
 
@@ -185,44 +189,21 @@ def test_coordinates_in_degrees_and_in_radians_give_the_same_signals(standing, t
     np.testing.assert_allclose(read[0].angular_velocity, read[1].angular_velocity, atol=1e-9)
 
 
-def refused(capsys: pytest.CaptureFixture[str], file: Path, *arguments: str) -> str:
-    """The one line that `legsim replay` prints."""
-    with pytest.raises(SystemExit) as caught:
-        cli_main.main(["replay", str(file), "--out", str(file.parent / "out"), *arguments])
-    assert caught.value.code == 1
-    lines = [line for line in capsys.readouterr().err.splitlines() if not line.endswith("...")]
-    assert len(lines) == 1
-    return lines[0]
-
-
-def test_a_file_without_a_needed_marker_is_one_line(standing, tmp_path, capsys):
-    whole = trc.load(standing)
-    kept = [k for k, name in enumerate(whole.marker_names) if name != "LKNE"]
-    file = tmp_path / "lacks.trc"
-    trc.save(
-        file,
-        MarkerTrajectories(
-            whole.times, tuple(whole.marker_names[k] for k in kept), whole.positions_world[:, kept]
-        ),
+def test_replay_of_markers_and_of_the_coordinates_it_wrote_agree(tiny_run, tmp_path):
+    settings = config.load(overrides=(f"motion.file={tiny_run.folder / 'coordinates.mot'}",))
+    result = run_replay.replay(
+        settings, tmp_path, filtered=False, image=tmp_path / "still.png", on_progress=quiet
     )
-    line = refused(capsys, file)
-    assert "lacks.trc" in line
-    assert "epicondyle_lateral_l" in line
-
-
-def test_a_wrong_unit_is_one_line_whose_cure_works(standing, tmp_path, capsys):
-    whole = trc.load(standing)
-    file = tmp_path / "unit.trc"
-    trc.save(
-        file, MarkerTrajectories(whole.times, whole.marker_names, 1000 * whole.positions_world)
+    assert {p.name for p in tmp_path.iterdir()} >= {
+        "coordinates.mot",
+        "joint_centres.csv",
+        "poses.npz",
+        "imu.csv",
+        "recording.rrd",
+        "still.png",
+    }
+    assert any("legsim view" in line for line in result.lines())
+    first, second = (
+        opensim.load(folder / "coordinates.mot") for folder in (tiny_run.folder, tmp_path)
     )
-    assert "--set motion.unit=mm" in refused(capsys, file)
-    cured = run_motion.solve(
-        config.load(overrides=(f"motion.file={file}", "motion.unit=mm")).motion
-    )
-    assert cured.fit is not None
-    assert cured.fit.ik.rms < 5e-3
-
-
-def test_a_wrong_vertical_is_one_line_with_the_option(standing, capsys):
-    assert "--set motion.up=" in refused(capsys, standing, "--set", "motion.up=x")
+    np.testing.assert_array_equal(first.values, second.values)

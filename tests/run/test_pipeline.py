@@ -15,11 +15,13 @@ from legsim.deformation.files import load_motion
 from legsim.geometry import files as geometry_files
 from legsim.geometry import image_files
 from legsim.mocap import opensim
-from legsim.run import pipeline, stages
-from legsim.run import replay as run_replay
+from legsim.run import pipeline
 from legsim.run.folder import RunFolder
 
-pytestmark = pytest.mark.filterwarnings("ignore::legsim.reconstruction.weights.ShortScanWarning")
+pytestmark = [
+    pytest.mark.end_to_end,
+    pytest.mark.filterwarnings("ignore::legsim.reconstruction.weights.ShortScanWarning"),
+]
 PROMISED = {
     *(
         "manifest.json",
@@ -140,40 +142,6 @@ def test_a_changed_setting_computes_again_what_hangs_on_it_and_nothing_else(
     assert image_files.load_volume(tmp_path / "volume-static.mha").grid.shape_zyx == (40, 40, 40)
 
 
-def test_what_decides_the_projections_is_in_their_key_and_the_seed_where_there_is_noise():
-    plain = ("scan.detector.photons=0",)
-    changes = (
-        "scan.detector.photons=10",
-        "scan.spectrum.kind=tube",
-        "scan.detector.scatter_to_primary=0.1",
-        "phantom.tissue_swing.amplitude=1",
-        "phantom.legs=left",
-    )
-    keys = [
-        stages.scan_key(config.load(overrides=(*plain, change)))
-        for change in ("grid.voxels=99", "seed=5", *changes)
-    ]
-    assert keys[0] == keys[1]
-    assert len(set(keys)) == len(changes) + 1
-    noisy = {
-        stages.scan_key(config.load(overrides=("scan.detector.photons=10", f"seed={seed}")))
-        for seed in (1, 2)
-    }
-    assert len(noisy) == 2
-
-
-def test_photons_are_others_in_every_recording_seed_and_exposure():
-    def first(file: str, seed: int, exposure: int) -> int:
-        settings = config.load(overrides=(f"motion.file={file}", f"seed={seed}"))
-        return int(stages._photons(settings, exposure).integers(2**62))
-
-    squat, other = "subject01/squat_30.trc", "subject02/squat_30.trc"
-    assert first(squat, 1, 0) == first(squat, 1, 0)
-    assert (
-        len({first(squat, 1, 0), first(other, 1, 0), first(squat, 2, 0), first(squat, 1, 1)}) == 4
-    )
-
-
 def test_ctrl_c_loses_nothing_that_was_finished(tiny_run, tiny_settings, tmp_path):
     for name in (
         "coordinates.mot",
@@ -251,26 +219,6 @@ def replace_file(settings: config.RunConfig, path: Path) -> config.RunConfig:
     return settings.model_copy(
         update={"motion": settings.motion.model_copy(update={"file": str(path)})}
     )
-
-
-def test_replay_of_markers_and_of_the_coordinates_it_wrote_agree(tiny_run, tmp_path):
-    settings = config.load(overrides=(f"motion.file={tiny_run.folder / 'coordinates.mot'}",))
-    result = run_replay.replay(
-        settings, tmp_path, filtered=False, image=tmp_path / "still.png", on_progress=quiet
-    )
-    assert {p.name for p in tmp_path.iterdir()} >= {
-        "coordinates.mot",
-        "joint_centres.csv",
-        "poses.npz",
-        "imu.csv",
-        "recording.rrd",
-        "still.png",
-    }
-    assert any("legsim view" in line for line in result.lines())
-    first, second = (
-        opensim.load(folder / "coordinates.mot") for folder in (tiny_run.folder, tmp_path)
-    )
-    np.testing.assert_array_equal(first.values, second.values)
 
 
 def test_residual_of_the_truth_is_what_the_femur_adds(tiny_run):

@@ -1,0 +1,134 @@
+"""`legsim run`, `replay`, `view` and `doctor`: the whole chain for one scan or one recording."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.markup import escape
+
+from legsim.cli import console, progress
+from legsim.cli.console import print_lines, print_table
+from legsim.cli.options import DeviceOption, OutFolder, Preset
+
+
+def run(
+    config_file: Annotated[
+        Path | None,
+        typer.Argument(metavar="CONFIG.toml", help="What to change against the preset."),
+    ] = None,
+    preset: Annotated[
+        Preset,
+        typer.Option(
+            help="paper: 620x480 pixels, 512^3 voxels; half: half of both; "
+            "demo: minutes on a laptop."
+        ),
+    ] = Preset.paper,
+    settings: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--set",
+            metavar="a.b=c",
+            help="Change one setting, as in --set motion.file=walk.trc. May be repeated.",
+        ),
+    ] = None,
+    out: OutFolder = Path("run"),
+    device: DeviceOption = None,
+) -> None:
+    """The whole chain for one scan: motion to corrected volumes, with table, recording and
+    report.
+    """
+    from legsim import config
+    from legsim.run import pipeline
+
+    settings_tree = config.load(config_file, preset=preset.value, overrides=tuple(settings or ()))
+    with progress.of_stages(console.err) as on_progress:
+        result = pipeline.run(settings_tree, out, device=device, on_progress=on_progress)
+    print_table(
+        "Against the motion-free scan (volumes scaled 0 to 1, registered); residual motion; at "
+        "the bones in the images",
+        result.columns(),
+        result.rows(),
+    )
+    print_lines(result.places())
+
+
+def replay(
+    motion: Annotated[
+        Path,
+        typer.Argument(
+            metavar="MOTION",
+            help=(
+                "Markers (.trc, .c3d, .csv), solved for joint angles; or coordinates (.mot, "
+                ".sto, .csv), taken as they are."
+            ),
+        ),
+    ],
+    out: OutFolder = Path("replay"),
+    filter_hz: Annotated[
+        float | None,
+        typer.Option(
+            help="Zero-phase low-pass; 0 for none. Default: 6 for markers, none for coordinates."
+        ),
+    ] = None,
+    settings: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--set",
+            metavar="a.b=c",
+            help="As in `legsim run`: motion.unit=mm, motion.up=z, imu.rate_hz=100 ...",
+        ),
+    ] = None,
+    image: Annotated[
+        Path | None,
+        typer.Option(help="Also draw a still picture (.png) of the middle of the recording."),
+    ] = None,
+) -> None:
+    """Kinematics, IMU signals and a recording to look at, from one motion file."""
+    from legsim import config
+    from legsim.run.replay import replay as replay_recording
+
+    overrides = [f"motion.file={motion}", *(settings or ())]
+    if filter_hz is not None:
+        overrides.append(f"motion.filter_hz={filter_hz}")
+    with progress.of_stages(console.err) as on_progress:
+        result = replay_recording(
+            config.load(overrides=tuple(overrides)),
+            out,
+            filtered=filter_hz is not None,
+            image=image,
+            on_progress=on_progress,
+        )
+    print_lines(result.lines())
+
+
+def view(
+    folder: Annotated[
+        Path, typer.Argument(metavar="DIR", help="A folder made by run or replay, or a recording.")
+    ],
+) -> None:
+    """Open the recording in the rerun viewer."""
+    from legsim.cli import file_stages
+
+    file_stages.open_recording(folder)
+
+
+def doctor(
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Where results would go.")] = Path(),
+) -> None:
+    """What works here: OpenCL devices (each probed by running a kernel), memory, disk, rerun,
+    formats.
+    """
+    from legsim.cli.doctor import examine
+
+    findings = examine(folder)
+    for finding in findings:
+        mark = "[green]ok[/]  " if finding.good else "[red]bad[/] "
+        console.out.print(
+            mark
+            + escape(
+                f" {finding.topic}: {finding.detail}"
+                + (f"; {finding.cure}" if not finding.good else "")
+            )
+        )
+    if not all(finding.good for finding in findings):
+        raise typer.Exit(1)

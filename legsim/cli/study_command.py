@@ -1,0 +1,95 @@
+"""`legsim study`: many scans."""
+
+import shlex
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from legsim.cli import console, progress
+from legsim.cli.console import print_lines
+from legsim.cli.options import DeviceOption, OutFolder, Preset
+from legsim.core.errors import LegsimError
+
+
+def study(
+    study_file: Annotated[
+        str,
+        typer.Argument(
+            metavar="STUDY",
+            help="A STUDY.toml, or a study that comes with legsim: "
+            "paper_order, paper_scheme, quick, table1, "
+            "table1_one_leg, table1_paper, table2, table3.",
+        ),
+    ],
+    out: OutFolder = Path("study"),
+    preset: Annotated[
+        Preset | None, typer.Option(help="Size of the scans, instead of the study's own.")
+    ] = None,
+    settings: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--set", metavar="a.b=c", help="Change one setting of every run, as in `legsim run`."
+        ),
+    ] = None,
+    workers: Annotated[
+        int, typer.Option(min=1, help="Processes on this machine, each with a run of its own.")
+    ] = 1,
+    scheduler: Annotated[
+        str | None,
+        typer.Option(
+            metavar="tcp://...",
+            help="A Dask scheduler; its workers must see --out. Default: this machine.",
+        ),
+    ] = None,
+    store: Annotated[
+        Path | None,
+        typer.Option(
+            help=(
+                "Folder of finished stages to share with other studies, as OTHER/store; on "
+                "the file system of --out. Default: OUT/store."
+            )
+        ),
+    ] = None,
+    device: DeviceOption = None,
+) -> None:
+    """Subjects x postures x methods x noise levels, with tables and figures beside the published
+    ones.
+    """
+    from legsim.run.store import check_shared
+    from legsim.study import config, plan
+    from legsim.study import run as study_run
+
+    if scheduler is not None and workers > 1:
+        raise LegsimError(
+            "--workers are of this machine, --scheduler has its own: give one of the two"
+        )
+    overrides = tuple(settings or ())
+    asked, base = config.load(
+        study_file, preset=None if preset is None else preset.value, overrides=overrides
+    )
+    if store is not None:
+        check_shared(store.resolve(), out.resolve())
+    planned = plan.plan(asked, base, out.resolve(), device=device, store=store and store.resolve())
+    console.err.print(plan.needs(planned, out.resolve(), 0 if scheduler else workers), markup=False)
+    options = ([] if preset is None else ["--preset", preset.value]) + [
+        word for setting in overrides for word in ("--set", setting)
+    ]
+    options += [] if store is None else ["--store", str(store)]
+    command = shlex.join(["legsim", "study", study_file, *options, "--out", str(out)])
+    with progress.of_study(console.err) as (runs, stages):
+        results = study_run.run(
+            asked,
+            planned,
+            out.resolve(),
+            command=command,
+            workers=workers,
+            scheduler=scheduler,
+            on_step=runs,
+            on_progress=stages,
+        )
+    print_lines(study_run.lines(results, out))
+    if results.failures:
+        for failure in results.failures:
+            console.err.print(f"failed: {failure}", style="red", markup=False)
+        raise typer.Exit(1)

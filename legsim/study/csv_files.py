@@ -1,0 +1,74 @@
+"""Every score and every draw of noise of a study as CSV, in full precision."""
+
+from collections.abc import Sequence
+from dataclasses import asdict, fields
+
+from legsim.evaluation.similarity import RegionScores
+from legsim.report import formats
+from legsim.study.results import LadderScore, NoiseLevel, ScanScore
+
+_NOISE_COLUMNS = ("convention", "f_a", "f_g")
+
+
+def _noise_cells(noise: NoiseLevel | None) -> tuple[object, ...]:
+    return (None, None, None) if noise is None else (noise.convention, noise.f_a, noise.f_g)
+
+
+def scores_csv(scores: Sequence[ScanScore]) -> str:
+    """A row a score and region: who, what, the region's metrics, the registration, every residual,
+    seconds, folder and command.
+
+    Clean sensors have no convention; an exponent of a noisy one that is empty means that this
+    sensor was clean.
+    """
+    metrics = [f.name for f in fields(RegionScores)]
+    structures = tuple(dict.fromkeys(r.structure for score in scores for r in score.residuals))
+    found = ("translation_mm", "rotation_deg", "applied", "correlation_before", "correlation_after")
+    header = [
+        "subject",
+        "posture",
+        "method",
+        *_NOISE_COLUMNS,
+        "repetition",
+        *metrics,
+        *(f"registration_{name}" for name in found),
+    ]
+    header += [
+        f"{structure}_{unit}" for structure in structures for unit in ("mm", "degrees", "pixels")
+    ]
+    rows = []
+    for score in scores:
+        registration, left = score.metrics.registration, {r.structure: r for r in score.residuals}
+        rest = [None if registration is None else getattr(registration, name) for name in found]
+        rest += [
+            getattr(left.get(structure), unit, None)
+            for structure in structures
+            for unit in ("mm", "degrees", "pixels")
+        ]
+        rest += [score.seconds, score.folder, f"legsim run {score.folder}/config.toml --out OTHER"]
+        who = (
+            score.subject,
+            score.posture,
+            score.method,
+            *_noise_cells(score.noise),
+            score.repetition,
+        )
+        rows += [(*who, *asdict(region).values(), *rest) for region in score.metrics.regions]
+    return formats.csv_text([*header, "seconds", "folder", "command"], rows)
+
+
+def ladder_csv(ladder: Sequence[LadderScore]) -> str:
+    """A row a draw of noise; an empty exponent means that this sensor was clean."""
+    header = ("subject", "posture", *_NOISE_COLUMNS, "repetition", "translation_mm", "rotation_deg")
+    rows = [
+        (
+            s.subject,
+            s.posture,
+            *_noise_cells(s.noise),
+            s.repetition,
+            s.translation_mm,
+            s.rotation_deg,
+        )
+        for s in ladder
+    ]
+    return formats.csv_text(header, rows)

@@ -1,0 +1,87 @@
+"""`legsim run`, `replay`, `view` and `doctor` as a user meets them."""
+
+from pathlib import Path
+
+import pytest
+
+from legsim import config
+from legsim.cli import doctor
+from legsim.cli import main as cli_main
+from legsim.kinematics import from_recording
+from legsim.mocap import trc
+from legsim.mocap.trajectories import MarkerTrajectories
+from legsim.run import motion as run_motion
+
+
+@pytest.fixture(scope="module")
+def standing(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The first two seconds of a held squat."""
+    whole = trc.load(from_recording.find_recording("subject01/squat_30.trc"))
+    path = tmp_path_factory.mktemp("recording") / "squat.trc"
+    trc.save(
+        path, MarkerTrajectories(whole.times[:240], whole.marker_names, whole.positions_world[:240])
+    )
+    return path
+
+
+def refused(capsys: pytest.CaptureFixture[str], file: Path, *arguments: str) -> str:
+    """The one line that `legsim replay` prints."""
+    with pytest.raises(SystemExit) as caught:
+        cli_main.main(["replay", str(file), "--out", str(file.parent / "out"), *arguments])
+    assert caught.value.code == 1
+    lines = [line for line in capsys.readouterr().err.splitlines() if not line.endswith("...")]
+    assert len(lines) == 1
+    return lines[0]
+
+
+def test_a_file_without_a_needed_marker_is_one_line(standing, tmp_path, capsys):
+    whole = trc.load(standing)
+    kept = [k for k, name in enumerate(whole.marker_names) if name != "LKNE"]
+    file = tmp_path / "lacks.trc"
+    trc.save(
+        file,
+        MarkerTrajectories(
+            whole.times, tuple(whole.marker_names[k] for k in kept), whole.positions_world[:, kept]
+        ),
+    )
+    line = refused(capsys, file)
+    assert "lacks.trc" in line
+    assert "epicondyle_lateral_l" in line
+
+
+def test_a_wrong_unit_is_one_line_whose_cure_works(standing, tmp_path, capsys):
+    whole = trc.load(standing)
+    file = tmp_path / "unit.trc"
+    trc.save(
+        file, MarkerTrajectories(whole.times, whole.marker_names, 1000 * whole.positions_world)
+    )
+    assert "--set motion.unit=mm" in refused(capsys, file)
+    cured = run_motion.solve(
+        config.load(overrides=(f"motion.file={file}", "motion.unit=mm")).motion
+    )
+    assert cured.fit is not None
+    assert cured.fit.ik.rms < 5e-3
+
+
+def test_a_wrong_vertical_is_one_line_with_the_option(standing, capsys):
+    assert "--set motion.up=" in refused(capsys, standing, "--set", "motion.up=x")
+
+
+@pytest.mark.end_to_end
+def test_replay_prints_how_well_the_markers_are_followed(tmp_path, capsys):
+    with pytest.raises(SystemExit) as caught:
+        cli_main.main(["replay", "subject01/squat_30.trc", "--out", str(tmp_path)])
+    assert caught.value.code == 0
+    assert "mm RMS" in capsys.readouterr().out
+
+
+def test_doctor_fails_where_a_finding_is_bad_and_names_the_fix(tmp_path, monkeypatch, capsys):
+    findings = [doctor.Finding("disk", good=True, detail="9 GiB")]
+    monkeypatch.setattr(doctor, "examine", lambda _: tuple(findings))
+    for code, words in ((0, ("ok", "9 GiB")), (1, ("bad", "no display; buy one"))):
+        with pytest.raises(SystemExit) as caught:
+            cli_main.main(["doctor", str(tmp_path)])
+        assert caught.value.code == code
+        shown = capsys.readouterr().out
+        assert all(word in shown for word in words)
+        findings.append(doctor.Finding("viewer", good=False, detail="no display", cure="buy one"))

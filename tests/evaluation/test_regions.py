@@ -1,0 +1,52 @@
+"""Regions of a leg: where they lie, and what is no region."""
+
+import numpy as np
+import pytest
+
+from legsim.core import transforms
+from legsim.core.errors import LegsimError
+from legsim.evaluation import regions as evaluation_regions
+from legsim.evaluation.regions import Region, leg_regions
+from legsim.geometry.volume import Volume, VolumeGrid
+
+
+def blob(grid: VolumeGrid, moved: np.ndarray | None = None) -> Volume:
+    """A lopsided smooth body, seen after a rigid motion of it."""
+    x, y, z = grid.axes()
+    points = np.stack(np.meshgrid(z, y, x, indexing="ij"), -1)[..., ::-1]
+    if moved is not None:
+        points = transforms.apply(transforms.inverse(moved), points.reshape(-1, 3)).reshape(
+            points.shape
+        )
+    offsets = points - np.array(grid.center)
+    body = np.exp(-np.sum((offsets / [0.02, 0.03, 0.015]) ** 2, -1))
+    bump = np.exp(-np.sum(((offsets - [0.015, 0.01, 0.02]) / 0.008) ** 2, -1))
+    return Volume(grid, (20 * (body + bump)).astype(np.float32))
+
+
+GRID = VolumeGrid.cubic(48, 0.002, (0.1, 0.5, -0.2))
+
+
+def regions(grid: VolumeGrid) -> tuple[Region, ...]:
+    return leg_regions(
+        blob(grid).attenuation > 2, grid, 0.5, evaluation_regions.cylinder(grid, 0.045)
+    )
+
+
+def test_shank_lies_below_the_knee_and_thigh_above():
+    whole, shank, thigh = regions(GRID)
+    y = GRID.axes()[1]
+    assert not shank.mask[:, y >= 0.5].any()
+    assert not thigh.mask[:, y < 0.5].any()
+    assert (whole.mask == (shank.mask | thigh.mask)).all()
+    assert not (whole.mask & ~evaluation_regions.cylinder(GRID, 0.045)).any()
+
+
+def test_a_region_is_bool_and_cannot_be_written():
+    region = Region("all", np.ones((3, 3, 3), bool))
+    with pytest.raises(ValueError, match="read-only"):
+        region.mask[0] = False
+    with pytest.raises(
+        LegsimError, match=r"region 'all' is float64 of shape \(3, 3\); expected bool"
+    ):
+        Region("all", np.ones((3, 3)))

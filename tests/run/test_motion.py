@@ -1,0 +1,33 @@
+"""The recording of a run: known by its content, and solved as the settings say."""
+
+from pathlib import Path
+
+import numpy as np
+
+from legsim.config import MotionConfig
+from legsim.kinematics.leg_model import COORDINATES
+from legsim.mocap import opensim
+from legsim.mocap.trajectories import JointTrajectories
+from legsim.run import motion
+
+
+def recording(path: Path, bend: float) -> MotionConfig:
+    """A file of a bent knee, and the settings that name it."""
+    values = np.where([name.startswith("knee") for name in COORDINATES], bend, 0.0)
+    still = JointTrajectories(np.arange(60) / 60, COORDINATES, np.tile(values, (60, 1)))
+    opensim.save(path, still)
+    return MotionConfig(file=str(path))
+
+
+def test_a_recording_is_known_by_its_content_whatever_its_name(tmp_path):
+    first, other = (recording(tmp_path / f"{n}.mot", -0.5) for n in "ab")
+    before = motion.fingerprint(first)
+    (tmp_path / "b.mot").write_bytes((tmp_path / "a.mot").read_bytes())
+    assert motion.fingerprint(other) == before
+    assert motion.fingerprint(recording(tmp_path / "a.mot", -0.6)) != before
+
+
+def test_settings_are_passed_on(tmp_path):
+    plain = motion.solve(recording(tmp_path / "a.mot", -0.5))
+    np.testing.assert_allclose(plain.trajectories.coordinate("knee_angle_l"), -0.5, atol=1e-12)
+    assert plain.fit is None
