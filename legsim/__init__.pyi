@@ -49,6 +49,7 @@ from .scan.c_arm import CArm as CArm
 from .scan.detector import Detector as Detector
 from .scan.projector import project as project
 from .scan.spectrum import Spectrum as Spectrum
+from .simulation.comparison import compare as compare
 from .simulation.simulated_scan import SimulatedScan as SimulatedScan
 from .simulation.simulated_scan import simulate_scan as simulate_scan
 from .view.show import show as show

@@ -131,6 +131,8 @@ def checked(name: str, method: CorrectionMethod) -> CorrectionMethod:
     def correct(scan: Scan, /) -> Correction:
         try:
             found = method(scan)
+        except LegsimError as error:
+            raise LegsimError(f"method {name}: {error}") from error
         except Exception as error:
             inner = traceback.extract_tb(error.__traceback__)[-1]
             what = " ".join(f"{type(error).__name__}: {error}".split())

@@ -1,3 +1,5 @@
+from .comparison import Comparison as Comparison
+from .comparison import compare as compare
 from .setup import PhantomOptions as PhantomOptions
 from .setup import ScanSetup as ScanSetup
 from .simulated_scan import ScanTruth as ScanTruth

@@ -1,0 +1,107 @@
+"""Several methods on one simulated scan: their volumes, and a table of how well each did."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from html import escape
+from typing import NamedTuple
+
+from legsim.core.errors import LegsimError
+from legsim.correction.method import CorrectionMethod, checked
+from legsim.evaluation.similarity import Scores, evaluate
+from legsim.geometry.volume import Volume, VolumeGrid
+from legsim.reconstruction.fdk import fdk
+from legsim.simulation.simulated_scan import SimulatedScan
+
+REFERENCE = "static"
+"""name of the volume of the scan at rest"""
+
+
+@dataclass(frozen=True, slots=True)
+class ScoreTable:
+    """Scores of each method, in the order in which they ran."""
+
+    scores: Mapping[str, Scores]
+
+    def __getitem__(self, method: str) -> Scores:
+        if method not in self.scores:
+            raise LegsimError(
+                f"no method named {method!r}; there are: {', '.join(map(str, self.scores))}"
+            )
+        return self.scores[method]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.scores)
+
+    def columns(self) -> tuple[str, ...]:
+        """Heads of :meth:`rows`."""
+        regions = next(iter(self.scores.values())).regions
+        return ("method", *(f"{kind} {r.region}" for kind in ("SSIM", "RMSE") for r in regions))
+
+    def rows(self) -> tuple[tuple[str, ...], ...]:
+        """Method, SSIM by region and RMSE by region as text."""
+        return tuple(
+            (
+                name,
+                *(f"{r.ssim:.3f}" for r in scores.regions),
+                *(f"{r.rmse:.3f}" for r in scores.regions),
+            )
+            for name, scores in self.scores.items()
+        )
+
+    def __repr__(self) -> str:
+        table = [self.columns(), *self.rows()]
+        widths = [max(len(row[k]) for row in table) for k in range(len(table[0]))]
+        lines = ("  ".join(c.ljust(w) for c, w in zip(row, widths, strict=True)) for row in table)
+        return "\n".join(line.rstrip() for line in lines)
+
+    def _repr_html_(self) -> str:
+        """A table, which notebooks show."""
+        head = "".join(f"<th>{escape(name)}</th>" for name in self.columns())
+        body = "".join(
+            f"<tr>{''.join(f'<td>{escape(cell)}</td>' for cell in row)}</tr>" for row in self.rows()
+        )
+        return f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
+
+
+class Comparison(NamedTuple):
+    """What :func:`compare` gives."""
+
+    volumes: dict[str, Volume]
+    """of the scan at rest, under :data:`REFERENCE`, and of each method"""
+    table: ScoreTable
+
+
+def compare(
+    scan: SimulatedScan,
+    methods: Mapping[str, CorrectionMethod],
+    grid: VolumeGrid | None = None,
+    *,
+    register: bool = True,
+) -> Comparison:
+    """Corrects, reconstructs and scores one scan by several methods.
+
+    All share grid, back-projection, reference and regions.
+
+    Args:
+        scan: to correct.
+        methods: by the name that they have in the table; any function of a ``Scan`` that returns
+            a ``Correction``.
+        grid: of the volumes; None for ``scan.grid()``.
+        register: registers each volume to the reference before it is scored.
+
+    Raises:
+        LegsimError: no method, one named like the reference, or one that fails; the line names it.
+
+    >>> volumes, table = compare(scan, {"rigid": Rigid("shank_l")})
+    """
+    if not methods or REFERENCE in methods:
+        raise LegsimError(f"compare needs methods by name, none of them called {REFERENCE!r}")
+    chosen = scan.grid() if grid is None else grid
+    regions = scan.regions(chosen)
+    volumes = {REFERENCE: fdk(scan.at_rest, chosen, device=scan.device)}
+    scores = {}
+    for name, method in methods.items():
+        corrected = checked(name, method)(scan.seen)
+        volumes[name] = fdk(corrected, chosen, device=scan.device)
+        scores[name] = evaluate(volumes[name], volumes[REFERENCE], regions, register=register)
+    return Comparison(volumes, ScoreTable(scores))
