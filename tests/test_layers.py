@@ -42,6 +42,16 @@ SLOW = {
 """Dependency that is loaded where it is first used, and a part of it that shows it is loaded"""
 
 
+TESTED_ELSEWHERE = {
+    "core/constants": "numbers alone",
+    "core/progress": "a type alone",
+    "correction/marker_based": "tests/laws/test_methods.py holds the laws of all methods",
+    "correction/nonrigid": "tests/laws/test_methods.py holds the laws of all methods",
+    "view/layout": "what a person sees first; tests/view/test_recording.py loads it",
+}
+"""Public modules without a test file of their own, and why"""
+
+
 def sources() -> list[Path]:
     """Modules of the package, its public face left out."""
     return sorted(p for p in PACKAGE.rglob("*.py") if p.parent != PACKAGE or p.stem == "config")
@@ -158,3 +168,25 @@ def test_packages_in_the_design_page_are_in_this_order():
     page = (ROOT / "docs/design.md").read_text()
     places = [page.index(f"\n| `{name}` |") for name in ORDER]
     assert all(a < b for a, b in pairwise(places))
+
+
+def module_names() -> set[str]:
+    """Public modules of the packages, as "geometry/volume"."""
+    names = {p.relative_to(PACKAGE).with_suffix("").as_posix() for p in PACKAGE.glob("*/*.py")}
+    return {name for name in names if "/_" not in name}
+
+
+def names_of_tests() -> set[str]:
+    """Modules that the test files of the packages are named after."""
+    files = [p for folder in ORDER for p in (ROOT / "tests" / folder).glob("test_*.py")]
+    return {f"{p.parent.name}/{p.stem.removeprefix('test_')}" for p in files}
+
+
+def test_every_public_module_has_its_test_file():
+    assert not module_names() - names_of_tests() - TESTED_ELSEWHERE.keys()
+
+
+def test_every_test_file_has_its_module():
+    """A private module's tests are in the file of its name without the underscore."""
+    private = {f"{p.parent.name}/{p.stem.removeprefix('_')}" for p in PACKAGE.glob("*/_[a-z]*.py")}
+    assert not names_of_tests() - module_names() - private

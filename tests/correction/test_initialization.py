@@ -143,11 +143,7 @@ def test_more_views_than_there_are_are_refused():
 
 
 SCAN_SAMPLES = np.arange(990) / 120
-
-
 SCAN_VIEWS = np.arange(248) / 31
-
-
 FIDUCIALS = Fiducials()
 
 

@@ -119,13 +119,6 @@ def test_arrays_inside_values_are_read_only():
         volume.attenuation[0, 0, 0] = 1
 
 
-def test_grid_is_centered_and_steps_by_its_spacing():
-    x, y, z = VolumeGrid((2, 3, 4), (0.1, 0.2, 0.3), (1, 2, 3)).axes()
-    np.testing.assert_allclose(x, [0.85, 0.95, 1.05, 1.15])
-    np.testing.assert_allclose(y, [1.8, 2.0, 2.2])
-    np.testing.assert_allclose(z, [2.85, 3.15])
-
-
 @pytest.mark.parametrize(
     ("make", "message"),
     [
@@ -154,22 +147,6 @@ def test_grid_is_centered_and_steps_by_its_spacing():
 def test_impossible_values_are_refused(make, message):
     with pytest.raises(LegsimError, match=message):
         make()
-
-
-@given(
-    counts=st.tuples(*[st.integers(2, 9)] * 3),
-    starts=st.tuples(*[st.integers(0, 7)] * 3),
-    lengths=st.tuples(*[st.integers(1, 9)] * 3),
-)
-def test_a_cropped_grid_keeps_its_voxels_in_place(counts, starts, lengths):
-    grid = VolumeGrid(counts, (0.1, 0.2, 0.3), (1.0, -2.0, 0.5))
-    box = tuple(
-        slice(min(a, n - 1), min(a, n - 1) + k)
-        for a, k, n in zip(starts, lengths, counts, strict=True)
-    )
-    cropped = grid.cropped(box)
-    for axis, part, whole in zip(cropped.axes(), box[::-1], grid.axes(), strict=True):
-        np.testing.assert_allclose(axis, whole[part], atol=1e-12)
 
 
 @given(factor=st.integers(1, 4))

@@ -5,12 +5,11 @@ from legsim.core import transforms
 from legsim.core.errors import LegsimError
 from legsim.imu import simulation, strapdown
 from legsim.imu.sensors import Sensor, default_sensors
-from legsim.kinematics import joint_splines
 from legsim.kinematics.joint_splines import JointSplines
 from legsim.kinematics.leg_model import LegModel
 from legsim.mocap.trajectories import JointTrajectories
+from tests.examples.sway_of_joints import TIMES, swaying
 
-TIMES = np.arange(0, 9.0, 1 / 120)
 VIEWS = 0.3 + np.arange(248) / 31
 GRAVITY = np.array([0.0, -9.80665, 0.0])
 
@@ -18,24 +17,6 @@ GRAVITY = np.array([0.0, -9.80665, 0.0])
 @pytest.fixture(scope="module")
 def leg() -> LegModel:
     return LegModel.load()
-
-
-def swaying(leg: LegModel, seed: int = 0, size: float = 0.01) -> JointTrajectories:
-    """Coordinates around a 30 degree squat, three slow sines each."""
-    rng = np.random.default_rng(seed)
-    names = leg.coordinate_names
-    base = leg.default_coordinates.copy()
-    for side in "lr":
-        for name, degrees in (("hip_flexion", 25), ("knee_angle", -30), ("ankle_angle", 15)):
-            base[names.index(f"{name}_{side}")] = np.radians(degrees)
-    rate = 2 * np.pi * rng.uniform(0.15, 1.5, (3, len(names)))
-    waves = (
-        np.sin(TIMES[:, None, None] * rate + rng.uniform(0, 6, rate.shape))
-        * size
-        * 0.3
-        / (rate / rate.min())
-    )
-    return JointTrajectories(TIMES, names, base + waves.sum(1))
 
 
 def test_sensor_at_rest_reads_gravity_only(leg: LegModel):
@@ -76,41 +57,6 @@ def test_signals_are_the_derivatives_of_the_poses(leg: LegModel):
     np.testing.assert_allclose(signals.angular_velocity, turn / (2 * h), atol=2e-5)
 
 
-def test_default_sensors_sit_where_the_paper_puts_them(leg: LegModel):
-    splines = JointSplines(swaying(leg))
-    poses, segments = (
-        simulation.sensor_poses(leg, splines, default_sensors(), VIEWS),
-        joint_splines.segment_poses_at(leg, splines, VIEWS),
-    )
-    for sensor, segment, distance in (("shank_l", "tibia_l", 0.14), ("thigh_l", "femur_l", 0.25)):
-        offset = transforms.inverse(segments.of(segment)) @ poses.of(sensor)
-        np.testing.assert_allclose(
-            offset,
-            np.broadcast_to(transforms.translation([0, -distance, 0]), offset.shape),
-            atol=1e-9,
-        )
-        assert (poses.of(sensor)[:, 1, 3] < segments.of(segment)[:, 1, 3]).all()
-
-
-def test_splines_pass_through_every_sample(leg: LegModel):
-    given = swaying(leg)
-    values, _, _ = JointSplines(given).at(TIMES, leg.coordinate_names)
-    np.testing.assert_allclose(values, given.values, atol=1e-12)
-
-
-def test_splines_rates_and_accelerations_match_the_sines():
-    wave = np.sin(4 * TIMES)
-    splines = JointSplines(JointTrajectories(TIMES, ("a", "b"), np.stack([wave, wave**2], -1)))
-    at = np.linspace(0, TIMES[-1], 777)
-    _, rates, accelerations = splines.at(at, ("b", "a"))
-    np.testing.assert_allclose(
-        rates, np.stack([4 * np.sin(8 * at), 4 * np.cos(4 * at)], -1), atol=1e-6
-    )
-    np.testing.assert_allclose(
-        accelerations, np.stack([32 * np.cos(8 * at), -16 * np.sin(4 * at)], -1), atol=5e-4
-    )
-
-
 def test_whole_chain_reaches_the_noise_free_bound(leg: LegModel):
     """Joint splines, signals at 120 Hz, integrated for 8 s to the views: 0.05 mm and 0.001 deg are
     the bound.
@@ -144,33 +90,9 @@ def test_true_start_is_the_pose_and_its_derivative(leg: LegModel):
         )
 
 
-def test_segment_poses_are_exact_at_any_time(leg: LegModel):
-    splines = JointSplines(swaying(leg))
-    at = np.array([0.1234, 3.21])
-    expected = leg.segment_poses(
-        JointTrajectories(at, leg.coordinate_names, splines.at(at, leg.coordinate_names)[0])
-    )
-    np.testing.assert_array_equal(
-        joint_splines.segment_poses_at(leg, splines, at).world_from_segment,
-        expected.world_from_segment,
-    )
-
-
 def test_refuses_times_outside_the_recording(leg: LegModel):
     with pytest.raises(LegsimError, match=r"times from 1 to 20 s .* recorded from 0 to 8\.99167 s"):
         simulation.simulate(leg, JointSplines(swaying(leg)), default_sensors(), [1.0, 20.0])
-
-
-def test_refuses_motions_too_short_or_with_gaps(leg: LegModel):
-    given = swaying(leg)
-    with pytest.raises(LegsimError, match=r"has 5 samples; .* at least 6"):
-        JointSplines(JointTrajectories(TIMES[:5], given.coordinate_names, given.values[:5]))
-    broken = given.values.copy()
-    broken[7, 3] = np.nan
-    with pytest.raises(
-        LegsimError, match=rf"coordinate {given.coordinate_names[3]} is not a number at 0\.0583"
-    ):
-        JointSplines(JointTrajectories(TIMES, given.coordinate_names, broken))
 
 
 def test_refuses_unknown_segments_and_coordinates(leg: LegModel):
@@ -183,10 +105,3 @@ def test_refuses_unknown_segments_and_coordinates(leg: LegModel):
         )
     with pytest.raises(LegsimError, match="names must differ"):
         simulation.simulate(leg, splines, [Sensor.placed("s", "tibia_l", 0.1)] * 2, VIEWS)
-
-
-def test_refuses_sensors_that_are_no_frames():
-    with pytest.raises(LegsimError, match="right-handed"):
-        Sensor("s", "tibia_l", 0.1, np.zeros(3), np.diag([1.0, 1.0, -1.0]))
-    with pytest.raises(LegsimError, match="finite number"):
-        Sensor.placed("s", "tibia_l", np.nan)

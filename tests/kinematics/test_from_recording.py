@@ -45,28 +45,6 @@ def test_a_shipped_recording_becomes_a_bent_knee():
     assert {m["role"] for m in recovered.summary()["markers"]} >= {"sacrum", "epicondyle_lateral_l"}
 
 
-def test_a_poor_fit_and_what_was_not_seen_are_told_aloud(tmp_path, squat):
-    """A knee's marker that stands still for good, and an ankle's that is never seen again."""
-    positions = np.array(squat.positions_world)
-    knee, ankle = (squat.marker_names.index(name) for name in ("RKNE", "RANK"))
-    half = len(squat.times) // 2
-    positions[half:, ankle] = np.nan
-    positions[half:, :, 0] += np.linspace(0, 0.6, len(positions) - half)[:, None]
-    positions[half:, knee] = positions[half - 1, knee]
-    lines = run_motion.solve(
-        saved(tmp_path, MarkerTrajectories(squat.times, squat.marker_names, positions))
-    ).lines()
-    assert any(line.startswith("warning: that is no good fit; worst is") for line in lines)
-    assert any(
-        "not seen for longer than can be bridged" in line and "malleolus_lateral_r" in line
-        for line in lines
-    )
-    assert not any(
-        "no good fit" in line or "not seen" in line
-        for line in from_recording.solve_kinematics(SQUAT).lines()
-    )
-
-
 def test_coordinates_are_taken_as_they_are(tmp_path):
     recovered = from_recording.solve_kinematics(SQUAT)
     opensim.save(tmp_path / "c.mot", recovered.trajectories)

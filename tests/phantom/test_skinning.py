@@ -182,8 +182,6 @@ def test_flexion_is_the_turn_about_the_outward_axis():
 
 
 BALL = trimesh.creation.icosphere(subdivisions=2, radius=0.03)
-
-
 SHARE = TissueMobility([(np.asarray(BALL.vertices), np.asarray(BALL.faces))])
 
 

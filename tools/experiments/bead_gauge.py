@@ -25,7 +25,7 @@ from legsim.kinematics.joint_splines import JointSplines
 from legsim.kinematics.skeleton import SEGMENTS
 from legsim.phantom import leg_phantom
 from legsim.run import motion as run_motion
-from legsim.run.c_arm import c_arm, view_times
+from legsim.run.c_arm import c_arm
 
 DETECTION_PX = 0.1
 
@@ -34,14 +34,15 @@ def beads(motion_file: str) -> tuple[ConeBeamGeometry, FloatArray, FloatArray]:
     """(scan, beads (v, b, 3), tibia poses (v, 4, 4)) of the preset "half"."""
     settings = config.load(preset="half", overrides=(f"motion.file={motion_file}",))
     recovered = run_motion.solve(settings.motion)
-    times = view_times(settings.scan, recovered.trajectories.times)
+    arm = c_arm(settings.scan)
+    times = arm.view_times(recovered.trajectories.times)
     poses = joint_splines.segment_poses_at(
         recovered.leg, JointSplines(recovered.trajectories), times
     )
-    geometry = c_arm(settings.scan, times, recovered.leg.joint_centers(poses).of("knee_l")[0])
+    geometry = arm.geometry(times, recovered.leg.joint_centers(poses).of("knee_l")[0])
     phantom = leg_phantom.load_leg_phantom(scales=recovered.leg.scales)
     ordered = np.stack([poses.of(name) for name in SEGMENTS], 1)
-    placed = bead_scan.bead_positions(phantom, settings.methods.beads)
+    placed = bead_scan.bead_positions(phantom, bead_scan.Beads())
     start = phantom.reference_world_from_segment
     paths = phantom.paths(placed, "soft_l", start=start, poses=ordered, segment_names=SEGMENTS)
     return geometry, paths, poses.of("tibia_l")

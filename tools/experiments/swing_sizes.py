@@ -14,8 +14,8 @@ from legsim.kinematics import joint_splines
 from legsim.kinematics.joint_splines import JointSplines
 from legsim.phantom import tissue_swing
 from legsim.phantom.skinning import swing_of
-from legsim.run import c_arm
 from legsim.run import motion as run_motion
+from legsim.run.c_arm import c_arm
 
 RECORDINGS = ("subject01/squat_60.trc", "subject06/squat_60.trc", "subject01/squats.trc")
 
@@ -27,7 +27,7 @@ def main() -> None:
         recovered = run_motion.solve(settings.motion)
         splines = JointSplines(recovered.trajectories)
         poses = joint_splines.segment_poses_at(
-            recovered.leg, splines, c_arm.view_times(settings.scan, recovered.trajectories.times)
+            recovered.leg, splines, c_arm(settings.scan).view_times(recovered.trajectories.times)
         )
         for frequency in (10.0, 5.0):
             swung = tissue_swing.with_swing(

@@ -1,6 +1,4 @@
-"""Detectors to one side of the axis in a full turn: every line counts once, and values are absolute
-all the same.
-"""
+"""Scans whose detector is turned in its plane."""
 
 from dataclasses import replace
 
@@ -17,10 +15,116 @@ from legsim.reconstruction.source_path import fan_angles, source_arc
 from legsim.reconstruction.weights import redundancy_weights
 from tests.references.backprojection import Ellipsoid, project
 
+SOLIDS = [
+    Ellipsoid((0.0, 0.0, 0.0), (0.08, 0.06, 0.07), 20.0),
+    Ellipsoid((0.04, 0.02, 0.01), (0.02, 0.02, 0.02), 10.0),
+]
+
+
+def turned(
+    degrees: float, shape_vu: tuple[int, int] = (120, 130), *, mirrored: bool = False
+) -> ConeBeamGeometry:
+    """A scan whose detector is turned about its middle: what is seen at pixel p there is seen at R
+    p here.
+    """
+    rows, columns = shape_vu
+    base = ConeBeamGeometry.circular(
+        times=np.arange(120) * 1.0,
+        angles=np.radians(np.linspace(0, 206, 120)),
+        source_isocenter=0.78,
+        source_detector=1.198,
+        shape_vu=shape_vu,
+        pixel_pitch=2.5e-3,
+    )
+    a = np.radians(degrees)
+    middle = np.array([[1, 0, 0.5 * (columns - 1)], [0, 1, 0.5 * (rows - 1)], [0, 0, 1]])
+    turn = np.array([[np.cos(a), -np.sin(a), 0], [np.sin(a), np.cos(a), 0], [0, 0, 1]]) @ np.diag(
+        [-1 if mirrored else 1, 1, 1]
+    )
+    return replace(base, matrices=middle @ turn @ np.linalg.inv(middle) @ base.matrices)
+
+
+@pytest.mark.parametrize("mirrored", [False, True])
+@pytest.mark.parametrize("degrees", [-90, -89.9, -30, -2, 0, 2, 45, 90, 150, 180])
+def test_the_tilt_is_that_of_the_rows(degrees: float, mirrored: bool) -> None:
+    off = (
+        np.mod(
+            np.degrees(align(turned(degrees, mirrored=mirrored)).tilt) - degrees + 90,
+            180,
+        )
+        - 90
+    )
+    assert off == pytest.approx(0, abs=1e-6)
+
+
+def test_a_scan_that_stands_is_left_alone() -> None:
+    for degrees in (0, 2.9, 179):
+        geometry = turned(degrees)
+        assert align(geometry).geometry is geometry
+        images = Projections(geometry, np.zeros((120, 120, 130), np.float32))
+        assert align(geometry).apply(images) is images
+
+
+def test_a_quarter_turn_loses_nothing(rng: np.random.Generator) -> None:
+    images = rng.normal(size=(120, 12, 20)).astype(np.float32)
+    for degrees, turns in ((90, 1), (-90, 1)):
+        geometry = turned(degrees, (12, 20))
+        stood = align(geometry).apply(Projections(geometry, images))
+        assert stood.geometry.shape_vu == (20, 12)
+        found = stood.line_integrals
+        differences = [
+            np.abs(found - np.rot90(images, k, (1, 2))).max() for k in (turns, turns + 2)
+        ]
+        assert min(differences) < 1e-5
+
+
+@pytest.mark.parametrize("degrees", [10, 45, 90, -120])
+def test_points_are_seen_where_the_turned_images_show_them(
+    degrees: float, rng: np.random.Generator
+) -> None:
+    geometry = turned(degrees)
+    v, u = np.mgrid[:120, :130]
+    ramp = np.broadcast_to(2 * u + 3 * v, (120, 120, 130)).astype(np.float32)
+    stood = align(geometry).apply(Projections(geometry, ramp))
+    points = rng.uniform(-0.04, 0.04, (10, 3))
+    (before, _), (after, _) = geometry.project(points), stood.geometry.project(points)
+    column, row = np.rint(after).astype(int)[60].T
+    shown = stood.line_integrals[60, row, column] + (
+        after[60] - np.stack([column, row], -1)
+    ) @ _slope(stood.line_integrals[60])
+    np.testing.assert_allclose(shown, before[60] @ [2, 3], atol=1e-2)
+
+
+def _slope(image: np.ndarray) -> np.ndarray:
+    rows, columns = image.shape
+    inner = image[rows // 2 - 5 : rows // 2 + 5, columns // 2 - 5 : columns // 2 + 5].astype(float)
+    return np.array([np.diff(inner, axis=1).mean(), np.diff(inner, axis=0).mean()])
+
+
+@pytest.mark.parametrize("degrees", [5.0, 30.0, 90.0])
+def test_attenuation_is_absolute_however_the_detector_is_turned(
+    device: Device, degrees: float
+) -> None:
+    grid = VolumeGrid((44, 44, 44), (0.004,) * 3, (0.002, 0.002, 0.002))
+    volume = fdk.fdk(project(turned(degrees), SOLIDS), grid, device=device).attenuation
+    places = np.array(
+        [
+            (0.0, 0.0, 0.0),
+            (0.04, 0.02, 0.01),
+            (-0.04, 0.0, -0.02),
+            (0.0, 0.0, 0.05),
+            (0.02, -0.02, -0.05),
+        ]
+    )
+    index = np.rint((places - grid.origin) / grid.spacing_xyz).astype(int)
+    found = [volume[tuple(slice(i - 1, i + 2) for i in at[::-1])].mean() for at in index]
+    np.testing.assert_allclose(found, [20.0, 30.0, 20.0, 20.0, 20.0], atol=0.005 * 30)
+
+
 COLUMNS = 90
 
 
-def scan(
+def half_fan(
     shift: float, *, span_deg: float = 360.0, views: int = 180, mirrored: bool = False
 ) -> ConeBeamGeometry:
     """A detector moved by ``shift`` columns towards higher ones, so that the axis is seen ``shift``
@@ -56,16 +160,16 @@ def scan(
 def test_as_many_columns_are_added_as_the_short_side_lacks(
     shift: float, added: tuple[int, int], mirrored: bool
 ) -> None:
-    assert align(scan(shift, mirrored=mirrored)).added == (added[::-1] if mirrored else added)
+    assert align(half_fan(shift, mirrored=mirrored)).added == (added[::-1] if mirrored else added)
 
 
 def test_only_full_turns_of_one_side_are_widened(rng: np.random.Generator) -> None:
-    short = scan(20, span_deg=220)
-    swinging = scan(0)
+    short = half_fan(20, span_deg=220)
+    swinging = half_fan(0)
     sideways = np.repeat(np.eye(3)[None], len(swinging), 0)
     sideways[:, 0, 2] = 25 * np.where(np.arange(len(swinging)) % 2, 1, -1)
     swinging = replace(swinging, matrices=sideways @ swinging.matrices)
-    for geometry in (short, swinging, scan(3)):
+    for geometry in (short, swinging, half_fan(3)):
         images = Projections(geometry, rng.normal(size=(len(geometry), *geometry.shape_vu)))
         aligned = align(geometry)
         assert aligned.geometry is geometry
@@ -74,12 +178,12 @@ def test_only_full_turns_of_one_side_are_widened(rng: np.random.Generator) -> No
 
 def test_a_detector_that_ends_before_the_axis_is_refused() -> None:
     with pytest.raises(LegsimError, match="view 0: the detector ends before the axis of rotation"):
-        align(scan(50))
+        align(half_fan(50))
 
 
 @pytest.mark.parametrize("shift", [20, -20])
 def test_points_are_seen_in_the_same_pixels(shift: float, rng: np.random.Generator) -> None:
-    geometry = scan(shift)
+    geometry = half_fan(shift)
     images = Projections(geometry, rng.normal(size=(len(geometry), *geometry.shape_vu)))
     aligned = align(geometry)
     wide, before = aligned.apply(images), aligned.added[0]
@@ -96,7 +200,7 @@ def test_points_are_seen_in_the_same_pixels(shift: float, rng: np.random.Generat
 
 @pytest.mark.parametrize("shift", [10, 20, -20, 44])
 def test_both_measurements_of_a_line_add_up_to_one(shift: float) -> None:
-    geometry = scan(shift)
+    geometry = half_fan(shift)
     arc = source_arc(geometry)
     edges = fan_angles(geometry, arc, np.array([-0.5, COLUMNS - 0.5]))
     fans = np.broadcast_to(np.linspace(-0.3, 0.3, 101), (len(geometry), 101))
@@ -118,7 +222,7 @@ def test_attenuation_is_absolute_on_either_side(
         Ellipsoid((0.0, 0.0, 0.0), (0.09, 0.07, 0.09), 20.0),
         Ellipsoid((0.05, 0.02, 0.01), (0.022, 0.02, 0.02), 10.0),
     ]
-    geometry = scan(shift, mirrored=mirrored, views=120)
+    geometry = half_fan(shift, mirrored=mirrored, views=120)
     grid = VolumeGrid.cubic(48, 0.004, (0.002, 0.002, 0.002))
     volume = fdk.fdk(project(geometry, solids), grid, device=device).attenuation
     places = np.array(

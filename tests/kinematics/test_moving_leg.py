@@ -1,0 +1,44 @@
+"""What a moving person reports of the fit."""
+
+import numpy as np
+import pytest
+
+from legsim.config import MotionConfig
+from legsim.kinematics import from_recording
+from legsim.mocap import trc
+from legsim.mocap.trajectories import MarkerTrajectories
+from legsim.run import motion as run_motion
+
+SQUAT = "subject01/squat_30.trc"
+
+
+def saved(folder, motion: MarkerTrajectories, name="moved.trc") -> MotionConfig:
+    trc.save(folder / name, motion)
+    return MotionConfig(file=str(folder / name))
+
+
+@pytest.fixture(scope="module")
+def squat() -> MarkerTrajectories:
+    return trc.load(from_recording.find_recording(SQUAT))
+
+
+def test_a_poor_fit_and_what_was_not_seen_are_told_aloud(tmp_path, squat):
+    """A knee's marker that stands still for good, and an ankle's that is never seen again."""
+    positions = np.array(squat.positions_world)
+    knee, ankle = (squat.marker_names.index(name) for name in ("RKNE", "RANK"))
+    half = len(squat.times) // 2
+    positions[half:, ankle] = np.nan
+    positions[half:, :, 0] += np.linspace(0, 0.6, len(positions) - half)[:, None]
+    positions[half:, knee] = positions[half - 1, knee]
+    lines = run_motion.solve(
+        saved(tmp_path, MarkerTrajectories(squat.times, squat.marker_names, positions))
+    ).lines()
+    assert any(line.startswith("warning: that is no good fit; worst is") for line in lines)
+    assert any(
+        "not seen for longer than can be bridged" in line and "malleolus_lateral_r" in line
+        for line in lines
+    )
+    assert not any(
+        "no good fit" in line or "not seen" in line
+        for line in from_recording.solve_kinematics(SQUAT).lines()
+    )
