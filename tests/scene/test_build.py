@@ -5,7 +5,6 @@ import pytest
 
 from legsim.imu import simulation
 from legsim.imu.sensors import Sensor
-from legsim.kinematics.joint_splines import JointSplines
 from legsim.kinematics.leg_model import COORDINATES, LegModel
 from legsim.kinematics.moving_leg import MovingLeg
 from legsim.mocap.trajectories import JointTrajectories
@@ -22,9 +21,8 @@ def standing() -> ReplayScene:
     times = np.arange(60) / 60
     still = JointTrajectories(times, COORDINATES, np.zeros((60, len(COORDINATES))))
     moving = MovingLeg("rest", LegModel.load(), still, fit=None)
-    splines = JointSplines(still)
-    signals = simulation.simulate(moving.leg, splines, (SENSOR,), times)
-    return build.replay_scene(moving, splines, (SENSOR,), signals, leg_phantom.load_leg_phantom())
+    signals = simulation.simulate_imu(moving, (SENSOR,), rate_hz=60.0)
+    return build.replay_scene(moving, signals, leg_phantom.load_leg_phantom())
 
 
 def test_bones_lie_at_their_joints_and_stand_on_the_floor(standing):

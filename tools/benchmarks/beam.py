@@ -44,7 +44,7 @@ def main() -> None:
     legs, device = leg_phantom.load_leg_phantom(), open_device()
     settings = config.load(overrides=(f"scan.views={views}",)).scan
     knee = legs.reference_world_from_segment[SEGMENTS.index("tibia_l"), :3, 3]
-    geometry = c_arm(settings, np.arange(views) / settings.rate_hz, knee)
+    geometry = c_arm(settings).geometry(np.arange(views) / settings.rate_hz, knee)
     spectrum = scan_spectrum.tube(
         kvp=90.0, anode_deg=12.0, aluminum_mm=3.0, copper_mm=0.1, response="energy"
     )

@@ -14,37 +14,30 @@ from typing import Annotated
 import numpy as np
 import typer
 
-from legsim import config
 from legsim.core import transforms
 from legsim.core.values import FloatArray
 from legsim.correction import bead_scan, bead_tracking
+from legsim.correction.bead_scan import Beads
 from legsim.deformation.models import RigidMotion
 from legsim.geometry.cone_beam import ConeBeamGeometry
-from legsim.kinematics import joint_splines
-from legsim.kinematics.joint_splines import JointSplines
+from legsim.kinematics import from_recording
 from legsim.kinematics.skeleton import SEGMENTS
-from legsim.phantom import leg_phantom
-from legsim.run import motion as run_motion
-from legsim.run.c_arm import c_arm, view_times
+from legsim.scan.c_arm import CArm
+from legsim.simulation.setup import prepare_scan
 
 DETECTION_PX = 0.1
 
 
 def beads(motion_file: str) -> tuple[ConeBeamGeometry, FloatArray, FloatArray]:
     """(scan, beads (v, b, 3), tibia poses (v, 4, 4)) of the preset "half"."""
-    settings = config.load(preset="half", overrides=(f"motion.file={motion_file}",))
-    recovered = run_motion.solve(settings.motion)
-    times = view_times(settings.scan, recovered.trajectories.times)
-    poses = joint_splines.segment_poses_at(
-        recovered.leg, JointSplines(recovered.trajectories), times
+    setup = prepare_scan(from_recording.solve_kinematics(motion_file), CArm.half())
+    ordered = np.stack([setup.poses.of(name) for name in SEGMENTS], 1)
+    placed = bead_scan.bead_positions(setup.phantom, Beads())
+    start = setup.phantom.reference_world_from_segment
+    paths = setup.phantom.paths(
+        placed, "soft_l", start=start, poses=ordered, segment_names=SEGMENTS
     )
-    geometry = c_arm(settings.scan, times, recovered.leg.joint_centers(poses).of("knee_l")[0])
-    phantom = leg_phantom.load_leg_phantom(scales=recovered.leg.scales)
-    ordered = np.stack([poses.of(name) for name in SEGMENTS], 1)
-    placed = bead_scan.bead_positions(phantom, settings.methods.beads)
-    start = phantom.reference_world_from_segment
-    paths = phantom.paths(placed, "soft_l", start=start, poses=ordered, segment_names=SEGMENTS)
-    return geometry, paths, poses.of("tibia_l")
+    return setup.geometry, paths, setup.poses.of("tibia_l")
 
 
 def size(found: FloatArray, true: FloatArray) -> float:

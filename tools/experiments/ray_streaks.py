@@ -34,18 +34,17 @@ from legsim.evaluation import regions, similarity
 from legsim.evaluation.regions import Region
 from legsim.geometry.cone_beam import ConeBeamGeometry, Projections
 from legsim.geometry.volume import Volume, VolumeGrid
-from legsim.kinematics import joint_splines
-from legsim.kinematics.joint_splines import JointSplines
 from legsim.kinematics.skeleton import SegmentPoses
 from legsim.opencl.device import Device, open_device
-from legsim.phantom import leg_phantom, voxelize
+from legsim.phantom import voxelize
 from legsim.phantom.leg_phantom import LegPhantom
 from legsim.reconstruction import cgls as reconstruction_cgls
 from legsim.reconstruction import fdk, weights
 from legsim.run import motion as run_motion
-from legsim.run.c_arm import c_arm, seen_by_every_view, view_times, volume_grid
+from legsim.run.c_arm import c_arm, volume_grid
 from legsim.scan import acquisition
 from legsim.scan.acquisition import Imaging
+from legsim.simulation.setup import prepare_scan
 
 SMALL = (
     "scan.columns=124",
@@ -160,15 +159,11 @@ def joints(phantom: LegPhantom, poses: SegmentPoses) -> ControlPointMotion:
 def scene(case: Case, motion_file: str, device: Device) -> Scene:
     """The case with the recorded motion."""
     settings = case.settings(motion_file)
-    recovered = run_motion.solve(settings.motion)
-    times = view_times(settings.scan, recovered.trajectories.times)
-    poses = joint_splines.segment_poses_at(
-        recovered.leg, JointSplines(recovered.trajectories), times
-    )
-    knee = recovered.leg.joint_centers(poses).of("knee_l")[0]
-    geometry, grid = c_arm(settings.scan, times, knee), volume_grid(settings.grid, knee)
-    phantom = leg_phantom.load_leg_phantom(scales=recovered.leg.scales)
-    vertices = phantom.posed(poses.world_from_segment[0], poses.segment_names)
+    arm = c_arm(settings.scan)
+    setup = prepare_scan(run_motion.solve(settings.motion), arm)
+    phantom, poses, geometry = setup.phantom, setup.poses, setup.geometry
+    knee = setup.person.leg.joint_centers(poses).of("knee_l")[0]
+    grid, vertices = volume_grid(settings.grid, knee), setup.scanned_leg()
     left = [k for k, part in enumerate(phantom.phantom.parts) if part.name.endswith("_l")]
     parts = tuple(range(len(vertices))) if case.both_legs else tuple(left)
     fine = VolumeGrid.cubic(FINER * grid.shape_zyx[0], grid.spacing_xyz[0] / FINER, grid.center)
@@ -180,10 +175,8 @@ def scene(case: Case, motion_file: str, device: Device) -> Scene:
     labels = voxelize.labels(
         phantom.phantom.only(left), grid, device, posed=[vertices[k] for k in left]
     )
-    leg = regions.leg_regions(
-        labels, grid, float(knee[1]), seen_by_every_view(settings.scan, grid)
-    )[0]
-    seen = Region("seen", leg.mask & seen_by_every_view(settings.scan, grid, margin=MARGIN))
+    leg = regions.leg_regions(labels, grid, float(knee[1]), arm.seen_by_every_view(grid))[0]
+    seen = Region("seen", leg.mask & arm.seen_by_every_view(grid, margin=MARGIN))
     even = (
         np.asarray(maximum_filter(truth, 5) - minimum_filter(truth, 5) < 1e-3)
         & seen.mask

@@ -8,14 +8,11 @@ import sys
 
 import numpy as np
 
-from legsim import config
 from legsim.imu.skin_mount import SkinMount
-from legsim.kinematics import joint_splines
-from legsim.kinematics.joint_splines import JointSplines
+from legsim.kinematics import from_recording, joint_splines
 from legsim.phantom import tissue_swing
 from legsim.phantom.skinning import swing_of
-from legsim.run import c_arm
-from legsim.run import motion as run_motion
+from legsim.scan.c_arm import CArm
 
 RECORDINGS = ("subject01/squat_60.trc", "subject06/squat_60.trc", "subject01/squats.trc")
 
@@ -23,15 +20,12 @@ RECORDINGS = ("subject01/squat_60.trc", "subject06/squat_60.trc", "subject01/squ
 def main() -> None:
     """Prints the farthest swing of thigh and shank in mm."""
     for name in sys.argv[1:] or RECORDINGS:
-        settings = config.load(overrides=(f"motion.file={name}",))
-        recovered = run_motion.solve(settings.motion)
-        splines = JointSplines(recovered.trajectories)
-        poses = joint_splines.segment_poses_at(
-            recovered.leg, splines, c_arm.view_times(settings.scan, recovered.trajectories.times)
-        )
+        person = from_recording.solve_kinematics(name)
+        times = CArm.paper().view_times(person.trajectories.times)
+        poses = joint_splines.segment_poses_at(person.leg, person.splines, times)
         for frequency in (10.0, 5.0):
             swung = tissue_swing.with_swing(
-                poses, recovered.leg, splines, SkinMount(frequency, 0.25)
+                poses, person.leg, person.splines, SkinMount(frequency, 0.25)
             )
             thigh, shank = (
                 1e3 * np.linalg.norm(swung.of(swing_of(f"{bone}_l"))[:, :3, 3], axis=1).max()

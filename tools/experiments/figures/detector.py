@@ -55,8 +55,8 @@ class Scene:
         ]
         self.phantom = self.legs.phantom.only(self.left)
         settings = config.load(preset="demo").scan
-        self.geometry: ConeBeamGeometry = c_arm(
-            settings, np.arange(settings.views) / settings.rate_hz, knee(self.legs)
+        self.geometry: ConeBeamGeometry = c_arm(settings).geometry(
+            np.arange(settings.views) / settings.rate_hz, knee(self.legs)
         )
 
     def swinging(self, view: int) -> list[FloatArray]:
