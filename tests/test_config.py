@@ -46,7 +46,7 @@ def test_file_beats_preset_and_override_beats_file(tmp_path):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("[scan]\nview = 3\n", r"scan\.view\): there is no such key; valid here: start_s, views"),
+        ("[scan]\nview = 3\n", r"scan\.view\): unknown key; valid here: side, center, start_s"),
         (
             "[[imu.sensors]]\nname = 'a'\nsegment = 'b'\ndistance = 3\n",
             "valid here: name, segment, distance_mm",
@@ -70,7 +70,7 @@ def test_a_bad_file_is_refused_in_one_line_that_names_the_place(tmp_path, text, 
     [
         ({"preset": "tiny"}, "choose one of paper, half, demo"),
         ({"overrides": ("scan.views",)}, "expected section.key=value"),
-        ({"overrides": ("scan.speed=3",)}, "no such key"),
+        ({"overrides": ("scan.speed=3",)}, "unknown key"),
     ],
 )
 def test_bad_arguments_are_refused(arguments, message):

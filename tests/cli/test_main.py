@@ -82,7 +82,7 @@ def test_version(capsys):
             ("project", "nowhere.toml", "--geometry", "nowhere.json", "--set", "grid.voxels=9"),
             "heeds scan.spectrum.<key>",
         ),
-        (("run", "--set", "scan.speed=3"), "scan.speed): there is no such key"),
+        (("run", "--set", "scan.speed=3"), "scan.speed): unknown key"),
         (
             ("run", "--set", "motion.file=nowhere.trc", "--out", "{tmp}"),
             "nowhere.trc: no such motion file",

@@ -1,8 +1,8 @@
 import numpy as np
 
-from legsim.config import BeadsConfig
 from legsim.core import transforms
 from legsim.correction import bead_scan, bead_tracking
+from legsim.correction.bead_scan import Beads
 from legsim.geometry.cone_beam import ConeBeamGeometry, Projections
 from legsim.kinematics.skeleton import SEGMENTS, SegmentPoses
 from legsim.opencl import device
@@ -27,7 +27,7 @@ def c_arm() -> ConeBeamGeometry:
 
 
 def test_beads_lie_around_the_knee_on_the_skin():
-    places = bead_scan.bead_positions(PHANTOM, BeadsConfig(count=9, reach_mm=50))
+    places = bead_scan.bead_positions(PHANTOM, Beads(count=9, reach=0.05))
     assert places.shape == (9, 3)
     np.testing.assert_allclose(places[[0, -1], 1] - KNEE[1], [-0.05, 0.05], atol=1e-12)
     vertices = PHANTOM.phantom.parts[PHANTOM.part_index("skin_l")].vertices
@@ -38,11 +38,11 @@ def test_beads_that_move_with_the_leg_are_found_where_they_are(rng: np.random.Ge
     moved = np.stack([transforms.translation([0, 0.001 * k, 0.0005 * k]) for k in range(6)])
     poses = SegmentPoses(TIMES, SEGMENTS, moved[:, None] @ PHANTOM.reference_world_from_segment)
     plain = Projections(c_arm(), np.ones((6, 240, 310), np.float32))
-    settings = BeadsConfig(diameter_mm=3.0, guess_error_mm=1.0)
+    beads = Beads(radius=1.5e-3, guess_error=1e-3)
     scan = bead_scan.add_beads(
-        plain, PHANTOM, poses, settings, device.open_device(), energy_kev=60.0, rng=rng
+        plain, PHANTOM, poses, beads, device.open_device(), energy_kev=60.0, rng=rng
     )
-    places = bead_scan.bead_positions(PHANTOM, settings)
+    places = bead_scan.bead_positions(PHANTOM, beads)
     assert 0 < np.abs(scan.guesses - places).max() < 6e-3
     shadow = scan.projections.line_integrals - 1
     assert shadow.min() > -1e-6
@@ -70,12 +70,12 @@ def test_beads_swing_with_the_skin(rng: np.random.Generator):
         TIMES, names, np.stack([np.concatenate([still, [shift] * 4]) for shift in shifts])
     )
     plain = Projections(c_arm(), np.zeros((6, 240, 310), np.float32))
-    settings = BeadsConfig(count=4, diameter_mm=3.0, guess_error_mm=0.0)
+    beads = Beads(count=4, radius=1.5e-3, guess_error=0.0)
     scan = bead_scan.add_beads(
-        plain, swinging, poses, settings, device.open_device(), energy_kev=60.0, rng=rng
+        plain, swinging, poses, beads, device.open_device(), energy_kev=60.0, rng=rng
     )
     beaded = swinging.with_spheres(
-        "bead", bead_scan.bead_positions(swinging, settings), segment="soft_l", radius=1.5e-3
+        "bead", bead_scan.bead_positions(swinging, beads), segment="soft_l", radius=1.5e-3
     )
     centers = np.stack(
         [

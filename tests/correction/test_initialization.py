@@ -3,11 +3,10 @@ import re
 import numpy as np
 import pytest
 
-from legsim.config import FiducialsConfig
 from legsim.core.errors import LegsimError
 from legsim.correction import fiducials, initialization
 from legsim.correction.fiducials import Fiducials
-from legsim.correction.initialization import FiducialScan
+from legsim.correction.initialization import FiducialOptions, FiducialScan
 from legsim.geometry.cone_beam import ConeBeamGeometry
 from legsim.imu import strapdown
 from legsim.imu.sensors import Sensor
@@ -62,7 +61,7 @@ FAR = Sensor.placed("shank_l", "tibia_l", 0.14, (0.02, 0, 0))
 
 def found(sensor: Sensor, **settings) -> initialization.Starts:
     read, scan, poses = resting_leg(sensor)
-    options = FiducialsConfig(**settings)
+    options = FiducialOptions(**settings)
     return initialization.from_fiducials(
         read, [sensor], scan, poses, options, scheme="accurate", rng=np.random.default_rng(0)
     )
@@ -90,7 +89,7 @@ def test_what_a_pixel_costs_is_said_as_it_is_found():
             [NEAR],
             scan,
             poses,
-            FiducialsConfig(error_px=0.01),
+            FiducialOptions(error_px=0.01),
             scheme="accurate",
             rng=np.random.default_rng(seed),
         ).starts[0]
@@ -103,7 +102,7 @@ def test_what_a_pixel_costs_is_said_as_it_is_found():
     better = [
         float(n)
         for n in re.findall(
-            r"[\d.e+-]+(?= deg| mm| m/s)", found(NEAR, axis_length_mm=20, views=4).notes[2]
+            r"[\d.e+-]+(?= deg| mm| m/s)", found(NEAR, fiducials=Fiducials(0.02), views=4).notes[2]
         )
     ]
     assert all(b < 0.6 * n for b, n in zip(better, numbers, strict=True))

@@ -6,9 +6,8 @@ import pytest
 
 from legsim.core.errors import LegsimError
 from legsim.correction import method as correction_method
-from legsim.correction import rigid as correction_rigid
 from legsim.correction.method import Correction, CorrectionMethod, Scan
-from legsim.correction.rigid import rigid_motion
+from legsim.correction.rigid import Uncorrected, rigid_motion
 from legsim.deformation.models import ControlPointMotion, RigidMotion
 from legsim.geometry.cone_beam import ConeBeamGeometry, Projections
 from legsim.imu.signals import ImuSignals, SensorStart
@@ -61,10 +60,7 @@ def test_the_method_in_the_documents_is_whole():
 
 def test_a_users_method_that_works_is_left_alone():
     given = scan()
-    assert (
-        correction_method.checked("mine", correction_rigid.uncorrected)(given).projections
-        is given.projections
-    )
+    assert correction_method.checked("mine", Uncorrected())(given).projections is given.projections
 
 
 def _raises(scan: Scan, /) -> Correction:
@@ -139,3 +135,9 @@ def test_refuses_unknown_order_and_sensor():
 def test_refuses_control_points_that_are_not_numbers():
     with pytest.raises(LegsimError, match="all coordinates finite"):
         ControlPointMotion(VIEWS, np.zeros((3, 3)), np.full((len(VIEWS), 3, 3), np.nan))
+
+
+def test_refuses_motion_at_other_times():
+    late = RigidMotion.identity(VIEWS + 0.01)
+    with pytest.raises(LegsimError, match="at the projections' own times"):
+        Correction("late", scan().projections, late)

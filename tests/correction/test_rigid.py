@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 
 from legsim.core import transforms
-from legsim.core.errors import LegsimError
-from legsim.correction import rigid as correction_rigid
 from legsim.correction.method import Scan
-from legsim.correction.rigid import from_estimator, rigid_motion
+from legsim.correction.oracle import Oracle
+from legsim.correction.rigid import Uncorrected, rigid_motion
 from legsim.deformation.models import RigidMotion
 from legsim.geometry.cone_beam import ConeBeamGeometry, Projections
 from legsim.imu.signals import ImuSignals, SensorStart
@@ -149,25 +148,12 @@ def test_paper_order_costs_two_tenths_of_a_millimeter_for_six_of_sway():
 
 def test_identity_motion_changes_nothing():
     given = scan()
-    found = from_estimator("still", correction_rigid.known(RigidMotion.identity(VIEWS)))(given)
+    found = Oracle(RigidMotion.identity(VIEWS), "still")(given)
     assert found.projections is given.projections
     assert isinstance(found.motion, RigidMotion)
     np.testing.assert_array_equal(
         given.projections.geometry.moved(found.motion.moved_from_reference).matrices,
         given.projections.geometry.matrices,
     )
-    assert correction_rigid.uncorrected(given).projections is given.projections
-    assert correction_rigid.uncorrected(given).motion is None
-
-
-def test_oracle_hands_over_the_true_motion_and_leaves_images():
-    given, motion = scan(), rigid_motion(VIEWS, Sway.standing(7).poses(VIEWS))
-    found = from_estimator("oracle", correction_rigid.known(motion))(given)
-    assert found.projections is given.projections
-    assert (found.method, found.motion) == ("oracle", motion)
-
-
-def test_refuses_motion_at_other_times():
-    late = RigidMotion.identity(VIEWS + 0.01)
-    with pytest.raises(LegsimError, match="at the projections' own times"):
-        from_estimator("late", correction_rigid.known(late))(scan())
+    assert Uncorrected()(given).projections is given.projections
+    assert Uncorrected()(given).motion is None

@@ -1,14 +1,13 @@
 """What every method must do: leave a resting leg alone, and undo one rigid motion of everything."""
 
-from dataclasses import replace
-from typing import Never
+from dataclasses import dataclass, replace
+from typing import Never, cast
 
 import numpy as np
 import pytest
 import trimesh
 
 from legsim.core import transforms
-from legsim.correction import control_points
 from legsim.correction.bead_scan import BeadScan
 from legsim.correction.control_points import AttachedPoint
 from legsim.correction.method import Scan
@@ -22,6 +21,7 @@ from legsim.phantom.meshes import Part, Phantom
 from legsim.reconstruction import fdk
 from legsim.run import methods
 from legsim.scan import projector
+from legsim.simulation.simulated_scan import ScanTruth
 from tests.references.sway import Sway
 
 pytestmark = pytest.mark.filterwarnings("ignore::legsim.reconstruction.weights.ShortScanWarning")
@@ -98,15 +98,6 @@ def true_motion() -> RigidMotion:
     return RigidMotion.from_poses(VIEWS, SWAY.poses(VIEWS))
 
 
-def field() -> FieldMotion:
-    nodes = GRID.coarse(0.03)
-    points = nodes.positions()
-    moved = true_motion().carry(points) - points
-    return FieldMotion(
-        VIEWS, nodes, moved.reshape(len(VIEWS), *nodes.shape_zyx, 3).astype(np.float32)
-    )
-
-
 @pytest.fixture(scope="module")
 def scan() -> Scan:
     """Two sensors on one body that sways as a whole; their frames differ."""
@@ -122,25 +113,45 @@ def scan() -> Scan:
         np.stack([rate, rate @ turned], 1),
         np.stack([force, force @ turned], 1),
     )
-    return Scan(exposed(body(), true_motion()), signals, (start, thigh))
+    return with_joints(Scan(exposed(body(), true_motion()), signals, (start, thigh)))
 
 
-def setup(scan: Scan) -> methods.Setup:
+def with_joints(scan: Scan) -> Scan:
+    """Hip on the thigh's sensor, knee and ankle on the shank's."""
     carriers = ("thigh_l", "shank_l", "shank_l")
-    points = [
+    points = tuple(
         AttachedPoint.at_start(s, scan.start(s).world_from_sensor, p)
         for s, p in zip(carriers, JOINTS, strict=True)
-    ]
-    return methods.Setup(
-        "accurate",
-        "shank_l",
-        (tuple(points),),
-        DEVICE,
-        GRID.coarse(0.03),
-        true_motion(),
-        field,
-        beaded,
     )
+    return replace(scan, joints=(points,))
+
+
+@dataclass(frozen=True)
+class Truth:
+    """Of a body that moves as one."""
+
+    motion: RigidMotion
+
+    def motion_of(self, segment: str) -> RigidMotion:
+        assert segment == "tibia_l"
+        return self.motion
+
+    def field(self, nodes: VolumeGrid) -> FieldMotion:
+        points = nodes.positions()
+        moved = self.motion.carry(points) - points
+        displacements = moved.reshape(len(VIEWS), *nodes.shape_zyx, 3).astype(np.float32)
+        return FieldMotion(VIEWS, nodes, displacements)
+
+
+INPUTS = methods.MethodInputs(
+    sensor="shank_l",
+    scheme="accurate",
+    device=DEVICE,
+    nodes=GRID.coarse(0.03),
+    scanned_shank="tibia_l",
+    truth=cast(ScanTruth, Truth(true_motion())),
+    beads=beaded,
+)
 
 
 def volume(projections: Projections, motion: models.Motion | None = None) -> np.ndarray:
@@ -157,7 +168,7 @@ def test_one_rigid_motion_of_everything_is_undone(scan: Scan, still: np.ndarray,
     """The truth bounds what can be reached: turned rays sample the body anew. Deformed images lose
     depth.
     """
-    found = methods.build(name, setup(scan))(scan)
+    found = methods.build(name, INPUTS)(scan)
     left, before = (
         float(np.sqrt(np.mean((v - still) ** 2)))
         for v in (volume(found.projections, found.motion), volume(scan.projections))
@@ -171,37 +182,10 @@ def test_one_rigid_motion_of_everything_is_undone(scan: Scan, still: np.ndarray,
 
 
 def test_joints_that_move_as_one_body_give_the_rigid_volume(scan: Scan):
-    rigid, free = (methods.build(name, setup(scan))(scan) for name in ("rigid", "nonrigid-3d"))
+    rigid, free = (methods.build(name, INPUTS)(scan) for name in ("rigid", "nonrigid-3d"))
     np.testing.assert_allclose(
         volume(scan.projections, free.motion), volume(scan.projections, rigid.motion), atol=2e-3
     )
-
-
-def test_more_control_points_are_sampled_and_say_the_same(scan: Scan):
-    """A field between nodes 3 cm apart is linear: a turn of 3 degrees bends by microns."""
-    whole = setup(scan)
-    extra = AttachedPoint.at_start(
-        "shank_l", scan.start("shank_l").world_from_sensor, KNEE - [0, 0.2, 0]
-    )
-    found = methods.build("nonrigid-3d", replace(whole, legs=((*whole.legs[0], extra),)))(scan)
-    assert isinstance(found.motion, FieldMotion)
-    points = KNEE + 0.06 * np.eye(3)
-    true = true_motion().carry(points)
-    np.testing.assert_allclose(found.motion.carry(points), true, atol=2e-5)
-
-
-def test_both_legs_are_drawn_each_to_its_own_knee(scan: Scan):
-    whole = setup(scan)
-    other = tuple(
-        AttachedPoint(p.sensor, p.position_sensor + np.array([0, 0, 0.2])) for p in whole.legs[0]
-    )
-    found = methods.build("nonrigid-2d", replace(whole, legs=(whole.legs[0], other)))(scan)
-    assert found.warped_by is not None
-    each = [
-        control_points.contracted(leg, 1, methods.PAPER_ALPHA).moved
-        for leg in methods.followed(scan, replace(whole, legs=(whole.legs[0], other)))
-    ]
-    np.testing.assert_allclose(found.warped_by.moved, np.concatenate(each, 1))
 
 
 @pytest.mark.parametrize(
@@ -225,21 +209,15 @@ def test_a_leg_at_rest_is_left_alone(still: np.ndarray, name: str):
     starts = tuple(
         SensorStart(transforms.translation(p), np.zeros(3)) for p in (JOINTS[1], JOINTS[0])
     )
-    calm = Scan(
-        resting,
-        ImuSignals(SAMPLES, ("shank_l", "thigh_l"), np.zeros((len(SAMPLES), 2, 3)), force),
-        starts,
+    calm = with_joints(
+        Scan(
+            resting,
+            ImuSignals(SAMPLES, ("shank_l", "thigh_l"), np.zeros((len(SAMPLES), 2, 3)), force),
+            starts,
+        )
     )
-    nodes = GRID.coarse(0.03)
-    calm_setup = replace(
-        setup(calm),
-        true_shank=RigidMotion.identity(VIEWS),
-        true_field=lambda: FieldMotion(
-            VIEWS, nodes, np.zeros((len(VIEWS), *nodes.shape_zyx, 3), np.float32)
-        ),
-        beads=_never,
-    )
-    found = methods.build(name, calm_setup)(calm)
+    still_truth = cast(ScanTruth, Truth(RigidMotion.identity(VIEWS)))
+    found = methods.build(name, replace(INPUTS, truth=still_truth, beads=_never))(calm)
     np.testing.assert_allclose(
         volume(found.projections, found.motion), still, atol=1e-4 * still.max()
     )
@@ -251,7 +229,7 @@ def _never() -> Never:
 
 def test_paper_order_and_right_order_differ_as_computed(scan: Scan):
     right, published = (
-        methods.build(name, setup(scan))(scan).motion for name in ("rigid", "rigid-paper-order")
+        methods.build(name, INPUTS)(scan).motion for name in ("rigid", "rigid-paper-order")
     )
     assert isinstance(right, RigidMotion)
     assert isinstance(published, RigidMotion)

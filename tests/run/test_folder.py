@@ -5,6 +5,8 @@ import os
 import signal
 import subprocess
 import sys
+from collections.abc import Callable
+from pathlib import Path
 
 import pytest
 
@@ -16,11 +18,20 @@ from legsim.run import folder as run_folder
 from legsim.run.folder import RunFolder
 
 
+def writing(path: Path, text: str) -> Callable[[], tuple[str]]:
+    """A stage that writes one file."""
+
+    def make() -> tuple[str]:
+        write_text(path, text)
+        return (path.name,)
+
+    return make
+
+
 def test_a_stage_is_done_only_while_key_and_files_are_as_recorded(tmp_path):
     folder = RunFolder(tmp_path, {"version": "x"})
     assert not folder.done("one", "k")
-    with folder.stage("one", "k", ["a.txt"]):
-        write_text(tmp_path / "a.txt", "hello")
+    assert folder.cached("one", "k", writing(tmp_path / "a.txt", "hello"))
     again = RunFolder(tmp_path, {"version": "x"})
     assert again.done("one", "k")
     assert not again.done("one", "other key")
@@ -28,15 +39,25 @@ def test_a_stage_is_done_only_while_key_and_files_are_as_recorded(tmp_path):
     assert not again.done("one", "k")
 
 
+def test_a_stage_that_is_done_is_not_made_again(tmp_path):
+    folder = RunFolder(tmp_path, {})
+    assert folder.cached("one", "k", writing(tmp_path / "a.txt", "hello"))
+    assert not folder.cached("one", "k", writing(tmp_path / "a.txt", "again"))
+    assert (tmp_path / "a.txt").read_text() == "hello"
+    assert folder.cached("one", "other key", writing(tmp_path / "a.txt", "again"))
+    assert (tmp_path / "a.txt").read_text() == "again"
+
+
 def test_a_stage_that_fails_leaves_no_file_and_no_entry(tmp_path):
     folder = RunFolder(tmp_path, {})
-    with (
-        pytest.raises(RuntimeError),
-        folder.stage("one", "k", ["a.txt"]),
-        core_files.whole(tmp_path / "a.txt") as partial,
-    ):
-        partial.write_text("half")
-        raise RuntimeError
+
+    def fail() -> tuple[str]:
+        with core_files.whole(tmp_path / "a.txt") as partial:
+            partial.write_text("half")
+            raise RuntimeError
+
+    with pytest.raises(RuntimeError):
+        folder.cached("one", "k", fail)
     assert sorted(p.name for p in tmp_path.iterdir()) == []
     assert not folder.done("one", "k")
 
@@ -53,8 +74,7 @@ def test_what_killed_processes_left_goes_and_what_others_are_writing_stays(tmp_p
 
 def test_manifest_tells_hash_size_and_seconds(tmp_path):
     folder = RunFolder(tmp_path, {"seed": 3})
-    with folder.stage("one", "k", ["a.txt"]):
-        write_text(tmp_path / "a.txt", "hello")
+    folder.cached("one", "k", writing(tmp_path / "a.txt", "hello"))
     manifest = json.loads((tmp_path / "manifest.json").read_text())
     assert manifest["seed"] == 3
     assert manifest["stages"]["one"]["files"]["a.txt"] == {

@@ -1,7 +1,7 @@
 import importlib.metadata
 import sys
 from pathlib import Path
-from typing import Never
+from typing import Never, cast
 
 import numpy as np
 import pytest
@@ -11,21 +11,31 @@ from legsim.deformation.models import RigidMotion
 from legsim.geometry.volume import VolumeGrid
 from legsim.opencl import device
 from legsim.run import methods
+from legsim.simulation.simulated_scan import ScanTruth
 
 
-def unwanted() -> Never:
+def unwanted(*_: object) -> Never:
     """What is not asked for is not made."""
     raise AssertionError("built without being run")
 
 
-SETUP = methods.Setup(
-    scheme="accurate",
+class Truth:
+    """A leg at rest, whose field nobody may ask for."""
+
+    field = unwanted
+
+    def motion_of(self, segment: str) -> RigidMotion:
+        assert segment == "tibia_l"
+        return RigidMotion.identity(np.arange(3.0))
+
+
+INPUTS = methods.MethodInputs(
     sensor="shank_l",
-    legs=(),
+    scheme="accurate",
     device=device.open_device(),
     nodes=VolumeGrid.cubic(2, 0.1, [0, 0, 0]),
-    true_shank=RigidMotion.identity(np.arange(3.0)),
-    true_field=unwanted,
+    scanned_shank="tibia_l",
+    truth=cast(ScanTruth, Truth()),
     beads=unwanted,
 )
 OWN = """
@@ -55,13 +65,13 @@ def offered(monkeypatch: pytest.MonkeyPatch, folder: Path, value: str, text: str
 
 @pytest.mark.parametrize("name", methods.BUILT_IN)
 def test_every_built_in_method_can_be_built(name):
-    assert callable(methods.build(name, SETUP))
+    assert callable(methods.build(name, INPUTS))
 
 
 def test_a_method_from_a_users_own_file(tmp_path):
     (tmp_path / "own.py").write_text(OWN)
     name = f"{tmp_path / 'own.py'}:half"
-    assert callable(methods.build(name, SETUP))
+    assert callable(methods.build(name, INPUTS))
     assert methods.label(name) == "half"
 
 
@@ -94,7 +104,7 @@ def test_an_installed_method_that_cannot_be_loaded_is_named(
 ):
     offered(monkeypatch, tmp_path, value, text)
     with pytest.raises(LegsimError, match=message):
-        methods.build("theirs", SETUP)
+        methods.build("theirs", INPUTS)
 
 
 @pytest.mark.parametrize(
@@ -104,11 +114,11 @@ def test_an_installed_method_that_cannot_be_loaded_is_named(
         ("nowhere.py:half", r"nowhere\.py: no such file"),
         ("{own}:missing", "has no function 'missing'"),
         ("{own}:nothing", "has no function 'nothing'"),
-        ("{broken}:half", r"broken\.py: cannot be imported .SyntaxError: .*; mend the file"),
+        ("{broken}:half", r"broken\.py: cannot be imported .SyntaxError: .*; fix the file"),
     ],
 )
 def test_what_is_no_method_is_refused(tmp_path, name, message):
     (tmp_path / "own.py").write_text(OWN)
     (tmp_path / "broken.py").write_text("def half(scan:\n")
     with pytest.raises(LegsimError, match=message):
-        methods.build(name.format(own=tmp_path / "own.py", broken=tmp_path / "broken.py"), SETUP)
+        methods.build(name.format(own=tmp_path / "own.py", broken=tmp_path / "broken.py"), INPUTS)

@@ -191,7 +191,7 @@ def test_a_leg_can_be_scanned_alone(tiny_run, tiny_settings, tmp_path):
     is still known.
     """
     alone = tiny_settings.model_copy(
-        update={"phantom": tiny_settings.phantom.model_copy(update={"legs": "left"})}
+        update={"phantom": tiny_settings.phantom.model_copy(update={"legs": "scanned"})}
     )
     result = pipeline.run(alone, tmp_path, on_progress=quiet)
     geometry = geometry_files.load_geometry(tmp_path / "geometry.json")

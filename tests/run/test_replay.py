@@ -11,7 +11,6 @@ from legsim import config
 from legsim.imu import simulation
 from legsim.imu.signals import ImuSignals
 from legsim.kinematics import from_recording
-from legsim.kinematics.joint_splines import JointSplines
 from legsim.mocap import opensim, trc
 from legsim.mocap.trajectories import MarkerTrajectories
 from legsim.run import files
@@ -90,7 +89,7 @@ def test_soft_tissue_without_amplitude_is_the_rigid_sensor_bit_for_bit(standing,
     )
     alone = simulation.simulate(
         solved.leg,
-        JointSplines(solved.trajectories),
+        solved.splines,
         run_sensors.sensors(config.ImuConfig()),
         read.times,
     )
@@ -179,12 +178,7 @@ def test_coordinates_in_degrees_and_in_radians_give_the_same_signals(standing, t
         np.testing.assert_allclose(
             again.trajectories.values, solved.trajectories.values, atol=1e-14
         )
-        settings = config.ImuConfig()
-        read.append(
-            run_sensors.sense(
-                again, JointSplines(again.trajectories), run_sensors.sensors(settings), settings
-            )
-        )
+        read.append(run_sensors.sense(again, config.ImuConfig()))
     np.testing.assert_allclose(read[0].specific_force, read[1].specific_force, atol=1e-7)
     np.testing.assert_allclose(read[0].angular_velocity, read[1].angular_velocity, atol=1e-9)
 

@@ -13,8 +13,11 @@ from legsim.run.store import StageCache, check_shared
 
 
 def finish(folder: RunFolder, key: str, text: str) -> None:
-    with folder.stage("count", key, ["numbers.txt"]):
+    def write() -> tuple[str]:
         (folder.path / "numbers.txt").write_text(text)
+        return ("numbers.txt",)
+
+    assert folder.cached("count", key, write)
 
 
 def folders(tmp_path: Path) -> tuple[RunFolder, RunFolder]:
@@ -83,8 +86,13 @@ def test_an_entry_whose_file_is_gone_is_made_anew(tmp_path):
 
 def test_the_second_to_keep_changes_nothing(tmp_path):
     first, second = folders(tmp_path)
-    finish(first, key_of(1), "one")
-    finish(second, key_of(1), "one")
+
+    def write_while_the_other_finishes() -> tuple[str]:
+        finish(first, key_of(1), "one")
+        (second.path / "numbers.txt").write_text("one")
+        return ("numbers.txt",)
+
+    assert second.cached("count", key_of(1), write_while_the_other_finishes)
     assert [p.name for p in (tmp_path / "store" / "count").iterdir()] == [key_of(1)]
 
 

@@ -174,7 +174,7 @@ def test_what_cannot_be_run_is_told_before_anything_is_computed(
     tiny_settings, tmp_path, imu, chosen, message
 ):
     (tmp_path / "own.py").write_text(
-        "from legsim.correction.rigid import uncorrected as rigid, uncorrected as static\n"
+        "from legsim.correction.rigid import Uncorrected\nrigid = static = Uncorrected()\n"
     )
     chosen["run"] = tuple(name.format(own=tmp_path / "own.py") for name in chosen["run"])
     wanted = changed(tiny_settings, **chosen)

@@ -1,39 +1,24 @@
-from pathlib import Path
-
 import numpy as np
 import pytest
 import trimesh
 
-from legsim import config
 from legsim.geometry.cone_beam import ConeBeamGeometry
 from legsim.phantom import materials
 from legsim.phantom.meshes import Part, Phantom
-from legsim.run import c_arm as run_c_arm
-from legsim.run.c_arm import c_arm
 from legsim.scan import acquisition, projector
 from legsim.scan.acquisition import Imaging
+from legsim.scan.c_arm import CArm
+from legsim.scan.detector import Detector
+from legsim.scan.spectrum import Spectrum
 
-
-def scan(**changes) -> config.ScanConfig:
-    return config.ScanConfig(**changes)
-
-
-def with_detector(**changes) -> config.ScanConfig:
-    return scan(detector=config.DetectorConfig(**changes))
-
-
-def with_spectrum(tmp_path: Path, text: str = "40,1\n80,1\n", **changes) -> config.ScanConfig:
-    (tmp_path / "s.csv").write_text(f"energy_kev,weight\n{text}")
-    return scan(
-        spectrum=config.SpectrumConfig(kind="file", file=str(tmp_path / "s.csv"), **changes)
-    )
+TWO_ENERGIES = Spectrum(np.array([40.0, 80.0]), np.array([0.5, 0.5]))
 
 
 def ball() -> tuple[Phantom, ConeBeamGeometry]:
     mesh = trimesh.creation.icosphere(2, radius=0.05)
     water = Part("ball", "water", materials.attenuation("water"), mesh.vertices, mesh.faces)
-    small = scan(views=3, columns=40, rows=32, pixel_mm=8.0)
-    return Phantom((water,)), c_arm(small, np.arange(3) / 31, np.zeros(3))
+    small = CArm.paper(angles=np.radians([-8.8, -8.0, -7.2]), shape_vu=(32, 40), pixel_pitch=8e-3)
+    return Phantom((water,)), small.geometry(np.arange(3) / 31, np.zeros(3))
 
 
 def seen(how: Imaging, device, seed: int = 0) -> np.ndarray:
@@ -42,20 +27,19 @@ def seen(how: Imaging, device, seed: int = 0) -> np.ndarray:
 
 def test_the_default_images_are_the_projectors_bit_for_bit(device):
     np.testing.assert_array_equal(
-        seen(run_c_arm.imaging(scan()), device), projector.project(*ball(), device).line_integrals
+        seen(Imaging(), device), projector.project(*ball(), device).line_integrals
     )
 
 
 def test_noise_follows_the_seed(device):
-    how = run_c_arm.imaging(with_detector(photons=1e4))
+    how = Imaging(detector=Detector(photons=1e4))
     np.testing.assert_array_equal(seen(how, device), seen(how, device))
     assert (seen(how, device) != seen(how, device, seed=1)).any()
 
 
-def test_water_reads_as_of_one_energy_when_it_is_precorrected(device, tmp_path):
+def test_water_reads_as_of_one_energy_when_it_is_precorrected(device):
     plain, corrected = (
-        seen(run_c_arm.imaging(with_spectrum(tmp_path, water_precorrection=c)), device)
-        for c in (False, True)
+        seen(Imaging(TWO_ENERGIES, water_precorrection=c), device) for c in (False, True)
     )
     mean = 0.5 * (materials.attenuation("water", 40.0) + materials.attenuation("water", 80.0))
     lengths = projector.project(*ball(), device).line_integrals / materials.attenuation("water")
@@ -96,11 +80,8 @@ def test_an_edge_through_a_pixel_is_seen_by_part_of_its_rays(device):
     box = trimesh.creation.box((0.1, 0.1, 0.1))
     phantom = Phantom((Part("box", "water", 20.0, box.vertices, box.faces),))
     # the box's upper face lies in the plane of the source and of the middle of a row of pixels
-    geometry = c_arm(
-        scan(views=2, columns=40, rows=31, pixel_mm=4.0),
-        np.arange(2) / 31,
-        np.array([0.0, 0.05, 0.0]),
-    )
+    arm = CArm.paper(angles=np.radians([-8.8, -8.0]), shape_vu=(31, 40), pixel_pitch=4e-3)
+    geometry = arm.geometry(np.arange(2) / 31, [0.0, 0.05, 0.0])
     one, four = (
         acquisition.project(
             phantom, geometry, device, Imaging(), np.random.default_rng(0), rays_per_pixel=rays

@@ -111,13 +111,13 @@ def test_noise_goes_into_the_runs(tmp_path):
 @pytest.mark.parametrize(
     ("added", "told"),
     [
-        ("subject = 3", "there is no such key; valid here: name, title"),
+        ("subject = 3", "unknown key; valid here: name, title"),
         ('[[noise]]\nconvention = "mks"\nlevels = [[1, 1]]', "noise.0.convention"),
         ('[[noise]]\nconvention = "SI"\nlevel = [[1, 1]]', "valid here: levels, convention"),
         ("[ladder]\nrepeats = 3", "valid here: subjects, postures"),
         (
             "[settings.scan]\nview = 3",
-            r"STUDY.toml \[settings\] \(scan.view\): there is no such key",
+            r"STUDY.toml \[settings\] \(scan.view\): unknown key",
         ),
         (
             "[settings.methods]\nrun = ['rigid']",
