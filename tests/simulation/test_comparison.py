@@ -1,0 +1,48 @@
+"""The table of a comparison, and what is refused before anything is computed.
+
+That volumes and scores are those of the single steps is held by the README's example.
+"""
+
+from types import SimpleNamespace
+from typing import cast
+
+import pytest
+
+from legsim.core.errors import LegsimError
+from legsim.correction.rigid import Uncorrected
+from legsim.evaluation.similarity import RegionScores, Scores
+from legsim.simulation.comparison import ScoreTable, compare
+from legsim.simulation.simulated_scan import SimulatedScan
+
+
+def scores(ssim: float) -> Scores:
+    regions = (RegionScores("leg", ssim, 0.01, 10.0, 100), RegionScores("shank", 1.0, 0.0, 9.0, 50))
+    return Scores(regions, None)
+
+
+TABLE = ScoreTable({"own <b>": scores(0.5), "rigid": scores(0.75)})
+
+
+def test_rows_have_a_cell_per_column():
+    assert TABLE.columns() == ("method", "SSIM leg", "SSIM shank", "RMSE leg", "RMSE shank")
+    assert TABLE.rows()[1] == ("rigid", "0.750", "1.000", "0.010", "0.000")
+    assert all(len(row) == len(TABLE.columns()) for row in TABLE.rows())
+
+
+def test_a_method_is_found_by_name_or_the_names_are_listed():
+    assert TABLE["rigid"].of("leg").ssim == 0.75
+    with pytest.raises(LegsimError, match="no method named 'x'; there are: own <b>, rigid"):
+        TABLE["x"]
+
+
+def test_text_in_the_page_is_escaped_and_columns_of_the_text_line_up():
+    assert "own &lt;b&gt;" in TABLE._repr_html_()
+    lines = repr(TABLE).splitlines()
+    assert len({line.index("0.") for line in lines[1:]}) == 1
+
+
+@pytest.mark.parametrize("methods", [{}, {"static": Uncorrected()}])
+def test_no_method_and_one_named_like_the_reference_are_refused(methods):
+    nothing = cast(SimulatedScan, SimpleNamespace())
+    with pytest.raises(LegsimError, match="needs methods by name, none of them called 'static'"):
+        compare(nothing, methods)
