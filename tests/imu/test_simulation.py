@@ -76,22 +76,6 @@ def test_signals_are_the_derivatives_of_the_poses(leg: LegModel):
     np.testing.assert_allclose(signals.angular_velocity, turn / (2 * h), atol=2e-5)
 
 
-def test_default_sensors_sit_where_the_paper_puts_them(leg: LegModel):
-    splines = JointSplines(swaying(leg))
-    poses, segments = (
-        simulation.sensor_poses(leg, splines, default_sensors(), VIEWS),
-        joint_splines.segment_poses_at(leg, splines, VIEWS),
-    )
-    for sensor, segment, distance in (("shank_l", "tibia_l", 0.14), ("thigh_l", "femur_l", 0.25)):
-        offset = transforms.inverse(segments.of(segment)) @ poses.of(sensor)
-        np.testing.assert_allclose(
-            offset,
-            np.broadcast_to(transforms.translation([0, -distance, 0]), offset.shape),
-            atol=1e-9,
-        )
-        assert (poses.of(sensor)[:, 1, 3] < segments.of(segment)[:, 1, 3]).all()
-
-
 def test_splines_pass_through_every_sample(leg: LegModel):
     given = swaying(leg)
     values, _, _ = JointSplines(given).at(TIMES, leg.coordinate_names)
@@ -183,10 +167,3 @@ def test_refuses_unknown_segments_and_coordinates(leg: LegModel):
         )
     with pytest.raises(LegsimError, match="names must differ"):
         simulation.simulate(leg, splines, [Sensor.placed("s", "tibia_l", 0.1)] * 2, VIEWS)
-
-
-def test_refuses_sensors_that_are_no_frames():
-    with pytest.raises(LegsimError, match="right-handed"):
-        Sensor("s", "tibia_l", 0.1, np.zeros(3), np.diag([1.0, 1.0, -1.0]))
-    with pytest.raises(LegsimError, match="finite number"):
-        Sensor.placed("s", "tibia_l", np.nan)

@@ -57,7 +57,8 @@ def test_every_setting_of_the_c_arm_is_passed_on():
     )
     np.testing.assert_allclose(np.degrees(arm.angles), [10, 12, 14])
     assert (arm.start, arm.rate_hz, arm.shape_vu, arm.rays_per_pixel) == (5.25, 4.0, (30, 40), 3)
-    assert (arm.source_detector, arm.source_isocenter, arm.pixel_pitch) == (1.1, 0.7, 2.5e-3)
+    lengths = arm.source_detector, arm.source_isocenter, arm.pixel_pitch
+    assert lengths == pytest.approx((1.1, 0.7, 2.5e-3))
 
 
 def test_the_grid_surrounds_the_isocenter():
