@@ -288,35 +288,28 @@ class RunConfig(ConfigSection):
     @classmethod
     def _on_the_scanned_side(cls, tree: Any) -> Any:
         """Sensors that nobody names sit on the scanned leg."""
-        if not isinstance(tree, dict) or _key(tree, "scan", "side") != "right":
+        if not isinstance(tree, dict):
             return tree
-        result = dict(tree)
-        if _key(tree, "imu", "sensors") is None:
-            left = ImuConfig().sensors
-            right = [
-                s.model_dump() | {"name": f"{s.name[:-1]}r", "segment": f"{s.segment[:-1]}r"}
-                for s in left
-            ]
-            result["imu"] = {**_section(tree, "imu"), "sensors": right}
-        if _key(tree, "methods", "sensor") is None:
-            first = _key(result, "imu", "sensors")[0]
-            name = first["name"] if isinstance(first, dict) else first.name
-            result["methods"] = {**_section(tree, "methods"), "sensor": name}
-        return result
+        scan, imu, methods = (_section(tree, name) for name in ("scan", "imu", "methods"))
+        if scan is None or imu is None or methods is None or scan.get("side") != "right":
+            return tree
+        right = [
+            s.model_dump() | {"name": f"{s.name[:-1]}r", "segment": f"{s.segment[:-1]}r"}
+            for s in ImuConfig().sensors
+        ]
+        return {
+            **tree,
+            "imu": {"sensors": right, **imu},
+            "methods": {"sensor": right[0]["name"], **methods},
+        }
 
 
-def _section(tree: dict[str, Any], name: str) -> dict[str, Any]:
-    """A section of an unvalidated tree, with the keys that were given."""
+def _section(tree: dict[str, Any], name: str) -> dict[str, Any] | None:
+    """The keys that were given of a section in an unvalidated tree; None where it is no table."""
     found = tree.get(name, {})
-    return found.model_dump(exclude_unset=True) if isinstance(found, ConfigSection) else dict(found)
-
-
-def _key(tree: dict[str, Any], section: str, key: str) -> Any:
-    """A value of an unvalidated tree; None where it was not given."""
-    try:
-        return _section(tree, section).get(key)
-    except (TypeError, ValueError):
-        return None  # no table: the validation reports it
+    if isinstance(found, ConfigSection):
+        return found.model_dump(exclude_unset=True)
+    return found if isinstance(found, dict) else None
 
 
 PRESETS: dict[str, dict[str, dict[str, Any]]] = {

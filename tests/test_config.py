@@ -93,3 +93,42 @@ def test_the_detector_in_the_documents_can_be_set(tmp_path):
         90,
         len(scan.detector.lag_fractions),
     )
+
+
+def test_sensors_that_nobody_names_sit_on_the_scanned_leg():
+    right, left = config.load(overrides=("scan.side=right",)), config.load()
+    assert [(s.name, s.segment) for s in right.imu.sensors] == [
+        ("shank_r", "tibia_r"),
+        ("thigh_r", "femur_r"),
+    ]
+    assert right.methods.sensor == "shank_r"
+    assert [s.distance_mm for s in right.imu.sensors] == [s.distance_mm for s in left.imu.sensors]
+    assert [s.name for s in left.imu.sensors] == ["shank_l", "thigh_l"]
+    assert left.methods.sensor == "shank_l"
+
+
+def test_sensors_that_are_named_stay_whichever_leg_is_scanned():
+    named = (
+        "scan.side=right",
+        "imu.sensors=[{name='mine', segment='tibia_l', distance_mm=100}]",
+    )
+    assert [s.name for s in config.load(overrides=named).imu.sensors] == ["mine"]
+    chosen = config.load(overrides=("scan.side=right", "methods.sensor=thigh_r"))
+    assert chosen.methods.sensor == "thigh_r"
+    assert [s.name for s in chosen.imu.sensors] == ["shank_r", "thigh_r"]
+
+
+def test_the_right_side_survives_the_file_and_other_settings_beside_it(tmp_path):
+    original = config.load(
+        overrides=("scan.side=right", "imu.rate_hz=240", "methods.start=fiducials")
+    )
+    assert (original.imu.rate_hz, original.methods.start) == (240, "fiducials")
+    (tmp_path / "c.toml").write_text(config.dump(original))
+    assert config.load(tmp_path / "c.toml") == original
+
+
+@pytest.mark.parametrize("text", ["imu = 3\n", "[imu]\nsensors = 3\n", "methods = 3\n"])
+def test_a_section_that_is_none_is_refused_on_the_right_too(tmp_path, text):
+    (tmp_path / "c.toml").write_text(text)
+    with pytest.raises(LegsimError, match=r"c\.toml"):
+        config.load(tmp_path / "c.toml", overrides=("scan.side=right",))

@@ -17,6 +17,8 @@ ORDER = (
     *("report", "run", "study", "cli"),
 )
 """Packages from the bottom up: each imports only from those before it"""
+READ_SETTINGS = ("run", "study", "cli")
+"""Packages that import the configuration"""
 HOMES = {
     "pyopencl": {"opencl"},
     "xraylib": {"phantom"},
@@ -95,6 +97,13 @@ def test_private_modules_and_names_stay_at_home(path):
     for parts in own_imports(path):
         private = [part for part in parts if part.startswith("_")]
         assert not private or parts[0] == package(path), f"imports {'.'.join(parts)}"
+
+
+@pytest.mark.parametrize("path", sources(), ids=lambda p: str(p.relative_to(PACKAGE)))
+def test_only_runs_studies_and_the_command_line_know_the_settings(path):
+    """Everything below takes arguments in SI units, so that a program needs no settings."""
+    if package(path) not in ("config", *READ_SETTINGS):
+        assert not [parts for parts in own_imports(path) if parts[0] == "config"]
 
 
 def test_modules_have_no_cycle():

@@ -99,8 +99,7 @@ def _counts(scan: Scan, /) -> Correction:
         ),
         (
             _counts,
-            "method mine: a Correction's motion is None, a RigidMotion, "
-            ".* not ndarray",
+            "method mine: a Correction's motion is None, a RigidMotion, .* not ndarray",
         ),
         (lambda: None, "method mine failed in .*: TypeError: .*takes 0 positional arguments"),
     ],

@@ -4,13 +4,46 @@ import numpy as np
 
 from legsim.core import transforms
 from legsim.correction import oracle
-from legsim.deformation.models import FieldMotion
+from legsim.correction.method import Scan
+from legsim.correction.oracle import Oracle
+from legsim.deformation.models import FieldMotion, RigidMotion
+from legsim.geometry.cone_beam import Projections
 from legsim.geometry.volume import VolumeGrid
+from legsim.imu.signals import ImuSignals, SensorStart
 from legsim.kinematics.skeleton import SEGMENTS, SegmentPoses
 from legsim.opencl import device
 from legsim.phantom import leg_phantom
 from legsim.phantom.leg_phantom import LegPhantom
 from legsim.phantom.skinning import swing_of
+from legsim.scan.c_arm import CArm
+
+
+def scan() -> Scan:
+    """Two views of nothing."""
+    geometry = CArm.half(angles=[0.0, 0.1], shape_vu=(8, 8)).geometry([0.0, 1.0], [0.0, 0.0, 0.0])
+    signals = ImuSignals(np.arange(2.0), ("s",), np.zeros((2, 1, 3)), np.zeros((2, 1, 3)))
+    start = SensorStart(np.eye(4), np.zeros(3))
+    return Scan(Projections(geometry, np.zeros((2, 8, 8), np.float32)), signals, (start,))
+
+
+def test_it_hands_over_the_true_motion_and_leaves_images():
+    given, motion = scan(), RigidMotion.identity([0.0, 1.0])
+    found = Oracle(motion)(given)
+    assert found.projections is given.projections
+    assert (found.method, found.motion) == ("oracle", motion)
+
+
+def test_a_motion_that_takes_time_is_made_when_the_method_runs():
+    made: list[RigidMotion] = []
+
+    def make() -> RigidMotion:
+        made.append(RigidMotion.identity([0.0, 1.0]))
+        return made[-1]
+
+    oracle = Oracle(make, "slow")
+    assert made == []
+    found = oracle(scan())
+    assert (found.method, found.motion) == ("slow", made[0])
 
 
 @cache
