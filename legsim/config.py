@@ -209,6 +209,23 @@ class GridConfig(ConfigSection):
     voxel_mm: float = Field(default=0.5, gt=0)
 
 
+class ReconstructionConfig(ConfigSection):
+    """How every volume is reconstructed from its projections."""
+
+    algorithm: Literal["fdk", "cgls"] = "fdk"
+    """filtered back-projection, or conjugate gradients for few views, gaps and wide cones"""
+    window: Literal["ram-lak", "shepp-logan", "hann"] = "shepp-logan"
+    """fdk: of the ramp filter, from sharp to smooth; the paper's is shepp-logan"""
+    water_attenuation_per_mm: float = Field(default=0.02, ge=0)
+    """fdk: of the cylinder that continues a cut-off object; 0 leaves rows cut off"""
+    redundancy: Literal["parker", "none"] = "parker"
+    """fdk: weights of lines measured more than once; "none" counts every view half"""
+    iterations: int = Field(default=15, ge=1)
+    """cgls: steps; fewer are smoother"""
+    nonnegative: bool = False
+    """cgls: whether attenuation is kept at 0 or above"""
+
+
 class FiducialsConfig(ConfigSection):
     """Four metal points in each sensor, from which its start is found where methods.start is
     "fiducials".
@@ -280,6 +297,7 @@ class RunConfig(ConfigSection):
     phantom: PhantomConfig = PhantomConfig()
     scan: ScanConfig = ScanConfig()
     grid: GridConfig = GridConfig()
+    reconstruction: ReconstructionConfig = ReconstructionConfig()
     methods: MethodsConfig = MethodsConfig()
     evaluation: EvaluationConfig = EvaluationConfig()
     seed: int = 0

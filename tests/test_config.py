@@ -9,7 +9,13 @@ from legsim.core.errors import LegsimError
 
 def test_dumping_and_loading_gives_the_same_tree(tmp_path):
     original = config.load(
-        preset="half", overrides=("scan.start_s=2.5", "motion.file=my walk.trc", "seed=7")
+        preset="half",
+        overrides=(
+            "scan.start_s=2.5",
+            "motion.file=my walk.trc",
+            "seed=7",
+            "reconstruction.window=hann",
+        ),
     )
     (tmp_path / "c.toml").write_text(config.dump(original))
     assert config.load(tmp_path / "c.toml") == original

@@ -4,9 +4,11 @@
 
 import json
 import math
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -30,6 +32,7 @@ from legsim.phantom import files as phantom_files
 from legsim.phantom.files import PhantomFile
 from legsim.reconstruction import fdk
 from legsim.run import c_arm
+from legsim.run import reconstruction as run_reconstruction
 from legsim.scan import acquisition, coverage
 
 _OF_THE_BEAM = ("scan.spectrum.", "scan.detector.", "seed=")
@@ -130,10 +133,14 @@ def reconstruct(
     shape_zyx: tuple[int, int, int] | None,
     spacing_mm: tuple[float, float, float] | None,
     center_mm: tuple[float, float, float] | None,
+    options: Mapping[str, Any] | None = None,
     device: str | None,
     on_progress: OnProgress,
 ) -> list[str]:
-    """FDK of a projection file; returns lines to print."""
+    """Reconstructs a projection file; returns lines to print. ``options`` are keys of
+    :class:`config.ReconstructionConfig`.
+    """
+    settings = run_reconstruction.from_options(options or {})
     geometry = _geometry_of(projections_file, geometry_file)
     grid = _grid(geometry, like, shape_zyx, spacing_mm, center_mm)
     projections = image_files.load_projections(projections_file, geometry)
@@ -146,10 +153,11 @@ def reconstruct(
         )
     opened = open_device(device)
     need = (
-        fdk.plan(geometry, grid, device=opened, motion=moved).device_bytes
+        run_reconstruction.needed_bytes(settings, geometry, grid, motion=moved, device=opened)
         + projections.line_integrals.nbytes
     )
-    by_slabs, volume_bytes = out.suffix.lower() == ".mha", 4 * math.prod(grid.shape_zyx)
+    by_slabs = settings.algorithm == "fdk" and out.suffix.lower() == ".mha"
+    volume_bytes = 4 * math.prod(grid.shape_zyx)
     memory = f"{_size(need)} of memory" + (
         "" if by_slabs else f" and {_size(volume_bytes)} for the volume"
     )
@@ -157,16 +165,23 @@ def reconstruct(
     if by_slabs:
         with image_files.volume_writer(out, grid) as writer:
             for first, slab in fdk.fdk_slabs(
-                projections, grid, device=opened, motion=moved, progress=progress
+                projections,
+                grid,
+                motion=moved,
+                options=run_reconstruction.fdk_options(settings),
+                device=opened,
+                progress=progress,
             ):
                 writer.write(first, slab)
     else:
-        image_files.save_volume(
-            out, fdk.fdk(projections, grid, device=opened, motion=moved, progress=progress)
+        volume = run_reconstruction.reconstruct(
+            settings, projections, grid, motion=moved, device=opened, progress=progress
         )
+        image_files.save_volume(out, volume)
     voxels = "x".join(str(n) for n in grid.shape_zyx)
     return [
-        f"{voxels} voxels (z, y, x) from {len(geometry)} views on {opened.label}",
+        f"{voxels} voxels (z, y, x) from {len(geometry)} views by {settings.algorithm} on "
+        f"{opened.label}",
         f"took {memory}" + (", the volume went to disk slab by slab" if by_slabs else ""),
         f"volume (1/mm): {out}",
     ]

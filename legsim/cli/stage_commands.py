@@ -2,7 +2,7 @@
 
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
@@ -132,12 +132,52 @@ def reconstruct(
         tuple[float, float, float] | None,
         typer.Option(help="Middle of the grid. Default: the rotation center."),
     ] = None,
+    algorithm: Annotated[
+        Literal["fdk", "cgls"] | None,
+        typer.Option(
+            help="fdk (default): filtered back-projection. cgls: conjugate gradients, for few "
+            "views, gaps and wide cones."
+        ),
+    ] = None,
+    window: Annotated[
+        Literal["ram-lak", "shepp-logan", "hann"] | None,
+        typer.Option(help="fdk: window of the ramp filter. Default: shepp-logan."),
+    ] = None,
+    water_attenuation_per_mm: Annotated[
+        float | None,
+        typer.Option(
+            min=0,
+            help="fdk: water cylinder that continues a cut-off object; 0 leaves rows cut off. "
+            "Default: 0.02.",
+        ),
+    ] = None,
+    redundancy: Annotated[
+        Literal["parker", "none"] | None,
+        typer.Option(
+            help="fdk: weights of lines measured more than once; none counts every view half. "
+            "Default: parker."
+        ),
+    ] = None,
+    iterations: Annotated[
+        int | None, typer.Option(min=1, help="cgls: steps; fewer are smoother. Default: 15.")
+    ] = None,
+    nonnegative: Annotated[
+        bool, typer.Option("--nonnegative", help="cgls: keep attenuation at 0 or above.")
+    ] = False,
     out: Annotated[Path, typer.Option("--out", help="Volume, 1/mm.")] = Path("volume.mha"),
     device: DeviceOption = None,
 ) -> None:
-    """FDK, static or motion-compensated."""
+    """Reconstruct projections, static or motion-compensated."""
     from legsim.cli import file_stages
 
+    options = {
+        "algorithm": algorithm,
+        "window": window,
+        "water_attenuation_per_mm": water_attenuation_per_mm,
+        "redundancy": redundancy,
+        "iterations": iterations,
+        "nonnegative": nonnegative or None,
+    }
     with progress.of_stages(console.err) as on_progress:
         lines = file_stages.reconstruct(
             projections,
@@ -148,6 +188,7 @@ def reconstruct(
             shape_zyx=shape_zyx,
             spacing_mm=spacing_mm,
             center_mm=center_mm,
+            options={name: value for name, value in options.items() if value is not None},
             device=device,
             on_progress=on_progress,
         )

@@ -7,6 +7,7 @@ cones. Early iterations are the smooth ones; stopping is the regularization. Vox
 larger than a pixel seen at the isocenter, or A's images have gaps between them.
 """
 
+import math
 from collections.abc import Callable, Iterator
 
 import numpy as np
@@ -19,6 +20,9 @@ from legsim.geometry.volume import Volume, VolumeGrid
 from legsim.opencl.device import Device, open_device
 from legsim.reconstruction import _backprojection_plan, backprojection
 from legsim.reconstruction.corrected_scan import CorrectedScan, images_and_motion
+
+_IMAGES, _VOLUMES = 6, 5
+"""copies of all images and of the volume that the steps hold at most"""
 
 
 class SystemMatrix:
@@ -136,6 +140,28 @@ def cgls(
         if progress is not None:
             progress(step + 1, iterations)
     return Volume(grid, found)
+
+
+def needed_bytes(
+    geometry: ConeBeamGeometry,
+    grid: VolumeGrid,
+    *,
+    motion: Motion | None = None,
+    device: Device | None = None,
+) -> int:
+    """Memory that :func:`cgls` takes at most beside projections and volume, the device's included.
+
+    Raises:
+        LegsimError: the motion has another number of views, or the device has too little memory.
+    """
+    device = device if device is not None else open_device()
+    decided = _backprojection_plan.plan(geometry, grid, device, motion=motion, kernel="voxels")
+    images, volumes = (
+        4 * len(geometry) * math.prod(geometry.shape_vu),
+        4 * math.prod(grid.shape_zyx),
+    )
+    # residual, scale, images seen and their copies; gradient, direction and a sum in float64
+    return decided.device_bytes + _IMAGES * images + _VOLUMES * volumes
 
 
 def _conjugate_steps(

@@ -3,7 +3,7 @@ motion-compensated, in absolute units.
 """
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -27,10 +27,9 @@ _LEAST_HALF = 0.01
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class FdkOptions:
-    """How to reconstruct."""
+class FdkOptions(FilterOptions):
+    """How to filter and back-project."""
 
-    filter: FilterOptions = field(default_factory=FilterOptions)
     kernel: Kernel | None = None
     """of the back-projection: "voxels" is the plain reference, "columns" the fast one for CPUs;
     None takes the fastest that is right
@@ -116,7 +115,7 @@ def fdk_slabs(
     filtering_progress, adding_progress = _halves(progress)
     batches = filtering.filtered_views(
         replace(detector.apply(images), geometry=weights_geometry),
-        options.filter,
+        options,
         filtering_progress,
         added=detector.added,
         finish=lambda filtered, views: backprojection.arranged(filtered, mirrored[views]),

@@ -70,14 +70,15 @@ def plan_filter(
     )
     u = np.arange(-reach, columns + reach, dtype=float)
     fans = fan_angles(geometry, arc, u)
-    if options.parker:
+    weighted = options.redundancy == "parker"
+    if weighted:
         warn_if_incomplete(arc, fan_angles(geometry, arc, np.array([-0.5, columns - 0.5])))
     edges = (
         fan_angles(geometry, arc, np.array([added[0] - 0.5, columns - added[1] - 0.5]))
         if any(added)
         else None
     )
-    shares = redundancy_weights(arc, fans, edges) if options.parker else np.full(fans.shape, 0.5)
+    shares = redundancy_weights(arc, fans, edges) if weighted else np.full(fans.shape, 0.5)
     length, response = filter_response(columns + reach, options.window)
     rays = _rays(geometry, arc)
     pixel_at_axis = float(np.mean(arc.radii / rays.row_factors[:, geometry.shape_vu[0] // 2]))

@@ -11,6 +11,8 @@ from legsim.core.values import Float32Array, FloatArray
 
 Window = Literal["ram-lak", "shepp-logan", "hann"]
 
+Redundancy = Literal["parker", "none"]
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FilterOptions:
@@ -22,14 +24,19 @@ class FilterOptions:
     """1/m, of the cylinder that continues a cut-off object; None leaves projections cut off. About
     20 is tissue at 60 to 70 keV.
     """
-    parker: bool = True
-    """redundancy weights; without them every view counts half, as in a full turn"""
+    redundancy: Redundancy = "parker"
+    """weights of lines measured more than once; "none" counts every view half, as in a full turn"""
 
     def __post_init__(self) -> None:
         if self.window not in get_args(Window):
             raise LegsimError(
                 f"filter window {self.window!r} is unknown; there are: "
                 f"{', '.join(get_args(Window))}"
+            )
+        if self.redundancy not in get_args(Redundancy):
+            raise LegsimError(
+                f"redundancy weights {self.redundancy!r} are unknown; there are: "
+                f"{', '.join(get_args(Redundancy))}"
             )
         if self.water_attenuation is not None and not self.water_attenuation > 0:
             raise LegsimError(

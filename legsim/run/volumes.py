@@ -18,8 +18,7 @@ from legsim.deformation.files import load_motion, save_motion
 from legsim.deformation.models import ControlPointMotion, Motion
 from legsim.geometry import image_files
 from legsim.geometry.volume import NamedVolume, VolumeGrid
-from legsim.reconstruction import fdk
-from legsim.run import methods
+from legsim.run import methods, reconstruction
 from legsim.run.methods import MethodInputs
 from legsim.run.stages import StageContext
 from legsim.simulation.setup import Side
@@ -52,9 +51,10 @@ def check(settings: RunConfig) -> None:
     """Refuses, before anything is computed, methods that this configuration cannot run.
 
     Raises:
-        LegsimError: a name that is not there, two methods of one label, or a sensor that a method
-            needs and nobody carries.
+        LegsimError: a name that is not there, two methods of one label, a sensor that a method
+            needs and nobody carries, or an option that the reconstruction does not read.
     """
+    reconstruction.check(settings.reconstruction)
     run = [name for name in dict.fromkeys(settings.methods.run) if name != methods.REFERENCE]
     labels = [methods.label(name) for name in run]
     for name, label in zip(run, labels, strict=True):
@@ -116,7 +116,12 @@ def reconstruct_methods(
 
 def _key(stage: StageContext, name: str) -> str:
     settings = stage.settings
-    always = stage.scan_key, settings.grid.model_dump(), methods.fingerprint(name)
+    always = (
+        stage.scan_key,
+        settings.grid.model_dump(),
+        settings.reconstruction.model_dump(),
+        methods.fingerprint(name),
+    )
     if name in _NEED_NOTHING:
         return key_of(*always)
     return key_of(
@@ -146,7 +151,8 @@ def _make(
             save_motion(folder.path / files[-1], motion)
     notes = json.dumps({"method": label, "notes": found.notes}, indent=1) + "\n"
     write_text(folder.path / files[1], notes)
-    volume = fdk.fdk(
+    volume = reconstruction.reconstruct(
+        stage.settings.reconstruction,
         found,
         grid,
         device=stage.device,

@@ -20,6 +20,8 @@ from legsim.kinematics import from_recording
 from legsim.mocap import files as mocap_files
 from legsim.mocap import opensim
 from legsim.mocap.trajectories import JointTrajectories, MarkerTrajectories
+from legsim.reconstruction import cgls, fdk
+from legsim.reconstruction.fdk import FdkOptions
 
 
 def quiet(*_: object) -> None:
@@ -135,6 +137,30 @@ def test_a_projected_ball_is_reconstructed_where_it_was_with_its_attenuation(bal
     distance = np.sqrt((x - 0.01) ** 2 + y[:, None] ** 2 + (z[:, None, None] + 0.005) ** 2)
     assert volume.attenuation[distance < 0.02].mean() == pytest.approx(20, rel=0.02)
     assert abs(volume.attenuation[(distance > 0.034) & (distance < 0.038)].mean()) < 0.5
+
+
+def test_options_of_the_reconstruction_reach_it(ball_scan, tmp_path):
+    geometry = geometry_files.load_geometry(ball_scan / "geometry.json")
+    projections = image_files.load_projections(ball_scan / "p.mha", geometry)
+    volumes = []
+    for out, options in (
+        ("a.mha", {}),
+        ("b.mha", {"window": "hann", "water_attenuation_per_mm": 0.0, "redundancy": "none"}),
+        ("c.mha", {"algorithm": "cgls", "iterations": 2, "nonnegative": True}),
+    ):
+        lines = reconstruct(ball_scan, tmp_path / out, options=options)
+        volumes.append(image_files.load_volume(tmp_path / out))
+        assert f"by {options.get('algorithm', 'fdk')} on" in lines[0]
+    grid = volumes[0].grid
+    hann = FdkOptions(window="hann", water_attenuation=None, redundancy="none")
+    expected = (
+        fdk.fdk(projections, grid),
+        fdk.fdk(projections, grid, options=hann),
+        cgls.cgls(projections, grid, iterations=2, nonnegative=True),
+    )
+    for found, right in zip(volumes, expected, strict=True):
+        # files hold 1/mm
+        np.testing.assert_allclose(found.attenuation, right.attenuation, rtol=1e-6, atol=1e-6)
 
 
 def test_like_takes_the_grid_of_another_volume(ball_scan, tmp_path):

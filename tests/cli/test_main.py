@@ -101,6 +101,19 @@ def test_version(capsys):
         (("convert", "nowhere.c3d", "--out", "{tmp}/a.trc"), "nowhere.c3d: cannot be read"),
         (("project", "nowhere.toml", "--geometry", "nowhere.json"), "nowhere.json"),
         (("reconstruct", "nowhere.mha", "--geometry", "nowhere.xml"), "nowhere.mha: no such file"),
+        (
+            ("reconstruct", "p.mha", "--geometry", "g.xml", "--nonnegative"),
+            "--nonnegative: fdk has no such option; leave it out, or choose --algorithm cgls",
+        ),
+        (
+            ("reconstruct", "p.mha", "--geometry=g.xml", "--algorithm=cgls", "--window=hann"),
+            "--window: cgls has no such option; leave it out, or choose --algorithm fdk",
+        ),
+        (
+            ("run", "--set", "reconstruction.iterations=30", "--out", "{tmp}"),
+            "reconstruction.iterations: fdk has no such option; leave it out, or choose "
+            "reconstruction.algorithm = cgls",
+        ),
         (("evaluate", "nowhere.mha", "nowhere.mha"), "nowhere.mha: no such file"),
         (("geometry", "show", "nowhere.json"), "nowhere.json"),
         (("view", "{tmp}"), "no such recording"),

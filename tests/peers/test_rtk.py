@@ -10,7 +10,6 @@ from legsim.geometry.volume import VolumeGrid
 from legsim.opencl.device import Device
 from legsim.reconstruction import fdk
 from legsim.reconstruction.fdk import FdkOptions
-from legsim.reconstruction.ramp_filter import FilterOptions
 
 pytestmark = [pytest.mark.peer, pytest.mark.filterwarnings("ignore::DeprecationWarning")]
 
@@ -79,7 +78,7 @@ def test_rtk_projections_give_rtks_volume(
     )
     projections = image_files.load_projections(folder / "projections.mha", geometry)
     grid = VolumeGrid.cubic(COUNT, 1e-3 * SPACING_MM, (0.0, 0.0, 0.0))
-    options = FdkOptions(filter=FilterOptions(window="ram-lak", water_attenuation=None))
+    options = FdkOptions(window="ram-lak", water_attenuation=None)
     ours = 1e-3 * fdk.fdk(projections, grid, device=device, options=options).attenuation
     x, y, z = (1e3 * axis for axis in grid.axes())
     seen = (np.hypot(x[None, None], z[:, None, None]) < 110) & (np.abs(y[None, :, None]) < 80)

@@ -17,7 +17,6 @@ from legsim.opencl.device import Device
 from legsim.phantom.meshes import Part, Phantom
 from legsim.reconstruction import fdk
 from legsim.reconstruction.fdk import FdkOptions
-from legsim.reconstruction.ramp_filter import FilterOptions
 from legsim.reconstruction.weights import ShortScanWarning
 from legsim.scan import projector
 from tests.references.backprojection import Ellipsoid, project
@@ -229,7 +228,7 @@ def test_a_cut_off_object_keeps_its_values_inside(device: Device) -> None:
         projections,
         grid,
         device=device,
-        options=FdkOptions(filter=FilterOptions(water_attenuation=None)),
+        options=FdkOptions(water_attenuation=None),
     ).attenuation[:, 0]
     x, _, z = grid.axes()
     inside = np.hypot(x[None], z[:, None]) < 0.08
