@@ -35,6 +35,10 @@ class Motion(ABC):
         name = f"{type(self).__name__}.times"
         object.__setattr__(self, "times", increasing_times(name, self.times))
 
+    def _span(self) -> str:
+        """Count and duration in one phrase."""
+        return f"{len(self.times)} views over {np.ptp(self.times):.4g} s"
+
     @abstractmethod
     def arrays(self) -> dict[str, np.ndarray]:
         """What makes up the motion beside its times, by the names that files give it."""
@@ -88,6 +92,11 @@ class RigidMotion(Motion):
                 f"view {bad}"
             )
 
+    def __repr__(self) -> str:
+        cosines = 0.5 * (np.trace(self.moved_from_reference[:, :3, :3], axis1=1, axis2=2) - 1)
+        turned = np.degrees(np.arccos(np.clip(cosines, -1, 1)).max(initial=0))
+        return f"RigidMotion({self._span()}, turned by up to {turned:.3g} deg)"
+
     @classmethod
     def identity(cls, times: FloatArray) -> RigidMotion:
         """Nothing moves."""
@@ -134,6 +143,11 @@ class ControlPointMotion(Motion):
                 "ControlPointMotion needs at least one control point, all coordinates finite"
             )
 
+    def __repr__(self) -> str:
+        shift = 1e3 * np.linalg.norm(self.moved - self.reference, axis=-1).max(initial=0)
+        points = f"{len(self.reference)} points moved by up to {shift:.3g} mm"
+        return f"ControlPointMotion({self._span()}, {points})"
+
     def arrays(self) -> dict[str, np.ndarray]:
         return {"reference": self.reference, "moved": self.moved}
 
@@ -164,6 +178,11 @@ class FieldMotion(Motion):
         )
         if not np.isfinite(self.displacements).all():
             raise LegsimError("FieldMotion.displacements holds a value that is not a finite number")
+
+    def __repr__(self) -> str:
+        nz, ny, nx = self.grid.shape_zyx
+        sizes = "x".join(f"{1e3 * s:.4g}" for s in self.grid.spacing_xyz)
+        return f"FieldMotion({self._span()}, {nx}x{ny}x{nz} nodes (x, y, z) {sizes} mm apart)"
 
     def arrays(self) -> dict[str, np.ndarray]:
         return {

@@ -97,6 +97,24 @@ class ConeBeamGeometry:
         matrices = camera @ np.concatenate([rotation, shift[..., None]], -1)
         return cls(np.asarray(times, float), matrices, shape_vu, pixel_pitch)
 
+    def __repr__(self) -> str:
+        columns, rows = self.shape_vu[::-1]
+        center = self.rotation_center()
+        to_center = 1e3 * np.linalg.norm(self.sources() - center, axis=-1).mean()
+        to_detector = 1e3 * self.pixel_pitch * self.focal_lengths().mean()
+        return (
+            f"ConeBeamGeometry({self._views()} of {columns}x{rows} pixels of "
+            f"{1e3 * self.pixel_pitch:.4g} mm, source to center {to_center:.4g}, to detector "
+            f"{to_detector:.4g} mm)"
+        )
+
+    def _views(self) -> str:
+        """Count of views, and the angle that the source turns about the center between them."""
+        arms = self.sources() - self.rotation_center()
+        crossed = np.linalg.norm(np.cross(arms[1:], arms[:-1]), axis=-1)
+        arc = np.degrees(np.arctan2(crossed, (arms[1:] * arms[:-1]).sum(-1)).sum())
+        return f"{len(self)} view{'s' * (len(self) != 1)} over {arc:.4g} deg"
+
     def __len__(self) -> int:
         return len(self.times)
 
@@ -230,6 +248,13 @@ class Projections:
                 f"{expected} (views, rows, columns)"
             )
         object.__setattr__(self, "line_integrals", frozen_owned(images))
+
+    def __repr__(self) -> str:
+        rows, columns = self.geometry.shape_vu
+        return (
+            f"Projections({self.geometry._views()} of {columns}x{rows} pixels, "
+            "dimensionless line integrals)"
+        )
 
     def coarser(self, factor: int) -> "Projections":
         """Means of blocks of ``factor`` x ``factor`` pixels, on

@@ -38,6 +38,16 @@ class VolumeGrid:
                 f"VolumeGrid.center is {self.center}; expected three finite coordinates"
             )
 
+    def __repr__(self) -> str:
+        center = ", ".join(f"{1e3 * c:.6g}" for c in self.center)
+        return f"VolumeGrid({self._voxels()}, center ({center}) mm)"
+
+    def _voxels(self) -> str:
+        """Counts and sizes in one phrase."""
+        nz, ny, nx = self.shape_zyx
+        sizes = "x".join(f"{1e3 * s:.6g}" for s in self.spacing_xyz)
+        return f"{nx}x{ny}x{nz} voxels (x, y, z) of {sizes} mm"
+
     @classmethod
     def cubic(cls, count: int, spacing: float, center: Sequence[float]) -> "VolumeGrid":
         """``count``^3 voxels of edge ``spacing`` (m) around ``center`` (m)."""
@@ -109,6 +119,9 @@ class Volume:
                 f"{self.grid.shape_zyx} (z, y, x)"
             )
         object.__setattr__(self, "attenuation", frozen_owned(values))
+
+    def __repr__(self) -> str:
+        return f"Volume({self.grid._voxels()}, attenuation in 1/m)"
 
 
 @dataclass(frozen=True, slots=True, eq=False)

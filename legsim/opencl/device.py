@@ -33,6 +33,13 @@ class Device:
     _programs: dict[str, cl.Program] = field(default_factory=dict, repr=False)
     _kernels: dict[tuple[int, str], cl.Kernel] = field(default_factory=dict, repr=False)
 
+    def __repr__(self) -> str:
+        memory = self.candidate.memory_bytes / 2**30
+        return (
+            f"Device({self.label}, {self.candidate.kind}, {self.candidate.compute_units} units, "
+            f"{memory:.3g} GiB)"
+        )
+
     @property
     def label(self) -> str:
         return self.candidate.label

@@ -148,5 +148,5 @@ def filter_batch(plan: FilterPlan, images: Float32Array, views: slice) -> Float3
         rows[k] *= plan.shares[view]
     spectrum = np.asarray(fft.rfft(rows, plan.length, axis=-1, overwrite_x=True))
     spectrum *= plan.response
-    filtered = np.asarray(fft.irfft(spectrum, plan.length, axis=-1, overwrite_x=True))
+    filtered = np.asarray(fft.irfft(spectrum, plan.length, axis=-1, overwrite_x=True), np.float32)
     return np.ascontiguousarray(filtered[..., plan.reach : plan.reach + columns])
