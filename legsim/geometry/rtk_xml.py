@@ -1,0 +1,342 @@
+"""RTK's geometry XML, read and written to the same meaning, in millimeters.
+
+RTK's nine parameters a view were checked against RTK 2.7: with R = Rz(-in plane) Rx(-out of plane)
+Ry(-gantry), s the source offset and o the detector offset, its matrix is [[-SDD, 0, sx - ox], [0,
+-SDD, sy - oy], [0, 0, 1]] [R | (-sx, -sy, -SID)], in mm on the detector. Pixel (0, 0) of a centered
+detector lies at -(n - 1)/2 pixels from that origin.
+"""
+
+import json
+import xml.etree.ElementTree as ElementTree
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from legsim.core import transforms
+from legsim.core.errors import file_error
+from legsim.core.values import FloatArray
+from legsim.geometry._file_parts import (
+    NEEDS_DETECTOR,
+    count_of,
+    geometry_of,
+    is_number,
+    matrices_mm,
+    numbers_of,
+)
+from legsim.geometry.cone_beam import ConeBeamGeometry
+
+_PARAMETERS = (
+    *(
+        "GantryAngle",
+        "SourceToIsocenterDistance",
+        "SourceToDetectorDistance",
+        "SourceOffsetX",
+        "SourceOffsetY",
+    ),
+    *("ProjectionOffsetX", "ProjectionOffsetY", "InPlaneAngle", "OutOfPlaneAngle"),
+)
+
+
+def _matrix(parameters: dict[str, float]) -> FloatArray:
+    """(3, 4) of one view, world mm to mm on the detector."""
+    gantry, in_plane, out_of_plane = (
+        np.deg2rad(parameters[name]) for name in ("GantryAngle", "InPlaneAngle", "OutOfPlaneAngle")
+    )
+    source = np.array(
+        [
+            parameters["SourceOffsetX"],
+            parameters["SourceOffsetY"],
+            parameters["SourceToIsocenterDistance"],
+        ]
+    )
+    distance = parameters["SourceToDetectorDistance"]
+    rotation = _turn("z", -in_plane) @ _turn("x", -out_of_plane) @ _turn("y", -gantry)
+    offset = source[:2] - (parameters["ProjectionOffsetX"], parameters["ProjectionOffsetY"])
+    camera = np.array([[-distance, 0, offset[0]], [0, -distance, offset[1]], [0, 0, 1]])
+    return camera @ np.column_stack([rotation, -source])
+
+
+def _turn(axis: str, angle: float) -> FloatArray:
+    return transforms.axis_rotation(np.eye(3)["xyz".index(axis)], angle)
+
+
+def _parameters(path: Path, matrix_mm: FloatArray, view: int) -> list[float]:
+    """RTK's nine numbers, in the order of ``_PARAMETERS``, of a matrix (3, 4) from world mm to
+    mm on the detector.
+    """
+    # third row of unit length and w negative in front, as RTK has it
+    matrix = -matrix_mm / np.linalg.norm(matrix_mm[2, :3])
+    third = matrix[2, :3]
+    foot_u, foot_v = matrix[0, :3] @ third, matrix[1, :3] @ third
+    row_u, row_v = matrix[0, :3] - foot_u * third, matrix[1, :3] - foot_v * third
+    distance = np.linalg.norm(row_u)
+    rotation = np.stack([-row_u / distance, -row_v / distance, third])
+    if not np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-9):
+        raise file_error(
+            path,
+            f"view {view} has skewed or not square pixels",
+            "write legsim JSON or matrices instead, RTK has no such detector",
+        )
+    if np.linalg.det(rotation) < 0:
+        raise file_error(
+            path,
+            f"view {view} is mirrored (rows or columns run backwards)",
+            "write legsim JSON or matrices instead, RTK has no mirror",
+        )
+    source = rotation @ -np.linalg.solve(matrix[:, :3], matrix[:, 3])
+    if abs(rotation[2, 1]) < 1 - 1e-12:
+        gantry, in_plane = (
+            np.arctan2(rotation[2, 0], rotation[2, 2]),
+            np.arctan2(rotation[0, 1], rotation[1, 1]),
+        )
+    else:  # looking along the axis of rotation: only the sum of the two angles is determined
+        gantry, in_plane = -np.arctan2(rotation[0, 2], rotation[0, 0]), 0.0
+    out_of_plane = -np.arctan2(rotation[2, 1], np.hypot(rotation[0, 1], rotation[1, 1]))
+    angles = np.rad2deg([gantry, in_plane, out_of_plane])
+    offsets = (source[0] - foot_u, source[1] - foot_v)
+    return [
+        float(x)
+        for x in (
+            angles[0] % 360.0,
+            source[2],
+            distance,
+            source[0],
+            source[1],
+            *offsets,
+            angles[1],
+            angles[2],
+        )
+    ]
+
+
+def _millimeters_from_pixels(shape_vu: tuple[int, int], pixel_mm: float) -> FloatArray:
+    """(3, 3) from pixel coordinates to mm on a detector whose middle is the origin."""
+    rows, columns = shape_vu
+    return np.array(
+        [
+            [pixel_mm, 0, -pixel_mm * (columns - 1) / 2],
+            [0, pixel_mm, -pixel_mm * (rows - 1) / 2],
+            [0, 0, 1],
+        ]
+    )
+
+
+def text_of(path: Path, geometry: ConeBeamGeometry) -> str:
+    """A geometry as RTK's XML; a comment keeps what RTK has no place for.
+
+    Raises:
+        LegsimError: views that RTK cannot express; the line names ``path``.
+    """
+    rows, columns = geometry.shape_vu
+    pixel_mm = geometry.pixel_pitch * 1e3
+    note = json.dumps(
+        {"columns": columns, "rows": rows, "pixel_mm": pixel_mm, "times_s": geometry.times.tolist()}
+    )
+    lines = [
+        '<?xml version="1.0"?>',
+        "<!DOCTYPE RTKGEOMETRY>",
+        '<RTKThreeDCircularGeometry version="3">',
+        f"  <!-- legsim {note} -->",
+    ]
+    for view, matrix in enumerate(
+        _millimeters_from_pixels(geometry.shape_vu, pixel_mm) @ matrices_mm(geometry)
+    ):
+        parameters = _parameters(path, matrix, view)
+        written = _matrix(dict(zip(_PARAMETERS, parameters, strict=True)))
+        lines += ["  <Projection>"]
+        lines += [
+            f"    <{name}>{value!r}</{name}>"
+            for name, value in zip(_PARAMETERS, parameters, strict=True)
+        ]
+        lines += [
+            "    <Matrix>",
+            *("      " + " ".join(repr(x) for x in row) for row in written.tolist()),
+            "    </Matrix>",
+        ]
+        lines += ["  </Projection>"]
+    return "\n".join([*lines, "</RTKThreeDCircularGeometry>", ""])
+
+
+def load(
+    path: Path, shape_vu: tuple[int, int] | None, pixel_mm: float | None, view_rate_hz: float
+) -> ConeBeamGeometry:
+    """Reads RTK's XML; arguments and errors as of :func:`legsim.geometry.files.load_geometry`."""
+    try:
+        root = ElementTree.fromstring(
+            path.read_bytes(),
+            ElementTree.XMLParser(target=ElementTree.TreeBuilder(insert_comments=True)),
+        )
+    except ElementTree.ParseError as error:
+        raise file_error(path, f"is not XML ({error})", "correct it there") from error
+    if root.tag != "RTKThreeDCircularGeometry" or root.get("version") != "3":
+        found = f"<{root.tag} version={root.get('version')!r}>"
+        raise file_error(
+            path,
+            f"begins with {found}",
+            'only RTK\'s <RTKThreeDCircularGeometry version="3"> is known',
+        )
+    note = _legsim_note(path, root)
+    times = None
+    if note is not None and shape_vu is None and pixel_mm is None:
+        shape_vu, pixel_mm, times = (
+            (note["rows"], note["columns"]),
+            note["pixel_mm"],
+            note["times_s"],
+        )
+    if shape_vu is None or pixel_mm is None:
+        raise file_error(
+            path, "does not say how large the detector and its pixels are", NEEDS_DETECTOR
+        )
+    matrices = np.array(_matrices(path, root))
+    if times is None or len(times) != len(matrices):
+        times = np.arange(len(matrices)) / view_rate_hz
+    return geometry_of(
+        path,
+        times,
+        np.linalg.inv(_millimeters_from_pixels(shape_vu, pixel_mm)) @ matrices,
+        shape_vu,
+        pixel_mm,
+    )
+
+
+def _legsim_note(path: Path, root: ElementTree.Element) -> dict[str, Any] | None:
+    """What legsim leaves in a comment, since RTK's format has no place for the detector and the
+    times.
+    """
+    for element in root:
+        text = (element.text or "").strip()
+        if element.tag is ElementTree.Comment and text.startswith("legsim {"):
+            try:
+                note = json.loads(text.removeprefix("legsim "))
+            except json.JSONDecodeError as error:
+                raise file_error(
+                    path,
+                    f"legsim's comment is not JSON ({error.msg})",
+                    "restore or remove it",
+                    place="comment",
+                ) from error
+            if not {"rows", "columns", "pixel_mm", "times_s"} <= set(note):
+                return None
+            counts = {key: count_of(path, note, key) for key in ("rows", "columns")}
+            if not (is_number(note["pixel_mm"]) and note["pixel_mm"] > 0):
+                raise file_error(
+                    path,
+                    f"{note['pixel_mm']!r} is not a positive number",
+                    "restore or remove legsim's comment",
+                    place="pixel_mm",
+                )
+            return {
+                **counts,
+                "pixel_mm": note["pixel_mm"],
+                "times_s": numbers_of(path, note["times_s"], "times_s"),
+            }
+    return None
+
+
+def _matrices(path: Path, root: ElementTree.Element) -> list[FloatArray]:
+    """(3, 4) of each view. As in RTK, a parameter stays until another value is given, and starts at
+    0.
+    """
+    parameters, given, matrices = dict.fromkeys(_PARAMETERS, 0.0), set(), []
+    for element in root:
+        if element.tag == "Projection":
+            matrices.append(_view(path, element, parameters, given, f"projection {len(matrices)}"))
+        elif isinstance(element.tag, str):
+            _read_parameter(path, element, parameters, given, "before the projections")
+    if not matrices:
+        raise file_error(path, "holds no <Projection>", "a geometry needs one a view")
+    return matrices
+
+
+def _view(
+    path: Path,
+    element: ElementTree.Element,
+    parameters: dict[str, float],
+    given: set[str],
+    place: str,
+) -> FloatArray:
+    stated = None
+    for child in element:
+        if child.tag == "Matrix":
+            stated = _numbers(path, child, place, 12).reshape(3, 4)
+        elif isinstance(child.tag, str):
+            _read_parameter(path, child, parameters, given, place)
+    if stated is not None and not given:
+        return stated
+    if "SourceToIsocenterDistance" in given and parameters["SourceToDetectorDistance"] == 0:
+        raise file_error(
+            path,
+            "SourceToDetectorDistance is 0, RTK's parallel beam",
+            "only cone beams are known; give the distance",
+            place=place,
+        )
+    if not (
+        parameters["SourceToIsocenterDistance"] > 0 and parameters["SourceToDetectorDistance"] > 0
+    ):
+        raise file_error(
+            path,
+            "source distances are missing or not positive",
+            "give SourceToIsocenterDistance and SourceToDetectorDistance",
+            place=place,
+        )
+    matrix = _matrix(parameters)
+    if stated is not None and np.abs(stated - matrix).max() > 1e-6 * np.abs(matrix).max():
+        raise file_error(
+            path, "its <Matrix> contradicts its parameters", "remove one of them", place=place
+        )
+    return matrix
+
+
+def _read_parameter(
+    path: Path,
+    element: ElementTree.Element,
+    parameters: dict[str, float],
+    given: set[str],
+    place: str,
+) -> None:
+    """Takes one of the nine parameters; a curved detector is refused; collimation, which moves
+    nothing, is passed over.
+    """
+    if element.tag in parameters:
+        parameters[element.tag] = float(_numbers(path, element, place, 1)[0])
+        given.add(element.tag)
+    elif element.tag == "RadiusCylindricalDetector" and _numbers(path, element, place, 1)[0] != 0:
+        raise file_error(
+            path, "the detector is cylindrical", "only flat detectors are known", place=place
+        )
+    elif element.tag not in (
+        "RadiusCylindricalDetector",
+        "CollimationUInf",
+        "CollimationUSup",
+        "CollimationVInf",
+        "CollimationVSup",
+    ):
+        raise file_error(
+            path,
+            f"unknown element <{element.tag}>",
+            f"known are {', '.join(_PARAMETERS)} and Matrix",
+            place=place,
+        )
+
+
+def _numbers(path: Path, element: ElementTree.Element, place: str, count: int) -> FloatArray:
+    words: Sequence[str] = (element.text or "").split()
+    try:
+        values = np.array([float(word) for word in words])
+    except ValueError as error:
+        raise file_error(
+            path,
+            f"<{element.tag}> holds {' '.join(words)[:40]!r}",
+            f"expected {count} numbers",
+            place=place,
+        ) from error
+    if len(values) != count or not np.isfinite(values).all():
+        raise file_error(
+            path,
+            f"<{element.tag}> holds {len(values)} numbers",
+            f"expected {count}, all finite",
+            place=place,
+        )
+    return values
