@@ -109,8 +109,9 @@ def _response(numerator: list[float], damping: float, step: float, drive: FloatA
     """Output (n, ...) of numerator(s) / (s^2 + 2 damping s + 1) to a drive linear between samples
     ``step`` apart, settled at the start.
     """
-    # its annotation leaves open how many parts there are
-    discrete: Any = cont2discrete((numerator, [1.0, 2 * damping, 1.0]), step, method="foh")
+    # the stubs know only systems of arrays, and leave open how many parts the answer has
+    system: Any = (numerator, [1.0, 2 * damping, 1.0])
+    discrete: Any = cont2discrete(system, step, method="foh")
     top, bottom = discrete[:2]
     gain = float(np.sum(top) / np.sum(bottom))
     swung = lfilter(np.ravel(top), bottom, drive - drive[0], axis=0)

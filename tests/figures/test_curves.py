@@ -25,7 +25,7 @@ def test_motion_errors_are_distances_of_the_point(replay):
     turned = transforms.rigid(transforms.axis_rotation([0, 1, 0], np.deg2rad(2)), [0.0, 0.003, 0.0])
     estimate = RigidMotion(times, np.broadcast_to(turned, (len(times), 4, 4)))
     figure = figures.motion_errors(truth, [("turned", estimate)], np.zeros(3))
-    distance, angle = (ax.lines[0].get_ydata() for ax in figure.axes)
+    distance, angle = (np.asarray(ax.lines[0].get_ydata()) for ax in figure.axes)
     np.testing.assert_allclose(distance, 3.0)
     np.testing.assert_allclose(angle, 2.0)
 
@@ -35,5 +35,5 @@ def test_angles_are_in_degrees_under_opensims_names(replay):
     line = figure.axes[0].lines[0]
     assert line.get_label() == "knee_angle_r"
     np.testing.assert_allclose(
-        line.get_ydata(), np.rad2deg(replay.trajectories.coordinate("knee_angle_r"))
+        np.asarray(line.get_ydata()), np.rad2deg(replay.trajectories.coordinate("knee_angle_r"))
     )

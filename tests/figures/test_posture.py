@@ -35,10 +35,10 @@ def test_the_still_shows_the_frame_asked_for_with_the_subjects_right_on_the_left
     joints = next(line for line in front.lines if line.get_label() == "joint center")
     frame = round(0.25 * 120)
     np.testing.assert_allclose(
-        joints.get_xdata(), -replay.joint_centers.positions_world[frame, :, 2]
+        np.asarray(joints.get_xdata()), -replay.joint_centers.positions_world[frame, :, 2]
     )
     np.testing.assert_allclose(
-        joints.get_ydata(), replay.joint_centers.positions_world[frame, :, 1]
+        np.asarray(joints.get_ydata()), replay.joint_centers.positions_world[frame, :, 1]
     )
     assert "0.250 s" in figure.get_suptitle()
 
@@ -67,7 +67,7 @@ def test_the_stills_views_turn_with_the_body(replay):
         ]
         for scene in (ahead, turned)
     ]
-    np.testing.assert_allclose(drawn[0], drawn[1], atol=1e-12)
+    np.testing.assert_allclose(np.asarray(drawn[0]), np.asarray(drawn[1]), atol=1e-12)
 
 
 def test_all_pictures_of_a_still_have_one_scale(replay):

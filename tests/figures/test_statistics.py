@@ -39,9 +39,9 @@ def test_boxes_carry_the_published_mean():
     ]
     figure = figures.box_plots(groups, axis_label="SSIM")
     diamonds = [
-        line.get_ydata()
+        np.asarray(line.get_ydata())
         for line in figure.axes[0].lines
-        if line.get_marker() == "D" and len(line.get_ydata())
+        if line.get_marker() == "D" and np.size(line.get_ydata())
     ]
     assert [d[0] for d in diamonds] == [0.993]
     legend = figure.axes[0].get_legend()

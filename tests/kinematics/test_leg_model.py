@@ -1,5 +1,8 @@
 """The leg model: laws of kinematics, OpenSim's numbers, exact sensors."""
 
+# mujoco is compiled and ships no type stubs
+# pyright: reportAttributeAccessIssue=false
+
 import mujoco
 import numpy as np
 import pytest

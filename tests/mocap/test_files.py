@@ -39,14 +39,15 @@ def test_the_content_decides_and_not_the_name(tmp_path, name):
 def test_markers_and_coordinates_are_loaded_by_one_call(tmp_path):
     path = tmp_path / "motion"
     trc.save(path, MOTION)
-    np.testing.assert_array_equal(
-        mocap_files.load_recording(path, unit="mm").positions_world, MOTION.positions_world / 1000
-    )
+    markers = mocap_files.load_recording(path, unit="mm")
+    assert isinstance(markers, MarkerTrajectories)
+    np.testing.assert_array_equal(markers.positions_world, MOTION.positions_world / 1000)
     opensim.save(path, ANGLES)
-    np.testing.assert_array_equal(mocap_files.load_recording(path).values, ANGLES.values)
-    np.testing.assert_allclose(
-        mocap_files.load_recording(path, in_degrees=True).values, np.deg2rad(ANGLES.values)
-    )
+    angles, degrees = (mocap_files.load_recording(path, in_degrees=d) for d in (None, True))
+    assert isinstance(angles, JointTrajectories)
+    assert isinstance(degrees, JointTrajectories)
+    np.testing.assert_array_equal(angles.values, ANGLES.values)
+    np.testing.assert_allclose(degrees.values, np.deg2rad(ANGLES.values))
 
 
 @pytest.mark.parametrize(("name", "recording"), [
@@ -62,6 +63,7 @@ def test_what_is_saved_by_its_name_is_loaded_as_it_was(tmp_path, name, recording
             load_markers(tmp_path / name, up="y").positions_world, recording.positions_world
         )
     else:
+        assert isinstance(again, JointTrajectories)
         np.testing.assert_array_equal(again.values, recording.values)
 
 

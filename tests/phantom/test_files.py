@@ -361,7 +361,9 @@ def test_meshes_that_no_reader_takes_are_told_in_words_of_the_file(tmp_path):
         write(tmp_path, entry("a", "cut.stl")),
         r"cut\.stl \(part 'a'\): cannot be read as a mesh.*cut short",
     )
-    lines = mesh.export(file_type="ply", encoding="ascii").decode().splitlines()
+    ply = mesh.export(file_type="ply", encoding="ascii")
+    assert isinstance(ply, bytes)
+    lines = ply.decode().splitlines()
     for index in ("99999", "-7"):
         (tmp_path / "beyond.ply").write_text("\n".join([*lines[:-1], f"3 1 2 {index}"]) + "\n")
         refuse(
@@ -394,6 +396,7 @@ def test_a_part_that_juts_out_somewhere_is_not_hidden(tmp_path):
     inner = trimesh.util.concatenate(
         [trimesh.creation.icosphere(5, radius=10.0), ball(3, (60, 5, 0))]
     )
+    assert isinstance(inner, trimesh.Trimesh)
     order = np.random.default_rng(2).permutation(len(inner.vertices))
     mixed = trimesh.Trimesh(inner.vertices[order], np.argsort(order)[inner.faces], process=False)
     path = write(

@@ -176,7 +176,7 @@ def test_cartilages_do_not_cross_and_meet_closely(legs, degrees):
         )[0]
     )
     for side in ("medial", "lateral"):
-        gap = femur.query(vertices[legs.part_index(f"tibia_cartilage_{side}_r")])[0].min()
+        gap = np.min(femur.query(vertices[legs.part_index(f"tibia_cartilage_{side}_r")])[0])
         assert gap < 0.001, side
 
 

@@ -215,10 +215,10 @@ def test_a_deeper_squat_sways_wider_on_average() -> None:
 def test_power_falls_with_frequency_without_a_limit_cycle(name: str) -> None:
     motion = recording(name)
     pelvis = 1e3 * bridged(motion)[:, :3].mean(1)
-    frequency, power = welch(pelvis, 120, nperseg=1200, detrend="linear", axis=0)
+    frequency, power = welch(pelvis, 120.0, nperseg=1200, detrend="linear", axis=0)  # pyright: ignore[reportCallIssue]
 
     def band(low: float, high: float) -> np.ndarray:
-        return power[(frequency >= low) & (frequency < high)].mean(0)
+        return np.asarray(power)[(frequency >= low) & (frequency < high)].mean(0)
 
     horizontal = [0, 2]
     steps = [band(0.1, 0.5), band(0.5, 1.2), band(1.2, 2.5), band(2.5, 5.0)]

@@ -9,6 +9,7 @@ from tests.examples.recordings import read
 def test_joint_centers_on_both_timelines(scene, written):
     centers = scene.replay.joint_centers
     times, positions = read(written, "/world/joints", "Points3D:positions")
+    assert times is not None
     np.testing.assert_allclose(times, centers.times, atol=1e-9)
     np.testing.assert_allclose(np.stack(positions), centers.positions_world, atol=1e-6)
     frames, _ = read(written, "/world/joints", "Points3D:positions", "frame")

@@ -52,6 +52,7 @@ def test_a_scan_that_begins_within_the_motion_waits_at_its_first_view(scene, tmp
         ("/world/c_arm/detector/projection", "Image:buffer"),
     ):
         times, values = read(path, entity, component)
+        assert times is not None
         np.testing.assert_allclose(times, [0, *later.times], atol=1e-9)
         np.testing.assert_array_equal(values[0], values[1])
 

@@ -120,7 +120,7 @@ class Outline:
             for lo, hi in zip(curve.min(0), curve.max(0), strict=True)
         ]
         grid = np.stack(np.meshgrid(*axes, indexing="ij"), -1)
-        distance = KDTree(curve).query(grid.reshape(-1, 2))[0].reshape(grid.shape[:2])
+        distance = np.reshape(KDTree(curve).query(grid.reshape(-1, 2))[0], grid.shape[:2])
         inside = measure.points_in_poly(grid.reshape(-1, 2), curve).reshape(grid.shape[:2])
         return cls(
             RegularGridInterpolator(
