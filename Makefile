@@ -2,13 +2,17 @@ PYTHON ?= python3
 BIN := .venv/bin
 OUT ?= demo
 
-.PHONY: demo test setup check format clean
+.PHONY: demo test quick setup check format clean
 
 demo: setup
 	$(BIN)/legsim run --preset demo --out $(OUT)
 
 test: setup check
 	$(BIN)/python -m pytest -n 2 --dist worksteal
+
+# without whole runs and clusters: under two minutes on two cores
+quick: setup
+	$(BIN)/python -m pytest -n 2 --dist worksteal -m "not end_to_end"
 
 setup: .venv/.installed
 
@@ -20,6 +24,7 @@ setup: .venv/.installed
 check: setup
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
+	$(BIN)/codespell
 	$(BIN)/pyright
 
 format: setup

@@ -12,6 +12,7 @@ import pytest
 from legsim import config
 from legsim.core.errors import LegsimError
 from legsim.deformation.files import load_motion
+from legsim.deformation.models import RigidMotion
 from legsim.geometry import files as geometry_files
 from legsim.geometry import image_files
 from legsim.mocap import opensim
@@ -70,6 +71,8 @@ def test_noise_free_sensors_find_the_shanks_true_motion(tiny_run):
     truth, found = (
         load_motion(tiny_run.folder / f"motion-{name}.npz") for name in ("oracle", "rigid")
     )
+    assert isinstance(truth, RigidMotion)
+    assert isinstance(found, RigidMotion)
     knee = geometry_files.load_geometry(tiny_run.folder / "geometry.json").rotation_center()
     at_knee = np.array([*knee, 1.0])
     assert (

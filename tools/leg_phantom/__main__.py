@@ -2,4 +2,5 @@
 
 from tools.leg_phantom.build import main
 
-main()
+if __name__ == "__main__":
+    main()
