@@ -1,3 +1,4 @@
+from .config import load_settings as load_settings
 from .core.errors import LegsimError as LegsimError
 from .correction.marker_based import MarkerBased as MarkerBased
 from .correction.method import Correction as Correction
@@ -45,6 +46,7 @@ from .phantom.meshes import Phantom as Phantom
 from .reconstruction.cgls import cgls as cgls
 from .reconstruction.fdk import FdkOptions as FdkOptions
 from .reconstruction.fdk import fdk as fdk
+from .run.pipeline import run_scan as run_scan
 from .scan.c_arm import CArm as CArm
 from .scan.detector import Detector as Detector
 from .scan.projector import project as project

@@ -343,7 +343,7 @@ PRESETS: dict[str, dict[str, dict[str, Any]]] = {
 }
 
 
-def load(
+def load_settings(
     path: Path | None = None, *, preset: str = "paper", overrides: tuple[str, ...] = ()
 ) -> RunConfig:
     """The preset, overlaid by the TOML file, overlaid by ``section.key=value`` overrides (values in
@@ -390,7 +390,7 @@ def validated(model: type[_Model], tree: dict[str, Any], where: Path | None) -> 
 
 
 def dump(config: RunConfig) -> str:
-    """The whole tree as TOML; :func:`load` gives it back."""
+    """The whole tree as TOML; :func:`load_settings` gives it back."""
     return tomli_w.dumps(config.model_dump(mode="json", exclude_none=True))
 
 

@@ -85,7 +85,7 @@ def tiny_settings() -> config.RunConfig:
     """The paper's scan at a fifth of its resolution, every other view: seconds, and still a scan of
     8 s.
     """
-    return config.load(
+    return config.load_settings(
         preset="paper",
         overrides=(
             "motion.file=subject06/squat_60.trc",  # sways most, so that the coarse voxels show it
@@ -115,7 +115,7 @@ def tiny_run(
         # the paper's scan is a little short, and says so; whichever test asks for it first must not
         # fail by that
         warnings.simplefilter("ignore", ShortScanWarning)
-        return pipeline.run(
+        return pipeline.run_scan(
             tiny_settings, tmp_path_factory.mktemp("run"), on_progress=lambda *_: None
         )
 

@@ -8,7 +8,7 @@ from legsim.core.errors import LegsimError
 
 
 def test_dumping_and_loading_gives_the_same_tree(tmp_path):
-    original = config.load(
+    original = config.load_settings(
         preset="half",
         overrides=(
             "scan.start_s=2.5",
@@ -18,11 +18,14 @@ def test_dumping_and_loading_gives_the_same_tree(tmp_path):
         ),
     )
     (tmp_path / "c.toml").write_text(config.dump(original))
-    assert config.load(tmp_path / "c.toml") == original
+    assert config.load_settings(tmp_path / "c.toml") == original
 
 
 def test_paper_preset_is_the_papers_scan():
-    scan, grid = config.load(preset="paper").scan, config.load(preset="paper").grid
+    scan, grid = (
+        config.load_settings(preset="paper").scan,
+        config.load_settings(preset="paper").grid,
+    )
     assert (scan.views, scan.increment_deg, scan.rate_hz) == (248, 0.8, 31.0)
     assert (scan.source_detector_mm, scan.source_isocenter_mm, scan.pixel_mm) == (
         1198.0,
@@ -34,7 +37,7 @@ def test_paper_preset_is_the_papers_scan():
 
 @pytest.mark.parametrize("preset", ["demo", "half"])
 def test_presets_see_the_same_field_as_the_paper(preset):
-    ours, paper = config.load(preset=preset), config.load(preset="paper")
+    ours, paper = config.load_settings(preset=preset), config.load_settings(preset="paper")
     assert ours.scan.columns * ours.scan.pixel_mm == pytest.approx(
         paper.scan.columns * paper.scan.pixel_mm
     )
@@ -45,7 +48,7 @@ def test_presets_see_the_same_field_as_the_paper(preset):
 
 def test_file_beats_preset_and_override_beats_file(tmp_path):
     (tmp_path / "c.toml").write_text("[scan]\nviews = 10\nrows = 20\n")
-    loaded = config.load(tmp_path / "c.toml", preset="half", overrides=("scan.rows=30",))
+    loaded = config.load_settings(tmp_path / "c.toml", preset="half", overrides=("scan.rows=30",))
     assert (loaded.scan.views, loaded.scan.rows, loaded.scan.columns) == (10, 30, 310)
 
 
@@ -66,7 +69,7 @@ def test_file_beats_preset_and_override_beats_file(tmp_path):
 def test_a_bad_file_is_refused_in_one_line_that_names_the_place(tmp_path, text, message):
     (tmp_path / "c.toml").write_text(text)
     with pytest.raises(LegsimError, match=message) as caught:
-        config.load(tmp_path / "c.toml")
+        config.load_settings(tmp_path / "c.toml")
     assert "\n" not in str(caught.value)
     assert "c.toml" in str(caught.value)
 
@@ -81,19 +84,19 @@ def test_a_bad_file_is_refused_in_one_line_that_names_the_place(tmp_path, text, 
 )
 def test_bad_arguments_are_refused(arguments, message):
     with pytest.raises(LegsimError, match=message):
-        config.load(**arguments)
+        config.load_settings(**arguments)
 
 
 def test_a_missing_file_is_named(tmp_path):
     with pytest.raises(LegsimError, match=r"nowhere\.toml: no such file"):
-        config.load(tmp_path / "nowhere.toml")
+        config.load_settings(tmp_path / "nowhere.toml")
 
 
 def test_the_detector_in_the_documents_can_be_set(tmp_path):
     page = (Path(__file__).parents[1] / "docs/projector.md").read_text()
     text = re.findall(r"```toml\n(.*?)```", page.partition("## Detector")[2], re.S)[0]
     (tmp_path / "c.toml").write_text(text)
-    scan = config.load(tmp_path / "c.toml").scan
+    scan = config.load_settings(tmp_path / "c.toml").scan
     assert (scan.detector.photons, scan.spectrum.kvp, len(scan.detector.lag_times_s)) == (
         20000,
         90,
@@ -102,7 +105,7 @@ def test_the_detector_in_the_documents_can_be_set(tmp_path):
 
 
 def test_sensors_that_nobody_names_sit_on_the_scanned_leg():
-    right, left = config.load(overrides=("scan.side=right",)), config.load()
+    right, left = config.load_settings(overrides=("scan.side=right",)), config.load_settings()
     assert [(s.name, s.segment) for s in right.imu.sensors] == [
         ("shank_r", "tibia_r"),
         ("thigh_r", "femur_r"),
@@ -118,23 +121,23 @@ def test_sensors_that_are_named_stay_whichever_leg_is_scanned():
         "scan.side=right",
         "imu.sensors=[{name='mine', segment='tibia_l', distance_mm=100}]",
     )
-    assert [s.name for s in config.load(overrides=named).imu.sensors] == ["mine"]
-    chosen = config.load(overrides=("scan.side=right", "methods.sensor=thigh_r"))
+    assert [s.name for s in config.load_settings(overrides=named).imu.sensors] == ["mine"]
+    chosen = config.load_settings(overrides=("scan.side=right", "methods.sensor=thigh_r"))
     assert chosen.methods.sensor == "thigh_r"
     assert [s.name for s in chosen.imu.sensors] == ["shank_r", "thigh_r"]
 
 
 def test_the_right_side_survives_the_file_and_other_settings_beside_it(tmp_path):
-    original = config.load(
+    original = config.load_settings(
         overrides=("scan.side=right", "imu.rate_hz=240", "methods.start=fiducials")
     )
     assert (original.imu.rate_hz, original.methods.start) == (240, "fiducials")
     (tmp_path / "c.toml").write_text(config.dump(original))
-    assert config.load(tmp_path / "c.toml") == original
+    assert config.load_settings(tmp_path / "c.toml") == original
 
 
 @pytest.mark.parametrize("text", ["imu = 3\n", "[imu]\nsensors = 3\n", "methods = 3\n"])
 def test_a_section_that_is_none_is_refused_on_the_right_too(tmp_path, text):
     (tmp_path / "c.toml").write_text(text)
     with pytest.raises(LegsimError, match=r"c\.toml"):
-        config.load(tmp_path / "c.toml", overrides=("scan.side=right",))
+        config.load_settings(tmp_path / "c.toml", overrides=("scan.side=right",))

@@ -43,8 +43,8 @@ def make(folder: Path, number: int, overrides: tuple[str, ...] = ()) -> None:
         f"seed={number}",
         'methods.run=["uncorrected", "oracle-nonrigid"]',
     )
-    settings = config.load(preset="demo", overrides=(*drawn, *overrides))
-    pipeline.run(settings, folder, on_progress=lambda *_: None, presented=False)
+    settings = config.load_settings(preset="demo", overrides=(*drawn, *overrides))
+    pipeline.run_scan(settings, folder, on_progress=lambda *_: None, presented=False)
 
 
 def main(out: Path, first: int, count: int, overrides: tuple[str, ...]) -> None:

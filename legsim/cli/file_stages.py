@@ -73,7 +73,7 @@ def project(
             f"--set {foreign[0]}: `legsim project` heeds scan.spectrum.<key>, scan.detector.<key> "
             "and seed only; leave it out"
         )
-    read_by = config.load(overrides=settings)
+    read_by = config.load_settings(overrides=settings)
     how = c_arm.imaging(read_by.scan)
     geometry = detector.geometry(geometry_file)
     read = phantom_files.read(phantom_file, energy_kev=energy_kev)

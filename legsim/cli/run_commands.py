@@ -40,9 +40,11 @@ def run(
     from legsim import config
     from legsim.run import pipeline
 
-    settings_tree = config.load(config_file, preset=preset.value, overrides=tuple(settings or ()))
+    settings_tree = config.load_settings(
+        config_file, preset=preset.value, overrides=tuple(settings or ())
+    )
     with progress.of_stages(console.err) as on_progress:
-        result = pipeline.run(settings_tree, out, device=device, on_progress=on_progress)
+        result = pipeline.run_scan(settings_tree, out, device=device, on_progress=on_progress)
     print_table(
         "Against the motion-free scan (volumes scaled 0 to 1, registered); residual motion; at "
         "the bones in the images",
@@ -92,7 +94,7 @@ def replay(
         overrides.append(f"motion.filter_hz={filter_hz}")
     with progress.of_stages(console.err) as on_progress:
         result = replay_recording(
-            config.load(overrides=tuple(overrides)),
+            config.load_settings(overrides=tuple(overrides)),
             out,
             filtered=filter_hz is not None,
             image=image,

@@ -1,7 +1,7 @@
 """The whole chain on one screen: a recording becomes a moving leg, the leg a scan, the scan
 volumes, the volumes a table.
 
-:func:`run` lists the stages; each is skipped where the run folder's manifest vouches for its files.
+:func:`run_scan` lists the stages; each is skipped where the run folder's manifest vouches for its files.
 """
 
 from collections.abc import Sequence
@@ -12,7 +12,7 @@ from typing import Any
 from legsim import __version__, config, view
 from legsim.config import RunConfig
 from legsim.core.files import key_of, write_text
-from legsim.core.progress import OnProgress
+from legsim.core.progress import OnProgress, silent
 from legsim.correction.initialization import Starts
 from legsim.correction.method import Scan
 from legsim.deformation.models import RigidMotion
@@ -83,25 +83,36 @@ class RunResult:
         ]
 
 
-def run(
+def run_scan(
     settings: RunConfig,
-    out: Path,
+    out: Path | str,
     *,
     device: str | None = None,
-    on_progress: OnProgress,
+    on_progress: OnProgress = silent,
     store: StageCache | None = None,
     presented: bool = True,
 ) -> RunResult:
-    """One scan, from the recording to report and recording in ``out``.
+    """One scan, from the recording to report and recording in the folder ``out``.
 
-    Stages that ``store`` holds are taken from there. Without ``presented`` the run ends at the
-    numbers: no report, no recording.
+    Finished stages are kept: a second run there computes only what changed.
+
+    Args:
+        settings: of the run, as :func:`legsim.config.load_settings` gives them.
+        out: folder of the results; made where it is not there.
+        device: part of an OpenCL device's name, or "cpu" or "gpu"; None for the fastest.
+        on_progress: is called with the name of the stage, steps done and steps in all.
+        store: finished stages that runs share.
+        presented: False ends the run at the numbers: no report, no recording.
+
+    Raises:
+        LegsimError: settings, files or a device that the run cannot work with.
+
+    >>> result = run_scan(load_settings(preset="demo"), "out")
     """
-    volumes.check(
-        settings
-    )  # what no method can be run with is reported before anything is computed
-    c_arm.imaging(settings.scan)  # so is a spectrum
-    opened = open_device(device)
+    # what cannot be run is reported before anything is computed
+    volumes.check(settings)
+    c_arm.imaging(settings.scan)
+    opened, out = open_device(device), Path(out)
     folder = RunFolder(out, _about(settings, opened), store)
     write_text(out / "config.toml", config.dump(settings))
     stage = StageContext(settings, folder, opened, on_progress)

@@ -95,7 +95,7 @@ def scan(job: ScanJob, on_progress: OnProgress | None = None) -> tuple[ScanScore
     def run() -> list[dict[str, Any]]:
         store = StageCache(job.store)
         clean = job.noise is None
-        result = pipeline.run(
+        result = pipeline.run_scan(
             settings,
             job.folder,
             device=job.device,

@@ -129,7 +129,7 @@ def test_a_full_disk_is_one_line(capsys, monkeypatch, tmp_path):
     def full(*_: object, **__: object) -> None:
         raise OSError(28, "No space left on device", str(tmp_path / "projections.mha"))
 
-    monkeypatch.setattr(pipeline, "run", full)
+    monkeypatch.setattr(pipeline, "run_scan", full)
     assert "projections.mha: the disk is full" in failure(capsys, "run", "--out", str(tmp_path))
 
 
@@ -137,7 +137,7 @@ def test_an_error_of_ours_keeps_its_traceback(monkeypatch, tmp_path):
     def broken(*_: object, **__: object) -> None:
         raise ZeroDivisionError
 
-    monkeypatch.setattr(pipeline, "run", broken)
+    monkeypatch.setattr(pipeline, "run_scan", broken)
     with pytest.raises(ZeroDivisionError):
         cli_main.main(["run", "--out", str(tmp_path)])
 

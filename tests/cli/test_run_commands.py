@@ -57,7 +57,7 @@ def test_a_wrong_unit_is_one_line_whose_cure_works(standing, tmp_path, capsys):
     )
     assert "--set motion.unit=mm" in refused(capsys, file)
     cured = run_motion.solve(
-        config.load(overrides=(f"motion.file={file}", "motion.unit=mm")).motion
+        config.load_settings(overrides=(f"motion.file={file}", "motion.unit=mm")).motion
     )
     assert cured.fit is not None
     assert cured.fit.ik.rms < 5e-3

@@ -22,7 +22,7 @@ def folder(tmp_path_factory):
     trc.save(
         place / "squat.trc", MarkerTrajectories(whole.times[:480], whole.marker_names, positions)
     )
-    settings = config.load(overrides=(f"motion.file={place / 'squat.trc'}",))
+    settings = config.load_settings(overrides=(f"motion.file={place / 'squat.trc'}",))
     run_replay.replay(
         settings, place / "out", filtered=False, image=None, on_progress=lambda *_: None
     )
@@ -87,7 +87,7 @@ def test_the_page_needs_nothing_from_outside_and_names_files_that_are_there(fold
 
 @pytest.mark.end_to_end
 def test_a_page_of_coordinates_has_no_markers(folder, tmp_path):
-    settings = config.load(overrides=(f"motion.file={folder / 'coordinates.mot'}",))
+    settings = config.load_settings(overrides=(f"motion.file={folder / 'coordinates.mot'}",))
     run_replay.replay(settings, tmp_path, filtered=False, image=None, on_progress=lambda *_: None)
     page = (tmp_path / "report.html").read_text()
     assert "knee_angle_l" in page

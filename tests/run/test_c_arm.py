@@ -33,7 +33,7 @@ def with_spectrum(tmp_path: Path, text: str = "40,1\n80,1\n", **changes) -> conf
 @pytest.mark.parametrize(("preset", "made"), [("paper", CArm.paper()), ("half", CArm.half())])
 def test_the_presets_are_the_published_scan(preset, made):
     """Bit for bit: what is scanned by settings and by hand is the same."""
-    configured = c_arm(config.load(preset=preset).scan)
+    configured = c_arm(config.load_settings(preset=preset).scan)
     for field in fields(CArm):
         a, b = getattr(configured, field.name), getattr(made, field.name)
         np.testing.assert_array_equal(a, b, err_msg=field.name)

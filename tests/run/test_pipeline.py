@@ -101,7 +101,7 @@ def test_files_hold_the_units_and_names_that_were_promised(tiny_run):
         96,
         12,
     )
-    assert config.load(tiny_run.folder / "config.toml").scan.views == 124
+    assert config.load_settings(tiny_run.folder / "config.toml").scan.views == 124
 
 
 def test_both_geometry_files_say_the_same(tiny_run):
@@ -125,7 +125,7 @@ def test_a_second_run_computes_nothing_again(tiny_run, tiny_settings):
         for p in tiny_run.folder.iterdir()
         if p.suffix in (".mha", ".npz", ".rrd", ".csv", ".mot")
     }
-    again = pipeline.run(tiny_settings, tiny_run.folder, on_progress=quiet)
+    again = pipeline.run_scan(tiny_settings, tiny_run.folder, on_progress=quiet)
     assert {p: p.stat().st_mtime_ns for p in before} == before
     assert again.rows() == tiny_run.rows()
 
@@ -139,7 +139,7 @@ def test_a_changed_setting_computes_again_what_hangs_on_it_and_nothing_else(
     projections = (tmp_path / "projections.mha").stat().st_mtime_ns
     volume = (tmp_path / "volume-static.mha").stat().st_mtime_ns
     coarser = tiny_settings.model_copy(update={"grid": config.GridConfig(voxels=40, voxel_mm=6.0)})
-    pipeline.run(coarser, tmp_path, on_progress=quiet)
+    pipeline.run_scan(coarser, tmp_path, on_progress=quiet)
     assert (tmp_path / "projections.mha").stat().st_mtime_ns == projections
     assert (tmp_path / "volume-static.mha").stat().st_mtime_ns != volume
     assert image_files.load_volume(tmp_path / "volume-static.mha").grid.shape_zyx == (40, 40, 40)
@@ -167,7 +167,7 @@ def test_ctrl_c_loses_nothing_that_was_finished(tiny_run, tiny_settings, tmp_pat
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        pipeline.run(tiny_settings, tmp_path, on_progress=interrupt)
+        pipeline.run_scan(tiny_settings, tmp_path, on_progress=interrupt)
     assert not (tmp_path / "projections.mha").exists()
     assert not list(tmp_path.glob(".*"))
     assert RunFolder(tmp_path, {}).done("imu", manifest["stages"]["imu"]["key"])
@@ -186,7 +186,7 @@ def test_a_scan_longer_than_the_recording_is_refused(tiny_settings, tmp_path):
         update={"scan": tiny_settings.scan.model_copy(update={"rate_hz": 1.0})}
     )
     with pytest.raises(LegsimError, match=r"recording lasts .* s, the scan 123.00 s"):
-        pipeline.run(slow, tmp_path, on_progress=quiet)
+        pipeline.run_scan(slow, tmp_path, on_progress=quiet)
 
 
 def test_a_leg_can_be_scanned_alone(tiny_run, tiny_settings, tmp_path):
@@ -196,7 +196,7 @@ def test_a_leg_can_be_scanned_alone(tiny_run, tiny_settings, tmp_path):
     alone = tiny_settings.model_copy(
         update={"phantom": tiny_settings.phantom.model_copy(update={"legs": "scanned"})}
     )
-    result = pipeline.run(alone, tmp_path, on_progress=quiet)
+    result = pipeline.run_scan(alone, tmp_path, on_progress=quiet)
     geometry = geometry_files.load_geometry(tmp_path / "geometry.json")
     folders = (tiny_run.folder, tmp_path)
     with_both, of_one = (
@@ -212,7 +212,7 @@ def test_a_leg_can_be_scanned_alone(tiny_run, tiny_settings, tmp_path):
 
 def test_the_papers_chain_runs_on_real_standing(shared_data, tiny_settings, tmp_path):
     motion = replace_file(tiny_settings, shared_data / "mocap/standing_bmc/static_run.trc")
-    result = pipeline.run(motion, tmp_path, on_progress=quiet)
+    result = pipeline.run_scan(motion, tmp_path, on_progress=quiet)
     rmse = {m.method: m.metrics.of("leg").rmse for m in result.methods}
     assert rmse["rigid"] < rmse["uncorrected"]
     assert abs(rmse["rigid"] - rmse["oracle"]) < 1e-3

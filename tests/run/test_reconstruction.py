@@ -89,8 +89,8 @@ def test_a_run_reconstructs_as_its_settings_say(
         return whole(settings, scan, *arguments, **named)
 
     monkeypatch.setattr(reconstruction, "reconstruct", watched)
-    pipeline.run(wanted, tmp_path, on_progress=lambda *_: None)
-    assert config.load(tmp_path / "config.toml") == wanted
+    pipeline.run_scan(wanted, tmp_path, on_progress=lambda *_: None)
+    assert config.load_settings(tmp_path / "config.toml") == wanted
     found = image_files.load_volume(tmp_path / "volume-uncorrected.mha")
     before = image_files.load_volume(tiny_run.folder / "volume-uncorrected.mha")
     assert [c.method for c in corrections] == ["static", "uncorrected"]

@@ -38,7 +38,7 @@ def standing(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def replayed(file: Path, out: Path, *changes: str) -> Path:
-    settings = config.load(overrides=(f"motion.file={file}", *changes))
+    settings = config.load_settings(overrides=(f"motion.file={file}", *changes))
     run_replay.replay(settings, out, filtered=False, image=None, on_progress=lambda *_: None)
     return out
 
@@ -184,7 +184,9 @@ def test_coordinates_in_degrees_and_in_radians_give_the_same_signals(standing, t
 
 
 def test_replay_of_markers_and_of_the_coordinates_it_wrote_agree(tiny_run, tmp_path):
-    settings = config.load(overrides=(f"motion.file={tiny_run.folder / 'coordinates.mot'}",))
+    settings = config.load_settings(
+        overrides=(f"motion.file={tiny_run.folder / 'coordinates.mot'}",)
+    )
     result = run_replay.replay(
         settings, tmp_path, filtered=False, image=tmp_path / "still.png", on_progress=quiet
     )

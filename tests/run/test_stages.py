@@ -9,7 +9,7 @@ from legsim.run.stages import StageContext
 
 def scan_key(*overrides: str) -> str:
     """Hangs on the settings alone."""
-    settings = config.load(overrides=overrides)
+    settings = config.load_settings(overrides=overrides)
     nothing = cast(RunFolder, None), cast(Device, None), lambda *_: None
     return StageContext(settings, *nothing).scan_key
 
@@ -32,7 +32,7 @@ def test_what_decides_the_projections_is_in_their_key_and_the_seed_where_there_i
 
 def test_photons_are_others_in_every_recording_seed_and_exposure():
     def first(file: str, seed: int, exposure: int) -> int:
-        settings = config.load(overrides=(f"motion.file={file}", f"seed={seed}"))
+        settings = config.load_settings(overrides=(f"motion.file={file}", f"seed={seed}"))
         return int(stages._photons(settings, exposure).integers(2**62))
 
     squat, other = "subject01/squat_30.trc", "subject02/squat_30.trc"

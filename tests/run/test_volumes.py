@@ -49,7 +49,7 @@ def every(tiny_run, tiny_settings, tmp_path_factory):
     wanted = changed(
         tiny_settings, run=names, beads=config.BeadsConfig(diameter_mm=6.0), node_mm=12.0
     )
-    return pipeline.run(
+    return pipeline.run_scan(
         wanted, branched(tiny_run, tmp_path_factory.mktemp("every")), on_progress=quiet
     )
 
@@ -115,7 +115,7 @@ def test_noise_and_fiducials_are_used_and_said(tiny_run, tiny_settings, tmp_path
     wanted = changed(tiny_settings, run=("rigid",), start="fiducials").model_copy(
         update={"imu": imu}
     )
-    result = pipeline.run(wanted, branched(tiny_run, tmp_path), on_progress=quiet)
+    result = pipeline.run_scan(wanted, branched(tiny_run, tmp_path), on_progress=quiet)
     page = (tmp_path / "report.html").read_text()
     assert "white noise (paper, f_a = 3.0, f_g = 3.0; SI convention)" in page
     assert "Poses start from four fiducials" in page
@@ -132,7 +132,7 @@ def test_the_papers_sensors_are_off_its_detector(tiny_run, tiny_settings, tmp_pa
     with pytest.raises(
         LegsimError, match=r"start of sensor shank_l: view 0: fiducial .* off the detector"
     ):
-        pipeline.run(
+        pipeline.run_scan(
             changed(tiny_settings, start="fiducials"),
             branched(tiny_run, tmp_path),
             on_progress=quiet,
@@ -180,7 +180,7 @@ def test_what_cannot_be_run_is_told_before_anything_is_computed(
     wanted = changed(tiny_settings, **chosen)
     wanted = wanted.model_copy(update={"imu": wanted.imu.model_copy(update=imu)})
     with pytest.raises(LegsimError, match=message):
-        pipeline.run(wanted, tmp_path / "run", on_progress=quiet)
+        pipeline.run_scan(wanted, tmp_path / "run", on_progress=quiet)
     assert not (tmp_path / "run").exists()
 
 
@@ -204,7 +204,7 @@ def test_what_was_finished_before_a_method_failed_is_kept(tiny_run, tiny_setting
     with pytest.raises(
         LegsimError, match=r"method fails failed in .*own\.py, line 2: ValueError: not today"
     ):
-        pipeline.run(wanted, branched(tiny_run, folder), on_progress=quiet)
+        pipeline.run_scan(wanted, branched(tiny_run, folder), on_progress=quiet)
     stages = json.loads((folder / "manifest.json").read_text())["stages"]
     assert "volume-uncorrected" in stages
     assert "volume-fails" not in stages

@@ -20,7 +20,9 @@ LADDER = Ladder(f_a=(0.0, "none"), f_g=(1.0,), conventions=("SI",), repetitions=
 
 
 def job(tmp_path, **changes) -> LadderJob:
-    settings = config.load(preset="demo", overrides=("motion.file=subject01/squat_30.trc",))
+    settings = config.load_settings(
+        preset="demo", overrides=("motion.file=subject01/squat_30.trc",)
+    )
     return LadderJob(
         tmp_path,
         "subject01",
@@ -67,8 +69,10 @@ def test_a_scan_is_scored_again_only_where_its_folder_was_deleted(tmp_path, monk
         RunFolder(out, {}).write_manifest()
         return RunResult(out, ())
 
-    monkeypatch.setattr(pipeline, "run", fake)
-    settings = config.load(preset="demo", overrides=("motion.file=subject01/squat_30.trc",))
+    monkeypatch.setattr(pipeline, "run_scan", fake)
+    settings = config.load_settings(
+        preset="demo", overrides=("motion.file=subject01/squat_30.trc",)
+    )
     one = ScanJob(tmp_path, "subject01", "squat_30", None, 0, settings, None, tmp_path / "store")
     study_jobs.scan(one)
     study_jobs.scan(one)
@@ -79,7 +83,7 @@ def test_a_scan_is_scored_again_only_where_its_folder_was_deleted(tmp_path, monk
 
 
 def test_every_job_has_a_folder_of_its_own(tmp_path):
-    settings = config.load(preset="demo")
+    settings = config.load_settings(preset="demo")
     levels = [
         None,
         NoiseLevel("SI", 1.0, 1.0),

@@ -42,7 +42,7 @@ def main() -> None:
     parser.add_argument("--views", type=int, default=6)
     views = parser.parse_args().views
     legs, device = leg_phantom.load_leg_phantom(), open_device()
-    settings = config.load(overrides=(f"scan.views={views}",)).scan
+    settings = config.load_settings(overrides=(f"scan.views={views}",)).scan
     knee = legs.reference_world_from_segment[SEGMENTS.index("tibia_l"), :3, 3]
     geometry = c_arm(settings).geometry(np.arange(views) / settings.rate_hz, knee)
     spectrum = scan_spectrum.tube(

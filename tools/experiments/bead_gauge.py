@@ -32,7 +32,7 @@ DETECTION_PX = 0.1
 
 def beads(motion_file: str) -> tuple[ConeBeamGeometry, FloatArray, FloatArray]:
     """(scan, beads (v, b, 3), tibia poses (v, 4, 4)) of the preset "half"."""
-    settings = config.load(preset="half", overrides=(f"motion.file={motion_file}",))
+    settings = config.load_settings(preset="half", overrides=(f"motion.file={motion_file}",))
     recovered = run_motion.solve(settings.motion)
     arm = c_arm(settings.scan)
     times = arm.view_times(recovered.trajectories.times)

@@ -82,7 +82,7 @@ class Case:
             f"scan.increment_deg={step!r}",
             f"scan.rate_hz={rate!r}",
         )
-        return config.load(overrides=(*SMALL, *chosen))
+        return config.load_settings(overrides=(*SMALL, *chosen))
 
 
 CASES = (

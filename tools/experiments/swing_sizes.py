@@ -23,7 +23,7 @@ RECORDINGS = ("subject01/squat_60.trc", "subject06/squat_60.trc", "subject01/squ
 def main() -> None:
     """Prints the farthest swing of thigh and shank in mm."""
     for name in sys.argv[1:] or RECORDINGS:
-        settings = config.load(overrides=(f"motion.file={name}",))
+        settings = config.load_settings(overrides=(f"motion.file={name}",))
         recovered = run_motion.solve(settings.motion)
         splines = JointSplines(recovered.trajectories)
         poses = joint_splines.segment_poses_at(

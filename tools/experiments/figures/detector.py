@@ -54,7 +54,7 @@ class Scene:
             k for k, part in enumerate(self.legs.phantom.parts) if part.name.endswith("_l")
         ]
         self.phantom = self.legs.phantom.only(self.left)
-        settings = config.load(preset="demo").scan
+        settings = config.load_settings(preset="demo").scan
         self.geometry: ConeBeamGeometry = c_arm(settings).geometry(
             np.arange(settings.views) / settings.rate_hz, knee(self.legs)
         )
