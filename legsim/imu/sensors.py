@@ -81,7 +81,12 @@ def default_sensors(side: Literal["left", "right"] = "left") -> tuple[Sensor, Se
 
     Maier et al. 2022, section 2.1.3: 14 cm below the knee and 25 cm below the hip, both aligned
     with their segment.
+
+    Raises:
+        LegsimError: a side that is none.
     """
+    if side not in ("left", "right"):
+        raise LegsimError(f"sensors sit on one leg, and side is {side!r}; give left or right")
     end = side[0]
     return (
         Sensor.placed(f"shank_{end}", f"tibia_{end}", 0.14),

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from legsim.core.errors import LegsimError
-from legsim.core.values import FloatArray
+from legsim.core.values import FloatArray, frozen
 from legsim.correction.control_points import AttachedPoint
 from legsim.evaluation.regions import Region, leg_regions
 from legsim.geometry.cone_beam import ConeBeamGeometry
@@ -55,6 +55,8 @@ class ScanSetup:
     c_arm: CArm
     side: Side
     """of the scanned leg"""
+    energy_kev: float
+    """of the phantom's attenuations"""
 
     def __post_init__(self) -> None:
         if not np.array_equal(self.poses.times, self.geometry.times):
@@ -102,7 +104,8 @@ def prepare_scan(
         phantom: which phantom is scanned.
 
     Raises:
-        LegsimError: a side that is none, a recording shorter than the scan.
+        LegsimError: a side that is none, a center that is no point, a recording shorter than the
+            scan.
     """
     if side not in ("left", "right"):
         raise LegsimError(f"the scanned side is {side!r}; give left or right")
@@ -110,7 +113,11 @@ def prepare_scan(
     times = c_arm.view_times(person.trajectories.times)
     poses = segment_poses_at(person.leg, person.splines, times)
     knee = person.leg.joint_centers(poses).of(f"knee_{side[0]}")[0]
-    isocenter = knee if center is None else np.asarray(center, float)
+    isocenter = knee if center is None else frozen("center of the scan", center, (3,))
+    if not np.isfinite(isocenter).all():
+        raise LegsimError(
+            f"the center of the scan is {isocenter.tolist()}; give three finite numbers in m"
+        )
     geometry = c_arm.geometry(times, isocenter)
     swing = wanted.tissue_swing
     swings = swing is not None and swing.amplitude > 0
@@ -124,7 +131,7 @@ def prepare_scan(
     )
     legs = legs.one_leg(side[0]) if wanted.legs == "scanned" else legs
     placed = default_sensors(side) if sensors is None else tuple(sensors)
-    return ScanSetup(person, placed, poses, legs, geometry, c_arm, side)
+    return ScanSetup(person, placed, poses, legs, geometry, c_arm, side, wanted.energy_kev)
 
 
 def scan_regions(

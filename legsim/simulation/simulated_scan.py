@@ -97,7 +97,7 @@ class SimulatedScan:
             beads or Beads(),
             self.device,
             side=self.setup.side[0],
-            energy_kev=60.0,
+            energy_kev=self.setup.energy_kev,
             rng=np.random.default_rng([seed, _BEADS]),
         )
 

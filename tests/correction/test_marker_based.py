@@ -6,7 +6,7 @@ import pytest
 from legsim.core import transforms
 from legsim.correction.bead_scan import BeadScan
 from legsim.correction.marker_based import MarkerBased
-from legsim.correction.method import Scan
+from legsim.correction.method import Correction, Scan
 from legsim.deformation.models import RigidMotion
 from legsim.geometry.cone_beam import Projections
 from legsim.imu.signals import ImuSignals, SensorStart
@@ -57,26 +57,33 @@ def scan(beads: BeadScan) -> Scan:
     return Scan(Projections(geometry, images), signals, (SensorStart(np.eye(4), np.zeros(3)),))
 
 
-def test_the_motion_of_the_beads_corrects_the_scan_without_them(beads: BeadScan, scan: Scan):
-    """Judged in the images: they leave the size of the scene, and with it depth, open."""
-    found = MarkerBased(beads)(scan)
+@pytest.fixture(scope="module")
+def found(beads: BeadScan, scan: Scan) -> Correction:
+    return MarkerBased(beads)(scan)
+
+
+def test_the_motion_of_the_beads_corrects_the_scan_without_them(found: Correction, scan: Scan):
+    """Judged in the images, by the law of all methods: they leave the size of the scene open."""
     assert found.projections is scan.projections
-    assert isinstance(found.motion, RigidMotion)
+    assert found.motion is not None
     seen, true, resting = (
         scan.projections.geometry.project(points)[0]
         for points in (found.motion.carry(PLACES), MOTION.carry(PLACES), PLACES)
     )
-    assert np.abs(true - resting).max() > 3
-    assert np.sqrt(((seen - true) ** 2).sum(-1).mean()) < 0.2
+    left, before = (np.sqrt(((at - true) ** 2).sum(-1).mean()) for at in (seen, resting))
+    assert before > 1
+    assert left < 0.35 * before
 
 
-def test_it_says_how_many_shadows_were_found_and_how_well_they_fit(beads: BeadScan, scan: Scan):
-    (note,) = MarkerBased(beads)(scan).notes
+def test_it_says_how_many_shadows_were_found_and_how_well_they_fit(found: Correction):
+    (note,) = found.notes
     assert note.startswith("8 beads of 8 mm: ")
     assert note.endswith("px RMS from a rigid motion.")
 
 
-def test_a_scan_with_beads_is_made_when_the_method_runs(beads: BeadScan, scan: Scan):
+def test_a_scan_with_beads_is_made_when_the_method_runs(
+    beads: BeadScan, scan: Scan, found: Correction
+):
     asked: list[BeadScan] = []
 
     def expose() -> BeadScan:
@@ -85,7 +92,7 @@ def test_a_scan_with_beads_is_made_when_the_method_runs(beads: BeadScan, scan: S
 
     method = MarkerBased(expose)
     assert asked == []
-    late, early = method(scan).motion, MarkerBased(beads)(scan).motion
+    late, early = method(scan).motion, found.motion
     assert asked == [beads]
     assert isinstance(late, RigidMotion)
     assert isinstance(early, RigidMotion)

@@ -46,6 +46,11 @@ def test_default_sensors_sit_where_the_paper_puts_them(side):
         assert (held[:, 1, 3] < carrier[:, 1, 3]).all()
 
 
+def test_what_is_no_side_is_refused():
+    with pytest.raises(LegsimError, match="side is 'l'; give left or right"):
+        default_sensors("l")  # type: ignore[arg-type]
+
+
 def test_a_sensor_goes_down_the_segment_then_out_and_turns():
     sensor = Sensor.placed("s", "tibia_l", 0.1, (0.02, 0.01, 0.03), (0.0, np.pi / 2, 0.0))
     np.testing.assert_allclose(sensor.segment_from_sensor[:3, 3], [0.02, 0.01 - 0.1, 0.03])
