@@ -70,7 +70,7 @@ def project(
     foreign = [s for s in settings if not s.strip().startswith(_OF_THE_BEAM)]
     if foreign:
         raise LegsimError(
-            f"--set {foreign[0]}: `legsim project` heeds scan.spectrum.<key>, scan.detector.<key> "
+            f"--set {foreign[0]}: `legsim project` uses scan.spectrum.<key>, scan.detector.<key> "
             "and seed only; leave it out"
         )
     read_by = config.load_settings(overrides=settings)

@@ -1,6 +1,4 @@
-"""How far a command is, on the console that it is given: bars on a terminal; in a log, where bars
-would be noise, plain lines.
-"""
+"""Progress of a command: bars on a terminal, plain lines in a log."""
 
 import time
 from collections.abc import Callable, Iterator
@@ -34,7 +32,7 @@ _COLUMNS = (
 
 @contextmanager
 def of_stages(console: Console) -> Iterator[OnProgress]:
-    """A bar a stage, or a line a stage."""
+    """Shows one bar per stage, or one line per stage in a log."""
     with Progress(
         *_COLUMNS, TimeRemainingColumn(), console=console, disable=not console.is_terminal
     ) as bars:
@@ -83,8 +81,8 @@ def _ended(step: Step, left: str) -> str:
 
 @contextmanager
 def of_study(console: Console) -> Iterator[tuple[OnStep, OnProgress]]:
-    """A bar for the whole study and one for what is being done; or a line a run that begins or has
-    ended.
+    """Shows a bar for the whole study and one for the current stage; in a log, a line when a run
+    begins or ends.
 
     Yields what to call when a run begins or ends, and what to call as its stages go on.
     """

@@ -34,9 +34,7 @@ def run(
     out: OutFolder = Path("run"),
     device: DeviceOption = None,
 ) -> None:
-    """The whole chain for one scan: motion to corrected volumes, with table, recording and
-    report.
-    """
+    """Simulate, correct and score one scan, with a report and a recording."""
     from legsim import config
     from legsim.run import pipeline
 
@@ -85,7 +83,7 @@ def replay(
         typer.Option(help="Also draw a still picture (.png) of the middle of the recording."),
     ] = None,
 ) -> None:
-    """Kinematics, IMU signals and a recording to look at, from one motion file."""
+    """Kinematics, IMU signals and a recording from one motion file."""
     from legsim import config
     from legsim.run.replay import replay as replay_recording
 
@@ -117,9 +115,7 @@ def view(
 def doctor(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="Where results would go.")] = Path(),
 ) -> None:
-    """What works here: OpenCL devices (each probed by running a kernel), memory, disk, rerun,
-    formats.
-    """
+    """Check OpenCL devices (by running a kernel), packages, memory, disk and viewer."""
     from legsim.cli.doctor import examine
 
     findings = examine(folder)

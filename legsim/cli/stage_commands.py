@@ -48,15 +48,13 @@ def convert(
     ] = None,
     up: Annotated[
         Axis | None,
-        typer.Option(help="Axis of the markers that points up, where it is not seen rightly."),
+        typer.Option(help="Axis of the markers that points up, where it is not recognized."),
     ] = None,
     degrees: Annotated[
         bool, typer.Option("--degrees", help="Write coordinates in degrees.")
     ] = False,
 ) -> None:
-    """Write the same recording in another format: markers in m with y up, coordinates in radians
-    and m.
-    """
+    """Write a recording in another format: markers in m, y up; coordinates in rad and m."""
     from legsim.cli import file_stages
 
     lines = file_stages.convert_motion(
@@ -113,7 +111,7 @@ def project(
 
 def reconstruct(
     projections: Annotated[
-        Path, typer.Argument(metavar="PROJECTIONS.mha", help="Line integrals, one slice a view.")
+        Path, typer.Argument(metavar="PROJECTIONS.mha", help="Line integrals, one slice per view.")
     ],
     geometry: GeometryOption,
     motion: Annotated[

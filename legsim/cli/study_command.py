@@ -33,7 +33,7 @@ def study(
         ),
     ] = None,
     workers: Annotated[
-        int, typer.Option(min=1, help="Processes on this machine, each with a run of its own.")
+        int, typer.Option(min=1, help="Processes on this machine; each does one run at a time.")
     ] = 1,
     scheduler: Annotated[
         str | None,
@@ -53,9 +53,7 @@ def study(
     ] = None,
     device: DeviceOption = None,
 ) -> None:
-    """Subjects x postures x methods x noise levels, with tables and figures beside the published
-    ones.
-    """
+    """Run many scans: subjects x postures x methods x noise levels, beside the published values."""
     from legsim.run.store import check_shared
     from legsim.study import config, plan
     from legsim.study import run as study_run

@@ -1,4 +1,4 @@
-"""What a study is told: which recordings, which methods, which noise; read strictly from
+"""The settings of a study: which recordings, which methods, which noise; read strictly from
 STUDY.toml.
 """
 
@@ -163,7 +163,7 @@ def _check_settings(study: StudyConfig, file: Path) -> None:
         if key in study.settings.get(section, {}):
             raise file_error(
                 file,
-                f"settings.{section}.{key} is not heeded by a study",
+                f"settings.{section}.{key} is not used by a study",
                 f"write {instead} = ... at the top of the file instead",
             )
 

@@ -15,8 +15,8 @@ def _noise_cells(noise: NoiseLevel | None) -> tuple[object, ...]:
 
 
 def scores_csv(scores: Sequence[ScanScore]) -> str:
-    """A row a score and region: who, what, the region's metrics, the registration, every residual,
-    seconds, folder and command.
+    """One row per score and region: scan, method and noise, the region's scores, the registration,
+    every residual, seconds, folder and command.
 
     Clean sensors have no convention; an exponent of a noisy one that is empty means that this
     sensor was clean.
@@ -58,7 +58,7 @@ def scores_csv(scores: Sequence[ScanScore]) -> str:
 
 
 def ladder_csv(ladder: Sequence[LadderScore]) -> str:
-    """A row a draw of noise; an empty exponent means that this sensor was clean."""
+    """One row per draw of noise; an empty exponent means that this sensor was clean."""
     header = ("subject", "posture", *_NOISE_COLUMNS, "repetition", "translation_mm", "rotation_deg")
     rows = [
         (

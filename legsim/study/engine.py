@@ -236,7 +236,7 @@ def _outcome(ended: dict[str, Any]) -> Outcome:
 @contextlib.contextmanager
 def _client(distributed: Any, scheduler: str | None, workers: int) -> Iterator[Any]:
     """A client of the scheduler, or of a cluster of processes that ends with it."""
-    # a lost worker is told by what becomes of its task; the log would tell it in forty lines more
+    # a lost worker shows in what becomes of its task; the log would repeat it in forty lines
     logging.getLogger("distributed").setLevel(logging.CRITICAL)
     if scheduler is None:
         # tasks use a device's threads, not the worker's; their memory is not Python's, which Dask
@@ -253,11 +253,11 @@ def _client(distributed: Any, scheduler: str | None, workers: int) -> Iterator[A
         options["preload"] = [_PRELOAD]
         # Ctrl-C reaches every process of the terminal; the workers leave it to this one, which ends
         # them
-        heeded = signal.signal(signal.SIGINT, signal.SIG_IGN)
+        handler = signal.signal(signal.SIGINT, signal.SIG_IGN)
         try:
             started = distributed.LocalCluster(n_workers=workers, **options)
         finally:
-            signal.signal(signal.SIGINT, heeded)
+            signal.signal(signal.SIGINT, handler)
         with started as cluster, distributed.Client(cluster) as client:
             yield client
         return

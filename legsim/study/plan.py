@@ -69,11 +69,13 @@ class Plan:
         )
 
 
-# measured on a CPU, where the device's memory is the process's own, as the greatest peak_mib of
-# manifest.json and as du shows:   quick, clean run of 6 methods   1340 MiB held, 1478 told;   the
-# study of 2 clean and 4 noisy runs   823 MiB of disk, 817 told   quick, noisy run of 1 method
-# 1195 MiB held, 1297 told   table1, clean run of 7 methods  1978 MiB held, 2073 told
-# table1_paper, the same larger   8916 MiB held, 9114 told
+# measured on a CPU, where the device's memory is the process's own: the greatest peak_mib of
+# manifest.json, and du; the estimate behind it, in MiB
+# quick, clean run of 6 methods: 1340 held, 1478 estimated
+# quick, noisy run of 1 method: 1195 held, 1297 estimated
+# table1, clean run of 7 methods: 1978 held, 2073 estimated
+# table1_paper, the same larger: 8916 held, 9114 estimated
+# a study of 2 clean and 4 noisy runs: 823 of disk, 817 estimated
 _BASE_BYTES = 640 * 2**20
 """interpreter, libraries, OpenCL runtime, phantom"""
 

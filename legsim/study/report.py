@@ -111,7 +111,7 @@ def _sizes(
 
 
 def _headlines(clean: Sequence[ScanScore]) -> list[str]:
-    """The whole leg's means, a line a measure."""
+    """The whole leg's means, one line per measure."""
     if not clean:
         return []
     whole = study_tables.regions(clean)[0]
@@ -135,7 +135,7 @@ def _headlines(clean: Sequence[ScanScore]) -> list[str]:
 
 
 def _needed(cells: dict[NoiseLevel, LadderCell]) -> list[str]:
-    """By what factor sensors must improve, a line a convention."""
+    """By what factor sensors must improve, one line per convention."""
     lines = []
     for convention in statistics.conventions(cells):
         factor = statistics.needed_factor(cells, convention)
@@ -164,9 +164,9 @@ def _files(results: StudyResults) -> tuple[FileNote, ...]:
         notes.append(
             FileNote(
                 "scores.csv",
-                "a row a score and region, in full precision, with run folder and command",
+                "one row per score and region, in full precision, with run folder and command",
             )
         )
     if results.ladder:
-        notes.append(FileNote("ladder.csv", "a row a draw of noise"))
+        notes.append(FileNote("ladder.csv", "one row per draw of noise"))
     return tuple(notes)

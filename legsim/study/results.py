@@ -90,7 +90,7 @@ class StageCost:
     seconds: float
     """mean"""
     peak_mib: float | None
-    """the most memory that a process held during it; None where the system does not tell"""
+    """the most memory that a process held during it; None where the system does not report it"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,10 +104,10 @@ class StudyResults:
     provenance: tuple[tuple[str, str], ...]
     """(what, value): command, version, device, size of the scans, seconds ..."""
     failures: tuple[str, ...] = ()
-    """a line a run that did not come to its end"""
+    """one line per run that did not end well"""
     costs: tuple[StageCost, ...] = ()
     registration_errors: tuple[RegistrationError, ...] = ()
-    """by how much the registration misses a known motion of the motion-free volume, a scan"""
+    """by how much the registration misses a known motion of the motion-free volume, one per scan"""
 
 
 def condition(posture: str) -> str:

@@ -55,7 +55,7 @@ def _quality(clean: tuple[ScanScore, ...]) -> PageSection:
                 )
         caption = (
             f"{measure} of the whole leg over scans: median, quartiles, whiskers from the 5th to "
-            "the 95th percentile, a dot a scan"
+            "the 95th percentile, one dot per scan"
         ) + (
             "; diamonds are the published means."
             if any(group.published is not None for group in groups)
@@ -105,7 +105,7 @@ def _tests(clean: tuple[ScanScore, ...]) -> PageSection:
     if len(methods_of(clean)) < 2:
         return PageSection(title)
     pools, whole = statistics.pools(clean), study_tables.regions(clean)[0]
-    tables, few, told = [], [], []
+    tables, few, tested = [], [], []
     for condition, pool in pools.items():
         heading, count, made = published_tables.heading(condition), 0, []
         for measure in ("SSIM", "RMSE"):
@@ -124,13 +124,13 @@ def _tests(clean: tuple[ScanScore, ...]) -> PageSection:
                 made.append(study_tables.tests(caption, found, f"test_{measure.lower()}{stem}"))
         tables += made
         if made:
-            told.append(heading)
+            tested.append(heading)
         else:
             few.append(f"{count}" if len(pools) == 1 else f"{count} of {heading}")
     lines = []
-    if told:
+    if tested:
         lines.append(
-            f"Methods are compared scan by scan over {' and over '.join(told)}. Two postures of "
+            f"Methods are compared scan by scan over {' and over '.join(tested)}. Two postures of "
             "one subject count as two scans. A "
             "small p says that the sign of a difference is no chance, not that the difference "
             "matters: see the median difference."
@@ -138,7 +138,7 @@ def _tests(clean: tuple[ScanScore, ...]) -> PageSection:
     if few:
         lines.append(
             f"Too few scans for a paired test: {', '.join(few)}, where {statistics.FEWEST_SCANS} "
-            "are the fewest that can tell."
+            "are the fewest for a result."
         )
     return PageSection(title, tuple(lines), tuple(tables))
 
@@ -164,7 +164,7 @@ def ladder(
     for axis, field in ((_TRANSLATION, "translation_mm"), (_ROTATION, "rotation_deg")):
         maps = [_heat_map(cells, convention, field) for convention in statistics.conventions(cells)]
         caption = (
-            f"Mean {axis.partition(' ')[0]} error by noise level, a map a convention, in one "
+            f"Mean {axis.partition(' ')[0]} error by noise level, one map per convention, in one "
             "color scale."
         )
         figure = figures.heat_maps(
@@ -270,7 +270,7 @@ def every_scan(clean: tuple[ScanScore, ...], noisy: tuple[ScanScore, ...]) -> Pa
         "holds its settings and what they "
         "made; made again by: legsim run FOLDER/config.toml --out OTHER. All regions, residuals "
         "and registrations are in scores.csv, a "
-        "row a score and region.",
+        "row per score and region.",
     )
     tables = (
         *(study_tables.every_scan(clean, "scans") if clean else ()),

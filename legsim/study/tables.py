@@ -64,8 +64,8 @@ def _by_method(
     note: str,
     name: str,
 ) -> Table | None:
-    """A row a condition and method; columns that have nothing anywhere are left out, and the table
-    where no column is left.
+    """One row per condition and method, without columns that are empty everywhere; None where no
+    column is left.
     """
     rows = _rows(scores)
     filled = [(head, [take(of_method) for *_, of_method in rows]) for head, take in columns]
@@ -85,7 +85,7 @@ def _mean_of(measure: Measure, digits: int) -> Callable[[Sequence[ScanScore]], s
 
 
 def residuals(scores: Sequence[ScanScore]) -> tuple[Table, ...]:
-    """A table a unit: what was left of the motion, by structure."""
+    """One table per unit: what was left of the motion, by structure."""
     structures = tuple(dict.fromkeys(r.structure for score in scores for r in score.residuals))
     notes = {
         "mm": (
@@ -135,7 +135,7 @@ def registration(
     """What the registration to the motion-free volume found: part of a method's error that SSIM and
     RMSE do not see.
 
-    ``errors`` are the registration's own, a scan, and stand in the note.
+    ``errors`` are the registration's own, one per scan, and stand in the note.
     """
 
     def largest(field: str) -> Callable[[Sequence[ScanScore]], str]:
@@ -220,8 +220,8 @@ def p_text(p: float) -> str:
 
 
 def ladder(cells: dict[NoiseLevel, LadderCell], convention: Convention) -> Table:
-    """A row a pair of exponents, headed by the accelerometer's, ours beside the published mean and
-    their ratio.
+    """One row per pair of exponents, headed by the accelerometer's: ours, the published mean
+    and their ratio.
     """
     rows: list[tuple[str, ...]] = []
     levels = [level for level in cells if level.convention == convention]
@@ -377,7 +377,7 @@ def costs(stages: Sequence[StageCost]) -> Table:
 
 
 def every_scan(scores: Sequence[ScanScore], name: str) -> tuple[Table, ...]:
-    """A row a run, linked to its folder: SSIM, then RMSE, of the whole leg by method."""
+    """One row per run, linked to its folder: SSIM, then RMSE, of the whole leg by method."""
     whole = regions(scores)[0]
     methods = results.methods_of(scores)
     runs: dict[tuple[str, str, str], dict[str, ScanScore]] = {}

@@ -89,7 +89,7 @@ def test_projections_take_the_detectors_settings_and_the_seed(ball_scan, tmp_pat
     with pytest.raises(
         LegsimError,
         match=(
-            r"--set scan\.views=7: .* heeds scan\.spectrum\.<key>, scan\.detector\.<key> and "
+            r"--set scan\.views=7: .* uses scan\.spectrum\.<key>, scan\.detector\.<key> and "
             r"seed"
         ),
     ):

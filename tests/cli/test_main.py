@@ -80,7 +80,7 @@ def test_version(capsys):
         ),
         (
             ("project", "nowhere.toml", "--geometry", "nowhere.json", "--set", "grid.voxels=9"),
-            "heeds scan.spectrum.<key>",
+            "uses scan.spectrum.<key>",
         ),
         (("run", "--set", "scan.speed=3"), "scan.speed): unknown key"),
         (

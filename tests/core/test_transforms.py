@@ -94,7 +94,7 @@ def test_best_rigid_recovers_a_pose_and_never_reflects(rng):
     )
 
 
-def test_best_rigid_heeds_weights(rng):
+def test_best_rigid_follows_its_weights(rng):
     points = rng.normal(size=(5, 3))
     target = points.copy()
     target[4] += 10

@@ -121,11 +121,11 @@ def test_noise_goes_into_the_runs(tmp_path):
         ),
         (
             "[settings.methods]\nrun = ['rigid']",
-            "settings.methods.run is not heeded .* write methods = ",
+            "settings.methods.run is not used .* write methods = ",
         ),
         (
             "[settings.motion]\nfile = 'a.trc'",
-            "settings.motion.file is not heeded .* write recording = ",
+            "settings.motion.file is not used .* write recording = ",
         ),
         ('[[noise]]\nconvention = "SI"\nlevels = []', "noise.0.levels"),
         ('[[noise]]\nconvention = "SI"\nlevels = [["None", 1]]', "mend the value in the file$"),

@@ -25,7 +25,7 @@ def test_too_few_scans_are_told():
     content = report.content(StudyResults("s", "Two", few, (), ()))
     (section,) = [s for s in content.sections if s.title == "Are the differences more than chance?"]
     assert section.lines == (
-        "Too few scans for a paired test: 2, where 6 are the fewest that can tell.",
+        "Too few scans for a paired test: 2, where 6 are the fewest for a result.",
     )
 
 
@@ -48,7 +48,7 @@ def test_every_posture_of_ones_own_is_tested_and_told():
     assert "over standing and over stairs/up" in section.lines[0]
     assert (
         section.lines[1]
-        == "Too few scans for a paired test: 2 of lunge, where 6 are the fewest that can tell."
+        == "Too few scans for a paired test: 2 of lunge, where 6 are the fewest for a result."
     )
 
 

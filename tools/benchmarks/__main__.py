@@ -27,7 +27,7 @@ def ik(
         ),
     ] = None,
 ) -> None:
-    """Inverse kinematics beside OpenSim's: coordinates, residuals, frames a second."""
+    """Inverse kinematics beside OpenSim's: coordinates, residuals, frames per second."""
     from tools.benchmarks import ik as bench_ik
 
     text = bench_ik.run(data)
@@ -99,7 +99,7 @@ def fdk_profile(
     ] = 1,
     device: Annotated[str | None, typer.Option(help="Part of an OpenCL device's label.")] = None,
 ) -> None:
-    """Filtered back-projection: seconds a stage, and how far the kernels are from what the device
+    """Filtered back-projection: seconds per stage, and how far the kernels are from what the device
     can do.
     """
     from tools.benchmarks import fdk_profile as bench_fdk_profile

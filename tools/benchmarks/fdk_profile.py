@@ -86,7 +86,7 @@ class Spent:
 
 
 def profiled(work: Callable[[], object]) -> tuple[dict[str, Spent], Spent]:
-    """Seconds a stage while ``work`` runs, and of all of it."""
+    """Seconds per stage while ``work`` runs, and of all of it."""
     found, whole = {name: Spent() for name in STAGES}, Spent()
 
     def watched(
@@ -193,7 +193,7 @@ def ceilings(
 
 
 def run(views: int, count: int, binning: int, wanted: str | None) -> str:
-    """Markdown: seconds a stage, and the roofline."""
+    """Markdown: seconds per stage, and the roofline."""
     device, geometry = open_device(wanted), bench_fdk.scan(views, binning)
     projections, grid = (
         bench_fdk.projected(geometry),

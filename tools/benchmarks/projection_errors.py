@@ -215,7 +215,7 @@ def _overlapping() -> Phantom:
 
 
 def table(device: Device, say: Callable[[str], None]) -> None:
-    """Says a row a case: rays that hit, mean and worst error in mm."""
+    """Prints one row per case: rays that hit, mean and worst error in mm."""
     say("| rays | hits | mean error mm | worst error mm |")
     say("|---|---|---|---|")
     for case in cases(device):

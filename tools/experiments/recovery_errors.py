@@ -142,7 +142,7 @@ def placed_again(name: str, draws: int) -> FloatArray:
 
 
 def compare_placements(subjects: int, draws: int) -> None:
-    """A row a recording: how far the knee angle is off, in degrees, over people marked anew."""
+    """One row per recording: how far the knee angle is off, in degrees, over people marked anew."""
     typer.echo(
         "| recording | RMS of the knee angle's error (deg) | 95 of 100 knees within | worst "
         "|\n|---|---|---|---|"
@@ -158,7 +158,7 @@ def compare_placements(subjects: int, draws: int) -> None:
 
 
 def compare(subjects: int) -> None:
-    """A row a recording, as recovered and with the person known."""
+    """One row per recording, as recovered and with the person known."""
     typer.echo(
         "| recording | knee angle right, left (deg) | hip, knee, ankle (mm) | person known: knee "
         "angle (deg) | hip, knee, ankle (mm) |"
@@ -193,7 +193,7 @@ def overall(rows: list[Errors]) -> Errors:
 
 
 def compare_scalings(subjects: int) -> None:
-    """A row a held squat, scaled from the active squats and from itself."""
+    """One row per held squat, scaled from the active squats and from itself."""
     typer.echo(
         "| held squat | scaled from squats.trc: knee angle (deg) | hip, knee, ankle (mm) | from "
         "itself: (deg) | (mm) |"
