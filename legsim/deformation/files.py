@@ -18,7 +18,7 @@ def save_motion(path: Path, motion: Motion) -> None:
 
 
 def load_motion(path: Path) -> Motion:
-    """The inverse of :func:`save_motion`: what the file holds says which kind of motion it is.
+    """Reads what :func:`save_motion` wrote; the file's arrays say which kind of motion it is.
 
     Raises:
         LegsimError: not such a file.
@@ -35,7 +35,7 @@ def load_motion(path: Path) -> Motion:
             "expected an .npz with times (v,) and moved_from_reference (v, 4, 4)",
         ) from None
     except LegsimError as error:
-        raise file_error(path, str(error), "mend the file") from None
+        raise file_error(path, str(error), "correct the file") from None
 
 
 def _motion(data: Mapping[str, np.ndarray]) -> Motion:

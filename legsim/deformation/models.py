@@ -1,6 +1,4 @@
-"""Motions of space during a scan: rigid, moving least squares of followed points, or displacements
-on a coarse grid.
-"""
+"""Motions of space during a scan: rigid, of followed points, or displacements on a grid."""
 
 from __future__ import annotations
 
@@ -52,9 +50,7 @@ class Motion(ABC):
         return np.stack(list(self._views(np.asarray(points, float))))
 
     def rigid_part(self, points: ArrayLike) -> FloatArray:
-        """(v, 4, 4) rigid transforms that carry points (p, 3) as this motion does, by least
-        squares.
-        """
+        """(v, 4, 4) rigid transforms nearest to this motion at points (p, 3), by least squares."""
         return np.stack([transforms.best_rigid(points, moved) for moved in self.carry(points)])
 
     def on_grid(self, grid: VolumeGrid) -> FieldMotion:
@@ -70,7 +66,7 @@ class Motion(ABC):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RigidMotion(Motion):
-    """One rigid transform a view: everything moves alike."""
+    """One rigid transform per view: everything moves alike."""
 
     moved_from_reference: FloatArray
     """(v, 4, 4): carries a point at the reference time to where it is at times[v]"""
@@ -104,9 +100,7 @@ class RigidMotion(Motion):
 
     @classmethod
     def from_poses(cls, times: FloatArray, world_from_body: FloatArray) -> RigidMotion:
-        """Motion of a body against its first pose: M(i) = S(i) S(0)^-1, the order that is right
-        (not the published one).
-        """
+        """Motion of a body against its first pose: M(i) = S(i) S(0)^-1."""
         return cls(times, world_from_body @ transforms.inverse(world_from_body[0]))
 
     def arrays(self) -> dict[str, np.ndarray]:
@@ -159,7 +153,7 @@ class ControlPointMotion(Motion):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FieldMotion(Motion):
-    """Displacements on a coarse grid, one field a view: linear between nodes, constant beyond."""
+    """Displacements on a coarse grid, one field per view: linear between nodes, constant beyond."""
 
     grid: VolumeGrid
     """nodes, in world; may be much coarser than the volume, and should cover it"""

@@ -2,9 +2,9 @@
 
 Schaefer et al. 2006 and Zhu and Gortler 2007, as used by Maier et al. 2022, section 2.6: every
 point of space moves by the rotation and translation that fit the control points best under weights
-1/distance^2. At a control point the limit is that point's own motion. :func:`displaced` is the
-general form for any number of points; :func:`three_points` prepares the closed form of three points
-that the device uses (legsim/kernels/mls.cl).
+1/distance^2. At a control point the limit is that point's own motion. :func:`warp_points` is
+the general form for any number of points; :mod:`legsim.deformation.three_points` prepares the
+closed form of three points that the device uses (kernels/moving_least_squares.cl).
 """
 
 import numpy as np
@@ -18,11 +18,10 @@ _TIE_BREAK = 1e-13
 
 
 def warp_points(points: ArrayLike, reference: ArrayLike, moved: ArrayLike) -> FloatArray:
-    """Where points (n, d) go when control points (m, d) go from ``reference`` to ``moved``; d is 2
-    or 3, m any number.
+    """Moves points (n, d) as control points (m, d) go from ``reference`` to ``moved``, d = 2, 3.
 
-    By a singular value decomposition a point, the determinant fixed to +1. Where the control points
-    leave the rotation open (one or two of them, or all on a line) the smallest one is taken.
+    One singular value decomposition per point, its determinant fixed to +1. Where the control
+    points leave the rotation open (one or two of them, or all on a line) the smallest one is taken.
     Exactly the identity where nothing moves.
     """
     points, reference, moved = (np.asarray(a, float) for a in (points, reference, moved))
@@ -40,9 +39,7 @@ def warp_points(points: ArrayLike, reference: ArrayLike, moved: ArrayLike) -> Fl
 
 
 def _weights(squared: FloatArray) -> FloatArray:
-    """(n, m) 1/distance^2, normalized to the sum 1; all on one point where the distance is
-    nothing.
-    """
+    """(n, m) 1/distance^2, normalized to the sum 1; all on one point where the distance is 0."""
     nearest = squared.min(-1, keepdims=True)
     ratio = np.divide(nearest, squared, out=np.ones_like(squared), where=squared > 0)
     # beside a control point that is hit exactly, the others have no weight (nearest = 0)
@@ -50,9 +47,7 @@ def _weights(squared: FloatArray) -> FloatArray:
 
 
 def _best_rotations(covariances: FloatArray) -> FloatArray:
-    """(n, d, d) rotations that turn the resting points into the moved ones best, for sums of moved
-    resting^T.
-    """
+    """(n, d, d) rotations that fit best, from sums (n, d, d) of moved resting^T."""
     size = covariances.shape[-1]
     scale = np.sqrt((covariances**2).sum((-2, -1)))[:, None, None]
     steady = covariances + (_TIE_BREAK * scale + np.finfo(float).tiny) * np.eye(size)

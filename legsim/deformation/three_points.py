@@ -13,9 +13,7 @@ from legsim.deformation.models import ControlPointMotion
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ThreePoints:
-    """What kernels/mls.cl reads, for one motion of three control points under given affine maps of
-    each view.
-    """
+    """What kernels/moving_least_squares.cl reads of three control points under one map per view."""
 
     rest: Float32Array
     """(18,) control points at rest, less the anchor, and the basis of their plane"""
@@ -38,8 +36,8 @@ def three_points(
         anchor: (3,) m in world, what the device's positions are relative to; near the grid, for
             single precision.
         least_bend: the knee's distance from the line between the outer points, over that line's
-            length, below which, in any view, the plane of the three is not believed: the twist
-            about the leg is then taken to be the smallest that carries one line to the other.
+            length, below which, in any view, the plane of the three is not used: the twist about
+            the leg is then the smallest that carries one line to the other.
 
     Raises:
         LegsimError: another number of points, points that coincide, or a wrong number of maps.
@@ -97,9 +95,7 @@ def _bend(points: FloatArray) -> FloatArray:
 
 
 def _plane_bases(points: FloatArray) -> FloatArray:
-    """(v, 3, 3) rows e1 along the second edge, e2, and the normal; the same sense of rotation in
-    every view.
-    """
+    """(v, 3, 3) rows: e1 along the second edge, e2, normal; one sense of rotation in all views."""
     edges = _edges(points)
     first = edges[:, 1] / np.linalg.norm(edges[:, 1], axis=-1, keepdims=True)
     normal = np.cross(edges[:, 0], edges[:, 1])
@@ -108,9 +104,7 @@ def _plane_bases(points: FloatArray) -> FloatArray:
 
 
 def _transported_bases(points: FloatArray) -> FloatArray:
-    """(v, 3, 3) as :func:`_plane_bases`, but turned from the first one by the smallest rotation
-    that carries e1 along.
-    """
+    """(v, 3, 3) the first basis turned by the smallest rotation that carries e1 along."""
     edges = _edges(points)
     first = edges[:, 1] / np.linalg.norm(edges[:, 1], axis=-1, keepdims=True)
     second = np.linalg.svd(first[0][None])[2][1]

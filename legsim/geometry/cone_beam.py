@@ -1,4 +1,4 @@
-"""Cone-beam geometry, projections, volume grids and volumes.
+"""Cone-beam geometry and projections.
 
 Every view is one 3x4 matrix from world meters to pixel coordinates (column u, row v), pixel centers
 at integers, the first pixel at 0. Rows count upwards along world y in a circular scan, as in RTK,
@@ -22,8 +22,9 @@ class ConeBeamGeometry:
     """(v,) s, acquisition time of each view"""
     matrices: FloatArray
     """(v, 3, 4): (u w, v w, w) = matrix @ (x, y, z, 1) in world meters. Stored with a third row of
-    unit normal, so that w is the depth in meters along the principal ray, and with the sign that
-    puts the scanned region at positive depth."""
+    unit normal: w is the depth in meters along the principal ray, positive in the scanned
+    region.
+    """
     shape_vu: tuple[int, int]
     """(rows, columns)"""
     pixel_pitch: float = 1e-3
@@ -141,8 +142,9 @@ class ConeBeamGeometry:
         )
 
     def coarser(self, factor: int) -> "ConeBeamGeometry":
-        """The detector whose pixels are blocks of ``factor`` x ``factor`` of these; what is left of
-        a block at the far edges is cut off.
+        """The detector with blocks of ``factor`` x ``factor`` pixels as pixels.
+
+        Incomplete blocks at the far edges are cut off.
         """
         rows, columns = self.shape_vu
         # the middle of the first block, pixel (factor - 1) / 2 of these, is its pixel 0
@@ -159,9 +161,7 @@ class ConeBeamGeometry:
         )
 
     def focal_lengths(self) -> FloatArray:
-        """(v,) from the source to the detector in columns: the length of each first row across the
-        principal ray.
-        """
+        """(v,) source to detector in columns: length of each first row across the principal ray."""
         row, normal = self.matrices[:, 0, :3], self.matrices[:, 2, :3]
         return np.linalg.norm(row - (row * normal).sum(-1, keepdims=True) * normal, axis=-1)
 
@@ -170,17 +170,13 @@ class ConeBeamGeometry:
         return _source_positions(self.matrices)
 
     def ray_directions(self, u: ArrayLike, v: ArrayLike) -> FloatArray:
-        """(views, *pixels, 3) world vectors from the source through pixel (u, v), of unit depth
-        (not unit length).
-        """
+        """(views, *pixels, 3) world vectors from source through pixel (u, v), of depth 1."""
         u, v = np.broadcast_arrays(np.asarray(u, float), np.asarray(v, float))
         pixels = np.stack([u, v, np.ones_like(u)], -1)
         return np.einsum("vij,...j->v...i", np.linalg.inv(self.matrices[:, :, :3]), pixels)
 
     def project(self, points_world: ArrayLike) -> tuple[FloatArray, FloatArray]:
-        """((v, p, 2) pixel coordinates (u, v), (v, p) depths in m) of points (p, 3), or of (v, p,
-        3) that move.
-        """
+        """((v, p, 2) pixels (u, v), (v, p) depths in m) of points (p, 3) or (v, p, 3)."""
         points = np.asarray(points_world, float)
         homogeneous = (
             points @ np.swapaxes(self.matrices[:, :, :3], -1, -2) + self.matrices[:, None, :, 3]
@@ -188,8 +184,9 @@ class ConeBeamGeometry:
         return homogeneous[..., :2] / homogeneous[..., 2:], homogeneous[..., 2]
 
     def moved(self, moved_from_reference: ArrayLike) -> "ConeBeamGeometry":
-        """P(i) M(i): the scanner that sees the resting object as this one sees it moved by (v, 4,
-        4) or (4, 4).
+        """P(i) M(i): the scanner that sees the resting object as this one sees the moved one.
+
+        ``moved_from_reference`` is (v, 4, 4) or (4, 4).
         """
         matrices = self.matrices @ np.asarray(moved_from_reference, float)
         return _facing(replace(self, matrices=matrices), matrices)
@@ -200,8 +197,9 @@ class ConeBeamGeometry:
 
 
 def _facing(geometry: ConeBeamGeometry, matrices: FloatArray) -> ConeBeamGeometry:
-    """``geometry`` with depths positive where those of ``matrices`` (v, 3, 4) are: a few views of a
-    scan may not show what was scanned.
+    """``geometry`` with depths positive where those of ``matrices`` (v, 3, 4) are.
+
+    A few views of a scan may not show what was scanned.
     """
     sides = np.sign(np.einsum("vi,vi->v", geometry.matrices[:, 2, :3], matrices[:, 2, :3]))
     object.__setattr__(
@@ -218,9 +216,7 @@ def _source_positions(matrices: FloatArray) -> FloatArray:
 
 
 def _nearest_point_to_principal_rays(matrices: FloatArray) -> FloatArray:
-    """Least-squares point (3,) of the lines through each source along the third row's normal; the
-    best-conditioned part only.
-    """
+    """Least-squares point (3,) of the lines through each source along the third row's normal."""
     sources = _source_positions(matrices)
     normals = matrices[:, 2, :3] / np.linalg.norm(matrices[:, 2, :3], axis=-1, keepdims=True)
     across = np.eye(3) - normals[:, :, None] * normals[:, None, :]
@@ -231,7 +227,7 @@ def _nearest_point_to_principal_rays(matrices: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Projections:
-    """Line integrals of attenuation, one image a view."""
+    """Line integrals of attenuation, one image per view."""
 
     geometry: ConeBeamGeometry
     line_integrals: Float32Array
@@ -257,9 +253,7 @@ class Projections:
         )
 
     def coarser(self, factor: int) -> "Projections":
-        """Means of blocks of ``factor`` x ``factor`` pixels, on
-        :meth:`ConeBeamGeometry.coarser`.
-        """
+        """Means of blocks of pixels, as :meth:`ConeBeamGeometry.coarser`."""
         geometry = self.geometry.coarser(factor)
         rows, columns = geometry.shape_vu
         whole = self.line_integrals[:, : factor * rows, : factor * columns]

@@ -1,6 +1,4 @@
-"""Geometry files: legsim's JSON, RTK's XML and plain 3x4 matrices, all in millimeters, read and
-written to the same meaning.
-"""
+"""Geometry files in millimeters: legsim's JSON, RTK's XML and plain 3x4 matrices."""
 
 import json
 import re
@@ -33,15 +31,16 @@ def load_geometry(
     pixel_mm: float | None = None,
     view_rate_hz: float = 31.0,
 ) -> ConeBeamGeometry:
-    """Reads a geometry; the suffix says which kind: .json (legsim), .xml (RTK), .txt or .npy (a 3x4
-    matrix a view, mm to pixels).
+    """Reads a geometry from .json (legsim), .xml (RTK), .txt or .npy.
+
+    .txt and .npy hold one 3x4 matrix per view, world mm to pixels.
 
     Args:
         columns, rows: pixels of the detector, for files that do not say; RTK's XML then has its
             detector centered.
         pixel_mm: pixel pitch, for files that do not say; RTK's XML is in mm on the detector and
             cannot be read without it.
-        view_rate_hz: views a second, for files without times.
+        view_rate_hz: views per second, for files without times.
 
     Raises:
         LegsimError: the file is missing, of another kind or malformed, or what it leaves open was
@@ -129,7 +128,7 @@ def _load_json(path: Path) -> ConeBeamGeometry:
         ) from error
     except RecursionError as error:
         raise file_error(
-            path, "nests lists too deeply", "give one flat list of 12 numbers a view"
+            path, "nests lists too deeply", "give one flat list of 12 numbers per view"
         ) from error
     if not isinstance(content, dict):
         raise file_error(
@@ -166,7 +165,7 @@ def _load_json(path: Path) -> ConeBeamGeometry:
         raise file_error(
             path,
             "is not a list of matrices",
-            "give one list of 12 numbers a view",
+            "give one list of 12 numbers per view",
             place="matrices",
         )
     rows = [numbers_of(path, matrix, f"matrices[{k}]", 12) for k, matrix in enumerate(matrices)]
@@ -174,7 +173,7 @@ def _load_json(path: Path) -> ConeBeamGeometry:
         raise file_error(
             path,
             f"there are {len(rows)} matrices but {len(times)} times",
-            "give one of each a view",
+            "give one of each per view",
             place="times_s",
         )
     return geometry_of(path, times, np.reshape(rows, (-1, 3, 4)), shape_vu, pixel_mm)
@@ -186,7 +185,7 @@ def _plain_text(geometry: ConeBeamGeometry) -> str:
         for matrix in matrices_mm(geometry).reshape(-1, 12).tolist()
     ]
     return (
-        "# a 3x4 matrix a view, row by row: world mm to (column, row) pixels\n"
+        "# one 3x4 matrix per view, row by row: world mm to (column, row) pixels\n"
         + "\n".join(lines)
         + "\n"
     )
@@ -200,7 +199,7 @@ def _load_matrices(
         raise file_error(
             path,
             f"holds {values.size} numbers, which is no whole count of 3x4 matrices",
-            "give 12 numbers a view",
+            "give 12 numbers per view",
         )
     if shape_vu is None:
         raise file_error(path, "does not say how large the detector is", NEEDS_DETECTOR)
@@ -214,22 +213,20 @@ def _load_matrices(
 
 
 def _npy_values(path: Path) -> FloatArray:
-    cure = "write it with numpy.save of a (views, 3, 4) array"
+    fix = "write it with numpy.save of a (views, 3, 4) array"
     try:
         values = np.load(path, allow_pickle=False)
     except (ValueError, EOFError) as error:
-        raise file_error(path, "is not an .npy file of numbers", cure) from error
+        raise file_error(path, "is not an .npy file of numbers", fix) from error
     if not isinstance(values, np.ndarray) or values.dtype.kind not in "fiu":
-        raise file_error(path, "is not an .npy file of real numbers", cure)
+        raise file_error(path, "is not an .npy file of real numbers", fix)
     if values.shape[-2:] != (3, 4) and values.shape[-1:] != (12,):
-        raise file_error(path, f"holds an array of shape {values.shape}", cure)
+        raise file_error(path, f"holds an array of shape {values.shape}", fix)
     return values.astype(float)
 
 
 def _text_values(path: Path) -> FloatArray:
-    """Numbers with any of blanks, commas, semicolons and brackets between them; # starts a
-    comment.
-    """
+    """Numbers between blanks, commas, semicolons and brackets; # starts a comment."""
     values: list[float] = []
     for number, line in enumerate(path.read_text("utf-8-sig").splitlines(), 1):
         for word in re.split(r"[\s,;\[\](){}]+", line.partition("#")[0].strip()):
@@ -239,7 +236,7 @@ def _text_values(path: Path) -> FloatArray:
                 raise file_error(
                     path,
                     f"{word!r} is not a number",
-                    "a file of matrices holds 12 numbers a view",
+                    "a file of matrices holds 12 numbers per view",
                     place=f"line {number}",
                 ) from error
     return np.array(values)

@@ -49,9 +49,7 @@ AnatomicalOrientation = RAI
 
 @dataclass(frozen=True, slots=True)
 class ImageHeader:
-    """What an image file says about its samples; axes in the order x, y, z (for projections:
-    column, row, view).
-    """
+    """An image file's samples; axes x, y, z (for projections: column, row, view)."""
 
     size: tuple[int, int, int]
     spacing_mm: tuple[float, float, float]
@@ -82,8 +80,7 @@ def save_volume(path: Path | str, volume: Volume) -> None:
 
 
 def load_volume(path: Path | str) -> Volume:
-    """Reads attenuation in 1/mm on a grid in mm. Axes that the file has flipped or swapped are put
-    in order.
+    """Reads attenuation in 1/mm on a grid in mm; puts flipped or swapped axes in order.
 
     Raises:
         LegsimError: no image, not three-dimensional, more than one channel, axes oblique to the
@@ -160,8 +157,7 @@ class VolumeWriter:
 
 @contextmanager
 def volume_writer(path: Path | str, grid: VolumeGrid) -> Iterator[VolumeWriter]:
-    """Opens an .mha file to which a volume is written slab by slab, so that it never has to be in
-    memory whole.
+    """Opens an .mha file for a volume that is written slab by slab and is never in memory whole.
 
     Use it in a ``with`` statement and call :meth:`VolumeWriter.write` for consecutive slabs. The
     file appears when the block ends well and every slice has come; otherwise nothing is left.
@@ -202,8 +198,7 @@ def volume_writer(path: Path | str, grid: VolumeGrid) -> Iterator[VolumeWriter]:
 
 
 def save_projections(path: Path | str, projections: Projections) -> None:
-    """Writes line integrals as float32, (column, row, view) with the detector's center at the
-    physical origin, as RTK expects.
+    """Writes line integrals as float32 (column, row, view), detector centered as RTK expects.
 
     Raises:
         LegsimError: the name's ending is none of :data:`WRITABLE`, or the file cannot be written.
@@ -217,8 +212,9 @@ def save_projections(path: Path | str, projections: Projections) -> None:
 
 
 def load_projections(path: Path | str, geometry: ConeBeamGeometry) -> Projections:
-    """Reads line integrals that belong to ``geometry``. Spacing and origin in the file are not
-    used: the matrices say where pixels are.
+    """Reads line integrals of ``geometry``, whose matrices place the pixels.
+
+    Spacing and origin in the file are not used.
 
     Raises:
         LegsimError: no image, other counts of views, rows or columns than the geometry's, or values
@@ -323,9 +319,7 @@ def _read(path: Path) -> tuple[Float32Array, ImageHeader]:
 
 @contextmanager
 def _quiet() -> Iterator[None]:
-    """ITK's readers write to the process's standard error what they raise anyhow; here it is
-    dropped.
-    """
+    """Drops what ITK's readers write to standard error: they raise it as well."""
     if sys.__stderr__ is None:  # closed: nothing can be written there
         yield
         return

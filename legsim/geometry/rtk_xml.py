@@ -1,9 +1,9 @@
 """RTK's geometry XML, read and written to the same meaning, in millimeters.
 
-RTK's nine parameters a view were checked against RTK 2.7: with R = Rz(-in plane) Rx(-out of plane)
-Ry(-gantry), s the source offset and o the detector offset, its matrix is [[-SDD, 0, sx - ox], [0,
--SDD, sy - oy], [0, 0, 1]] [R | (-sx, -sy, -SID)], in mm on the detector. Pixel (0, 0) of a centered
-detector lies at -(n - 1)/2 pixels from that origin.
+RTK's nine parameters per view were checked against RTK 2.7: with R = Rz(-in plane) Rx(-out of
+plane) Ry(-gantry), s the source offset and o the detector offset, its matrix is [[-SDD, 0, sx -
+ox], [0, -SDD, sy - oy], [0, 0, 1]] [R | (-sx, -sy, -SID)], in mm on the detector. Pixel (0, 0) of a
+centered detector lies at -(n - 1)/2 pixels from that origin.
 """
 
 import json
@@ -63,9 +63,7 @@ def _turn(axis: str, angle: float) -> FloatArray:
 
 
 def _parameters(path: Path, matrix_mm: FloatArray, view: int) -> list[float]:
-    """RTK's nine numbers, in the order of ``_PARAMETERS``, of a matrix (3, 4) from world mm to
-    mm on the detector.
-    """
+    """RTK's numbers, as in ``_PARAMETERS``, of a matrix (3, 4) from world mm to detector mm."""
     # third row of unit length and w negative in front, as RTK has it
     matrix = -matrix_mm / np.linalg.norm(matrix_mm[2, :3])
     third = matrix[2, :3]
@@ -202,9 +200,7 @@ def load(
 
 
 def _legsim_note(path: Path, root: ElementTree.Element) -> dict[str, Any] | None:
-    """What legsim leaves in a comment, since RTK's format has no place for the detector and the
-    times.
-    """
+    """Reads legsim's comment: RTK's format has no place for the detector and the times."""
     for element in root:
         text = (element.text or "").strip()
         if element.tag is ElementTree.Comment and text.startswith("legsim {"):
@@ -236,9 +232,7 @@ def _legsim_note(path: Path, root: ElementTree.Element) -> dict[str, Any] | None
 
 
 def _matrices(path: Path, root: ElementTree.Element) -> list[FloatArray]:
-    """(3, 4) of each view. As in RTK, a parameter stays until another value is given, and starts at
-    0.
-    """
+    """(3, 4) of each view. As in RTK, parameters start at 0 and stay until given again."""
     parameters, given, matrices = dict.fromkeys(_PARAMETERS, 0.0), set(), []
     for element in root:
         if element.tag == "Projection":
@@ -246,7 +240,7 @@ def _matrices(path: Path, root: ElementTree.Element) -> list[FloatArray]:
         elif isinstance(element.tag, str):
             _read_parameter(path, element, parameters, given, "before the projections")
     if not matrices:
-        raise file_error(path, "holds no <Projection>", "a geometry needs one a view")
+        raise file_error(path, "holds no <Projection>", "a geometry needs one per view")
     return matrices
 
 
@@ -296,9 +290,7 @@ def _read_parameter(
     given: set[str],
     place: str,
 ) -> None:
-    """Takes one of the nine parameters; a curved detector is refused; collimation, which moves
-    nothing, is passed over.
-    """
+    """Takes one of the nine parameters; refuses a curved detector; ignores collimation."""
     if element.tag in parameters:
         parameters[element.tag] = float(_numbers(path, element, place, 1)[0])
         given.add(element.tag)

@@ -23,9 +23,7 @@ else:
 
 @dataclass(frozen=True, eq=False)
 class Device:
-    """A device in use: context, queue and compiled kernels. Made by :func:`open_device`, passed to
-    every stage that computes.
-    """
+    """A device in use: context, queue and compiled kernels; :func:`open_device` makes it."""
 
     candidate: Candidate
     context: cl.Context
@@ -49,9 +47,7 @@ class Device:
         return self.candidate.kind == "cpu"
 
     def program(self, *kernel_files: str, **defines: int | str) -> cl.Program:
-        """Builds (once) ``legsim/opencl/kernels/<file>`` one after the other with ``-D`` for each
-        of ``defines``.
-        """
+        """Builds files of ``opencl/kernels`` as one program, once per set of ``defines``."""
         source = "\n".join(
             resources.files("legsim.opencl").joinpath("kernels", name).read_text("utf-8")
             for name in kernel_files
@@ -63,9 +59,7 @@ class Device:
         return self._programs[key]
 
     def kernel(self, name: str, *kernel_files: str, **defines: int | str) -> cl.Kernel:
-        """The kernel ``name`` of that program, retrieved once: each retrieval would make a new
-        kernel object, and warn.
-        """
+        """The kernel ``name`` of that program, retrieved once: again would make a new one."""
         program = self.program(*kernel_files, **defines)
         if (id(program), name) not in self._kernels:
             self._kernels[id(program), name] = cl.Kernel(program, name)
@@ -87,9 +81,7 @@ class Device:
         return buffer
 
     def write(self, buffer: cl.Buffer, array: np.ndarray, offset: int) -> None:
-        """Copies a C-contiguous array into ``buffer``, from element ``offset`` of its own type on;
-        waits until it is there.
-        """
+        """Copies a C-contiguous array into ``buffer`` from element ``offset`` on, and waits."""
         cl.enqueue_copy(
             self.queue, buffer, np.ascontiguousarray(array), dst_offset=offset * array.itemsize
         )
@@ -101,8 +93,7 @@ class Device:
 
 
 def open_device(wanted: str | None = None) -> Device:
-    """The fastest device that passes the probe, or the one that ``wanted`` (else LEGSIM_DEVICE)
-    names.
+    """Opens the fastest device that works, or the one that ``wanted`` or LEGSIM_DEVICE names.
 
     ``wanted`` is part of a label, whatever its case, or "gpu" or "cpu".
 

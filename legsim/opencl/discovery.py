@@ -77,7 +77,8 @@ def build_program(context: cl.Context, source: str, options: list[str]) -> cl.Pr
 
 @cache
 def _register_runtimes() -> str:
-    """Points the ICD loader at this environment's runtimes and the system's; returns what was set.
+    """Points the ICD loader at the environment's and the system's runtimes; returns the setting.
+
     A user's own setting stays.
     """
     if "OCL_ICD_VENDORS" in os.environ:
@@ -113,9 +114,7 @@ def _register_runtimes() -> str:
 
 @cache
 def candidates() -> tuple[Candidate, ...]:
-    """Every OpenCL device that the loader lists, each probed by building and running a kernel; the
-    fastest first.
-    """
+    """Every OpenCL device that the loader lists, probed by running a kernel; fastest first."""
     _register_runtimes()
     try:
         platforms = cl.get_platforms()

@@ -70,13 +70,12 @@ def plan(
     kernel: Kernel | None = None,
     slab_bytes: int = _SLAB_BYTES,
 ) -> BackprojectionPlan:
-    """Chooses kernel, column axis, slabs and batches; ``kernel`` None takes the fastest that is
-    right here.
+    """Chooses kernel, column axis, slabs and batches; ``kernel`` None takes the fastest possible.
 
     "columns" needs every voxel in front of the source, at most 2.5 detector rows between
     neighboring voxels along one of the world's axes, and lines along it that turn less than 27
-    degrees off the detector's columns in every view. What it looks up between every eighth voxel
-    has to lie within a quarter of a pixel of where the voxels are.
+    degrees off the detector's columns in every view. What it interpolates between every eighth
+    voxel must be within a quarter of a pixel of the voxels.
 
     Raises:
         LegsimError: ``kernel`` "columns" was asked for where it does not work, the motion has
@@ -85,7 +84,7 @@ def plan(
     if motion is not None and len(motion.times) != len(geometry):
         raise LegsimError(
             f"the motion has {len(motion.times)} transforms for {len(geometry)} views; expected "
-            "one a view"
+            "one per view"
         )
     axis, mirrored, curve = _column_axis(geometry, grid, motion)
     if kernel == "columns" and curve is None:
@@ -135,9 +134,7 @@ def stride(rows: int) -> int:
 def _column_axis(
     geometry: ConeBeamGeometry, grid: VolumeGrid, motion: Motion | None
 ) -> tuple[int, tuple[bool, ...], int | None]:
-    """(axis, mirrored views, curve), from how a lattice of points and their neighbors one voxel on
-    project; curve None: no axis will do.
-    """
+    """(axis, mirrored views, curve) of a lattice of projected points; curve None: no axis fits."""
     lattice = np.stack(
         np.meshgrid(*(axis[np.unique([0, len(axis) // 2, len(axis) - 1])] for axis in grid.axes())),
         -1,
@@ -147,7 +144,7 @@ def _column_axis(
         points = lattice + offset
         with np.errstate(
             divide="ignore", invalid="ignore"
-        ):  # points beside the source, which the depths tell
+        ):  # points beside the source; their depths show it
             return geometry.project(points if motion is None else motion.carry(points))
 
     steps = np.diag(grid.spacing_xyz)

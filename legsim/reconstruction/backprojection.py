@@ -1,10 +1,10 @@
-"""Voxel-driven back-projection with any 3x4 matrix a view, static or along a motion, on an OpenCL
-device, slab by slab; and its adjoint.
+"""Voxel-driven back-projection with any 3x4 matrices, static or along a motion; and its adjoint.
 
-A voxel that a view's detector does not see gets nothing from it: beyond the outermost pixel centers
-an image fades to zero within one pixel. Two kernels of one source (kernels/backproject.cl) share
-the layout of images and volume: "voxels" places every voxel by itself and is the reference;
-"columns" works along whole lines of voxels and is several times faster on CPUs.
+It runs on an OpenCL device, slab by slab. A view adds nothing to a voxel that its detector does not
+see: beyond the outermost pixel centers an image fades to zero within one pixel. Two kernels of one
+source (kernels/backproject.cl) share the layout of images and volume: "voxels" places every voxel
+by itself and is the reference; "columns" works along whole lines of voxels and is several times
+faster on CPUs.
 """
 
 from collections.abc import Callable, Iterable, Iterator
@@ -36,9 +36,7 @@ _ACROSS = {0: (1, 2), 1: (0, 2), 2: (0, 1)}
 
 
 def arranged(images: Float32Array, mirrored: np.ndarray) -> Float32Array:
-    """(n, columns + 2 pad, stride): images (n, rows, columns) as the kernels read them, rows
-    fastest, zeros around.
-    """
+    """(n, columns + 2 pad, stride): images (n, rows, columns), rows fastest, zeros around."""
     count, rows, columns = images.shape
     out = np.zeros((count, columns + 2 * PAD, stride(rows)), np.float32)
     for k, image in enumerate(images):
@@ -56,8 +54,7 @@ def slabs(
     motion: Motion | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Iterator[tuple[int, Float32Array]]:
-    """Yields (first slice, sums (n, y, x) of image(u, v) / depth^2 over the views), slab by slab
-    along z.
+    """Yields (first slice, sums (n, y, x) of image(u, v) / depth^2 over the views) along z.
 
     ``batches`` yields (views, images (n, columns + 2 pad, stride)) as :func:`arranged` makes them.
     ``progress`` counts batches of views over all slabs.
@@ -88,8 +85,9 @@ def forward_splat(
     decided: BackprojectionPlan,
     motion: Motion | None = None,
 ) -> Float32Array:
-    """The adjoint of :func:`slabs`: images (v, rows, columns), to which voxels (z, y, x) add value
-    / depth^2 by the same weights.
+    """Applies the adjoint of :func:`slabs`: images (v, rows, columns) from voxels (z, y, x).
+
+    A voxel adds value / depth^2 by the same weights.
     """
     views, (rows, columns) = len(geometry), geometry.shape_vu
     images = device.zeros(views * (columns + 2 * PAD) * stride(rows))

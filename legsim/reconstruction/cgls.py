@@ -1,10 +1,9 @@
-"""Iterative reconstruction by conjugate gradients (CGLS, Hestenes and Stiefel 1952), static or
-motion-compensated.
+"""Iterative reconstruction by conjugate gradients: CGLS (Hestenes and Stiefel 1952).
 
-It minimizes |A f - p|^2 with a voxel-driven projector A and its exact adjoint, which follow the
-same motions as filtered back-projection. For scans that FDK does not suit: few views, gaps, wide
-cones. Early iterations are the smooth ones; stopping is the regularization. Voxels should be no
-larger than a pixel seen at the isocenter, or A's images have gaps between them.
+It minimizes |A f - p|^2 with a voxel-driven projector A and its exact adjoint. Both follow the same
+motions as filtered back-projection. For scans that FDK does not suit: few views, gaps, wide cones.
+Early iterations are the smooth ones; stopping is the regularization. Voxels should be no larger
+than a pixel seen at the isocenter, or A's images have gaps between them.
 """
 
 import math
@@ -167,9 +166,7 @@ def needed_bytes(
 def _conjugate_steps(
     system: SystemMatrix, found: Float32Array, residual: Float32Array, iterations: int
 ) -> Iterator[int]:
-    """Takes steps of CGLS, in place; yields the number of each. Ends early where the gradient is
-    zero.
-    """
+    """Takes steps of CGLS, in place; yields the number of each; ends where the gradient is 0."""
     gradient = system.adjoint(residual)
     direction, energy = gradient.copy(), _energy(gradient)
     for step in range(iterations):
@@ -189,7 +186,7 @@ def _conjugate_steps(
 def _nonnegative_steps(
     system: SystemMatrix, found: Float32Array, residual: Float32Array, iterations: int
 ) -> Iterator[int]:
-    """Takes steps that minimize |A f - p|^2 over f >= 0, in place; yields the number of each.
+    """Takes steps towards the least |A f - p|^2 over f >= 0, in place; yields their numbers.
 
     Gradient projection with step lengths of Barzilai and Borwein and an exact line search: GPSR-BB,
     monotone variant, without its sparsity term (Figueiredo, Nowak and Wright, IEEE J Sel Top Signal

@@ -1,5 +1,4 @@
-"""Detectors aligned with the axis of rotation before filtering: rows turned to run across it,
-half-fan detectors widened.
+"""Detectors aligned with the axis of rotation: rows turned across it, half fans widened.
 
 Filtered images reach beyond the pixels that were measured, and so must the columns that
 back-projection reads.
@@ -72,9 +71,7 @@ def align(geometry: ConeBeamGeometry) -> AlignedDetector:
 
 
 def _tilt(geometry: ConeBeamGeometry, arc: SourceArc) -> float:
-    """Rad from the rows to the direction across the axis, in the plane of pixels (u to v): a mean
-    of all views.
-    """
+    """Rad from the rows to the direction across the axis, from u to v: a mean of all views."""
     along = np.einsum("vji,j->vi", np.linalg.inv(geometry.matrices[:, :, :3]), arc.axis)
     # pixels (u, v) that move along (B_v . a, -B_u . a) stay where they are along the axis a; a
     # direction has no sign, hence the doubling

@@ -1,6 +1,4 @@
-"""Filtered back-projection of cone-beam scans (Feldkamp, Davis and Kress 1984), static or
-motion-compensated, in absolute units.
-"""
+"""Filtered back-projection (Feldkamp, Davis and Kress 1984), static or along a motion."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
@@ -159,11 +157,12 @@ def _decided(
 def object_geometry(
     geometry: ConeBeamGeometry, grid: VolumeGrid, motion: Motion | None
 ) -> ConeBeamGeometry:
-    """The scan as it was for an object that holds still: P(i) M(i), M being the motion's rigid part
-    over the inner half of the grid.
+    """The scan as an object at rest sees it: P(i) M(i), M being the motion's rigid part.
 
-    Weights that belong to this path count what the object's lines were really measured with; those
-    of the scanner's own path leave per cents of error that vary slowly across the volume
+    The rigid part is taken over the inner half of the grid.
+
+    Weights of this path count how often the object's lines were measured. Those of the scanner's
+    own path leave errors of some percent that vary slowly across the volume
     (docs/reconstruction.md).
     """
     if motion is None:
@@ -176,9 +175,7 @@ def object_geometry(
 def _halves(
     progress: Callable[[int, int], None] | None,
 ) -> tuple[Callable[[int, int], None] | None, Callable[[int, int], None] | None]:
-    """Progress of filtering and of back-projection, which takes about three times as long, as parts
-    of one count to 400.
-    """
+    """Splits a count to 400: filtering reports the first 100, back-projection the rest."""
     if progress is None:
         return None, None
     return lambda done, total: progress(100 * done // total, 400), lambda done, total: progress(

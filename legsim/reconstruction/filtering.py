@@ -1,5 +1,4 @@
-"""What happens to each projection before back-projection: truncation correction, cosine and
-redundancy weights, ramp filter.
+"""Filtering before back-projection: truncation correction, weights and ramp filter.
 
 All weights come from the geometry of the projections. Filtering is row by row, in batches of
 float32 FFTs on all cores.
@@ -44,7 +43,7 @@ class FilterPlan:
     """
 
     def ray_weights(self, view: int) -> Float32Array:
-        """(rows, columns + 2 reach) :class:`RayWeights` of a view."""
+        """(rows, columns + 2 reach) :class:`RayWeights` of one view."""
         return (
             self.first_rays
             if self.rays.alike(view, 0)
@@ -55,10 +54,12 @@ class FilterPlan:
 def plan_filter(
     geometry: ConeBeamGeometry, options: FilterOptions, added: tuple[int, int] = (0, 0)
 ) -> FilterPlan:
-    """Weights and filter for a scan whose first and last ``added`` columns were not measured
+    """Computes weights and filter of a scan.
+
+    The first and last ``added`` columns hold no measurement
     (:mod:`legsim.reconstruction.detector_alignment`).
 
-    Warns where it is shorter than a complete short scan.
+    Warns where the scan is shorter than a complete short scan.
 
     Raises:
         LegsimError: the sources do not run on an arc.
@@ -106,8 +107,9 @@ def filtered_views(
     added: tuple[int, int] = (0, 0),
     finish: Callable[[Float32Array, slice], Float32Array] = lambda filtered, _: filtered,
 ) -> Iterator[tuple[slice, Float32Array]]:
-    """Yields (views, filtered (n, rows, columns)) in order; back-projected with 1 / depth^2 (m)
-    they add up to attenuation in 1/m.
+    """Yields (views, filtered (n, rows, columns)) in order.
+
+    Back-projected with 1 / depth^2 (m) they add up to attenuation in 1/m.
 
     Two batches per core are under way at once. ``finish`` is applied to (filtered, views) by the
     thread that filtered them.

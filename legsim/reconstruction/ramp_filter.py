@@ -46,9 +46,7 @@ class FilterOptions:
 
 
 def ramp_kernel(count: int) -> FloatArray:
-    """Ram-Lak ramp at -count + 1 … count - 1 pixels, pixel pitch 1, from its band-limited inverse
-    transform (Kak and Slaney, 3.3).
-    """
+    """(2 count - 1,) Ram-Lak ramp at -count + 1 … count - 1 pixels (Kak and Slaney, 3.3)."""
     k = np.abs(np.arange(-count + 1, count))
     kernel = np.where(k % 2 == 1, -1.0 / (np.pi * np.maximum(k, 1)) ** 2, 0.0)
     kernel[count - 1] = 0.25
@@ -56,16 +54,13 @@ def ramp_kernel(count: int) -> FloatArray:
 
 
 def shepp_logan_kernel(count: int) -> FloatArray:
-    """Shepp and Logan's filter (1974) at -count + 1 … count - 1 pixels, pixel pitch 1: -2 / (pi^2
-    (4 k^2 - 1)).
-    """
+    """(2 count - 1,) Shepp and Logan's filter (1974), -2 / (pi^2 (4 k^2 - 1)), as the ramp."""
     k = np.arange(-count + 1, count, dtype=float)
     return -2.0 / (np.pi**2 * (4.0 * k**2 - 1.0))
 
 
 def filter_response(reach: int, window: Window) -> tuple[int, Float32Array]:
-    """(n, real response (n // 2 + 1,)) for linear convolution over ``reach`` samples: a kernel in
-    space, transformed.
+    """(n, real response (n // 2 + 1,)) for linear convolution over ``reach`` samples.
 
     The length n avoids wrapping; building the kernel in space keeps the level that a ramp sampled
     in frequency loses at 0.

@@ -11,9 +11,7 @@ from legsim.geometry.cone_beam import ConeBeamGeometry
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SourceArc:
-    """The circle that fits the sources best, and where on it they stand, whatever the order of the
-    views.
-    """
+    """The circle that fits the sources best, and where on it each view's source stands."""
 
     center: FloatArray
     """(3,) m, center of the circle"""
@@ -80,9 +78,7 @@ def source_arc(geometry: ConeBeamGeometry) -> SourceArc:
 
 
 def _fitted_circle(sources: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """(center, axis, first, second): Kasa's algebraic circle in the plane of least squares; first x
-    second = axis.
-    """
+    """(center, axis, first, second): Kasa's algebraic circle; first x second = axis."""
     middle = sources.mean(0)
     _, sizes, directions = np.linalg.svd(sources - middle, full_matrices=True)
     if len(sources) < 3 or sizes[1] <= 1e-6 * sizes[0]:
@@ -105,8 +101,9 @@ def _fitted_circle(sources: FloatArray) -> tuple[FloatArray, FloatArray, FloatAr
 
 
 def fan_angles(geometry: ConeBeamGeometry, arc: SourceArc, columns: FloatArray) -> FloatArray:
-    """(v, n) rad: angle about the axis between the line from source to axis and the ray through
-    each column (n,), in the middle row.
+    """(v, n) rad about the axis from the line source-axis to the ray of each column (n,).
+
+    Rays are those of the middle row.
     """
     rays = geometry.ray_directions(columns, np.full(len(columns), (geometry.shape_vu[0] - 1) / 2))
     outward = geometry.sources() - arc.center

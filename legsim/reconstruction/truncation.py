@@ -5,18 +5,17 @@ import numpy as np
 from legsim.core.values import Float32Array
 
 EDGE_COLUMNS = 16
-"""columns at either edge of the detector that tell value and slope of a cut-off object"""
+"""columns at either edge of the detector that give value and slope of a cut-off object"""
 
 
 def extended_rows(rows: Float32Array, reach: int, water_pixels: float) -> Float32Array:
-    """Rows (..., n) continued on both sides by ``reach`` columns each as if a water cylinder were
-    cut off.
+    """Continues rows (..., n) by ``reach`` columns on both sides, as a water cylinder would.
 
     The method is that of Hsieh et al. (Med Phys 31, 2004). The cylinder's chord 2 a sqrt(r^2 - (x -
     x0)^2), a being ``water_pixels`` (attenuation times the width of a pixel at the axis), meets the
     edge with the value and slope of a line through the outermost columns. It ends in zero by
-    itself; a cosine sees to it that it is zero at ``reach`` even when it is wider. Edges at or
-    below zero continue as zero.
+    itself; a cosine makes it zero at ``reach`` where it is wider. Edges at or below zero continue
+    as zero.
     """
     taper = np.cos(0.5 * np.pi * np.linspace(0.0, 1.0, reach + 1)[1:] ** 2).astype(np.float32)
     left = _cylinder(rows[..., :EDGE_COLUMNS], reach, water_pixels) * taper

@@ -1,7 +1,7 @@
 """How often a scan measures each ray, and what share of the angle each view stands for.
 
-Everything here is told by the sources, which run nearly on a circle. Where the scanned object
-moved, they are to be given as seen from it.
+Everything follows from the sources, which run nearly on a circle. Where the scanned object moved,
+give them as seen from it.
 """
 
 import warnings
@@ -18,8 +18,7 @@ _LEAST_TURNING = 0.05
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RayWeights:
-    """The cosine of the angle between each ray and the line from source to axis, over how fast rays
-    turn from pixel to pixel.
+    """Weights of rays: cosine to the line source-axis, over how fast rays turn per pixel.
 
     With a ray d(u, v) = B (u, v, 1), B inverting the matrix's left part, w the direction from
     source to axis and e the one across w and the axis a, Feldkamp's formula filters x = (d . e) /
@@ -81,8 +80,7 @@ def _rays(geometry: ConeBeamGeometry, arc: SourceArc) -> RayWeights:
         (np.cross(back[:, :, 0], back[:, :, 2]) @ arc.axis)[:, None]
         + per_row[:, None] * np.arange(geometry.shape_vu[0])
     )
-    # a row whose rays run along the axis tells nothing of the lines across it; it must not drown
-    # the others
+    # a row whose rays run along the axis measures no line across it; it must not drown the others
     factors = 1 / np.maximum(turning, _LEAST_TURNING * np.median(turning))
     return RayWeights(
         np.einsum("vji,vj->vi", back, inward), np.einsum("vji,vjk->vik", back, back), factors
@@ -96,16 +94,13 @@ one
 
 
 class ShortScanWarning(UserWarning):
-    """The views span less than half a turn plus the fan, or leave a part of it out: some rays are
-    not measured at all.
-    """
+    """Some rays are not measured at all: the views span too little, or leave a part out."""
 
 
 def redundancy_weights(
     arc: SourceArc, fans: FloatArray, edges: FloatArray | None = None
 ) -> FloatArray:
-    """Shares (v, n) for rays at fan angles (v, n): the shares of all measurements of one line add
-    up to 1.
+    """Shares (v, n) of rays at fan angles (v, n); those of one line's measurements sum to 1.
 
     A line seen from angle b under fan angle g is seen again from b + pi + 2 g. The share is
     sin^2(pi/2 x) with x = d / (d + d'), where d and d' are the distances of the two views from the
@@ -125,11 +120,10 @@ def redundancy_weights(
 
 
 def _one_sided(fans: FloatArray, edges: FloatArray) -> FloatArray:
-    """Shares in a full turn of which one side of the fan is cut short (Wang, Med Phys 29, 2002): 0
-    there, 1 on the other.
+    """Shares in a full turn with one side of the fan cut short: 0 there, 1 on the other (Wang).
 
-    Fan angle g is seen again at -g, and (1 + sin(pi/2 g / t)) / 2 for g from -t to t, t being the
-    short side of all views, adds up to 1.
+    Wang, Med Phys 29, 2002. Fan angle g is seen again at -g, and (1 + sin(pi/2 g / t)) / 2 for g
+    from -t to t, t being the short side of all views, adds up to 1.
     """
     widest = edges.max() > -edges.min()
     short = -edges.min(1).max() if widest else edges.max(1).min()
@@ -138,8 +132,9 @@ def _one_sided(fans: FloatArray, edges: FloatArray) -> FloatArray:
 
 
 def warn_if_incomplete(arc: SourceArc, fans: FloatArray) -> None:
-    """Warns (:class:`ShortScanWarning`) with the numbers where the span is below half a turn plus
-    the fan (v, n), or views are missing.
+    """Warns (:class:`ShortScanWarning`) where the span is below half a turn plus the fan (v, n).
+
+    Also where views are missing in between. The message gives the numbers.
     """
     fan = 2 * float(np.abs(fans).max())
     if not arc.full_turn and arc.span < np.pi + fan:

@@ -1,7 +1,7 @@
 /* Voxel-driven back-projection: volume += sum over views of image(u, v) / depth^2, the image taken between pixels linearly.
 
    A volume is a stack of columns, c fastest, then b, then a: c is the axis of the world that the detector's v axis follows. Where a voxel
-   falls in a view is told by MOTION: 0 a 3x4 matrix, 1 moving least squares of three points (mls.cl goes before this file), 2 a
+   falls in a view depends on MOTION: 0 a 3x4 matrix, 1 moving least squares of three points (moving_least_squares.cl goes before this file), 2 a
    sampled field of displacements. Kernels:
 
    backproject_voxels   any placement, every voxel on its own: the reference, and what GPUs run

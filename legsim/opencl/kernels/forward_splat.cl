@@ -1,6 +1,6 @@
 /* The adjoint of backproject_voxels (backproject.cl goes before this file): images += the volume's values, spread with the same weights.
 
-   ATOMIC 0: id is the view, which nobody else writes to: for CPUs. ATOMIC 1: ids are (c, b, a) of a voxel: for GPUs.
+   ATOMIC 0: id is the view, which no other work-item writes to: for CPUs. ATOMIC 1: ids are (c, b, a) of a voxel: for GPUs.
    images:   (views, COLUMNS + 2 PAD, STRIDE) as for back-projection; what lands in the border is to be ignored
    volume:   (nz, ny, nx) in the order of steps: elements between voxels along c, b, a
    counts:   voxels along c, b, a */
