@@ -132,3 +132,18 @@ def test_rigid_paths_are_the_matrices():
         rigid().carry(points)[3],
         transforms.apply(rigid().moved_from_reference[3], points),
     )
+
+
+def test_motions_print_as_one_short_line_with_units():
+    times = np.arange(249) / 31
+    turns = transforms.rotation_from_vector(np.radians(times)[:, None] * [0, 0.5, 0])
+    rigid = RigidMotion(times, transforms.rigid(turns, np.zeros(3)))
+    points = np.eye(3)
+    followed = ControlPointMotion(times, points, points + 0.01 * times[:, None, None] * np.eye(3))
+    field = FieldMotion(times, GRID, np.zeros((249, *GRID.shape_zyx, 3)))
+    assert repr(rigid) == "RigidMotion(249 views over 8 s, turned by up to 4 deg)"
+    assert repr(followed) == "ControlPointMotion(249 views over 8 s, 3 points moved by up to 80 mm)"
+    assert repr(field) == (
+        "FieldMotion(249 views over 8 s, 4x3x2 nodes (x, y, z) 100x100x100 mm apart)"
+    )
+    assert max(len(repr(motion)) for motion in (rigid, followed, field)) < 120

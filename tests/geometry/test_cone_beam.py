@@ -204,3 +204,21 @@ def test_a_finer_detector_is_the_same_detector(factor, u, v):
     np.testing.assert_allclose(
         fine.ray_directions(*parts[0]), geometry.ray_directions(u, v), atol=1e-12
     )
+
+
+def test_a_geometry_prints_as_one_short_line_with_units():
+    paper = scan(times=np.arange(248) / 31, angles=np.radians(-8.8 + 0.8 * np.arange(248)))
+    text = repr(paper)
+    assert text == (
+        "ConeBeamGeometry(248 views over 197.6 deg of 620x480 pixels of 0.616 mm, source to center "
+        "780, to detector 1198 mm)"
+    )
+    assert len(text) < 120
+    assert "(1 view over 0 deg" in repr(paper[:1])
+
+
+def test_projections_print_as_one_short_line():
+    text = repr(Projections(scan(shape_vu=(4, 5)), np.zeros((10, 4, 5))))
+    assert text == (
+        "Projections(10 views over 180 deg of 5x4 pixels, dimensionless line integrals)"
+    )

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from legsim.core.errors import LegsimError
-from legsim.geometry.volume import VolumeGrid
+from legsim.geometry.volume import Volume, VolumeGrid
 
 GRID = VolumeGrid((3, 4, 5), (0.02, 0.03, 0.04), (0.1, 0.5, -0.1))
 
@@ -47,3 +47,12 @@ def test_nodes_cover_the_grid():
         assert coarse[-1] >= fine[-1]
     with pytest.raises(LegsimError, match="positive spacing"):
         GRID.coarse(0.0)
+
+
+def test_grids_and_volumes_print_as_one_short_line_with_units():
+    grid = VolumeGrid((120, 110, 100), (1.25e-3, 1.25e-3, 1.5e-3), (0.01234567, -0.1, 1.234567))
+    voxels = "100x110x120 voxels (x, y, z) of 1.25x1.25x1.5 mm"
+    assert repr(grid) == f"VolumeGrid({voxels}, center (12.3457, -100, 1234.57) mm)"
+    volume = Volume(grid, np.zeros(grid.shape_zyx))
+    assert repr(volume) == f"Volume({voxels}, attenuation in 1/m)"
+    assert max(len(repr(grid)), len(repr(volume))) < 120

@@ -51,3 +51,10 @@ def test_without_any_runtime_the_line_says_what_to_install(tmp_path):
     assert "no OpenCL device works" in result.stdout
     assert "pip install intel-opencl-rt" in result.stdout
     assert len(result.stdout.splitlines()) == 1
+
+
+def test_a_device_prints_as_one_short_line_with_units(device):
+    text = repr(device)
+    assert text.startswith(f"Device({device.label}, ")
+    assert text.endswith(" GiB)")
+    assert len(text) < 120
