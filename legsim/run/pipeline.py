@@ -1,7 +1,8 @@
 """The whole chain on one screen: a recording becomes a moving leg, the leg a scan, the scan
 volumes, the volumes a table.
 
-:func:`run_scan` lists the stages; each is skipped where the run folder's manifest vouches for its files.
+:func:`run_scan` lists the stages; each is skipped where the run folder's manifest confirms its
+files.
 """
 
 from collections.abc import Sequence
