@@ -2,18 +2,17 @@
 a report on each.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TypeVar
 
 import numpy as np
 
 from legsim.core import resources
 from legsim.core.errors import LegsimError, file_error
-from legsim.core.values import FloatArray
 from legsim.kinematics import inverse_kinematics, marker_sites, scaling, smoothing
-from legsim.kinematics.leg_model import COORDINATES, LegModel
+from legsim.kinematics.from_coordinates import moving_leg, named
+from legsim.kinematics.leg_model import LegModel
 from legsim.kinematics.moving_leg import MarkerFit, MovingLeg
 from legsim.mocap import cleaning as mocap_cleaning
 from legsim.mocap import files as mocap_files
@@ -22,10 +21,6 @@ from legsim.mocap.cleaning import CleaningReport
 from legsim.mocap.files import load_markers, read_markers
 from legsim.mocap.labels import PAPER_ROLES
 from legsim.mocap.trajectories import JointTrajectories, MarkerTrajectories
-
-_Result = TypeVar("_Result")
-
-_LARGEST_EXTENSION_DEG = 20.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,19 +107,20 @@ def solve_kinematics(
         if isinstance(loaded, JointTrajectories):
             scaled = None if scale_from is None else find_recording(scale_from)
             low_pass_hz = filter_hz if filter_coordinates else 0.0
-            return _from_coordinates(loaded, path, scaled, reading, low_pass_hz)
+            leg = _scaled(reading, scaled)
+            return moving_leg(loaded, path, leg, low_pass_hz=low_pass_hz)
     # a trial that is scaled from another may go without the landmarks that only scaling needs
     measured, cleaning, notes = _cleaned(reading, path, required=() if scale_from else PAPER_ROLES)
     scaled_from = _scaling_source(path, scale_from)
     reference = measured if scaled_from == path else _cleaned(reading, scaled_from)[0]
     sites = marker_sites.load()
-    fitted = _named(path, lambda: scaling.fit(LegModel.load(), reference, sites))
+    fitted = named(path, lambda: scaling.fit(LegModel.load(), reference, sites))
     leg = LegModel.load(fitted.scales)
     placed = fitted.sites
     loose = marker_sites.calibrated_roles() & set(measured.marker_names)
     if loose:
         placed = inverse_kinematics.calibrate(leg, reference, placed, loose)
-    solution = _named(path, lambda: inverse_kinematics.solve(leg, measured, placed))
+    solution = named(path, lambda: inverse_kinematics.solve(leg, measured, placed))
     names = solution.modelled.marker_names
     shown = MarkerTrajectories(
         measured.times, names, np.stack([measured.marker(n) for n in names], 1)
@@ -178,7 +174,7 @@ def _cleaned(
             required=required,
         )
 
-    return *_named(path, cleaned), notes
+    return *named(path, cleaned), notes
 
 
 def _read(
@@ -196,105 +192,10 @@ def _read(
     )
 
 
-def _named(path: Path, compute: Callable[[], _Result]) -> _Result:
-    """Puts the file's name before what a stage that knows no files objects to."""
-    try:
-        return compute()
-    except LegsimError as error:
-        raise LegsimError(f"{path}: {error}") from error
-
-
-def _from_coordinates(
-    loaded: JointTrajectories,
-    path: Path,
-    scaled_from: Path | None,
-    reading: _Reading,
-    low_pass_hz: float,
-) -> MovingLeg:
+def _scaled(reading: _Reading, reference: Path | None) -> LegModel:
+    """The model at the size of the person in another recording; as it comes without one."""
     leg = LegModel.load()
-    if scaled_from is not None:
-        reference, _, _ = _cleaned(reading, scaled_from)
-        leg = LegModel.load(scaling.fit(leg, reference, marker_sites.load()).scales)
-    completed, filled = _with_feet(loaded)
-    values, turned = _with_our_knee_sign(
-        _named(path, lambda: leg.values_of(completed)), loaded.coordinate_names
-    )
-    _check_angles(path, values, loaded.times)
-    if low_pass_hz > 0:
-        values = _named(path, lambda: smoothing.low_pass(values, loaded.times, low_pass_hz))
-    return MovingLeg(
-        path.name,
-        leg,
-        JointTrajectories(loaded.times, leg.coordinate_names, values),
-        None,
-        (*filled, *turned, *_gap_note(loaded.times)),
-    )
-
-
-def _with_feet(loaded: JointTrajectories) -> tuple[JointTrajectories, tuple[str, ...]]:
-    """Subtalar and toe joints at zero where a model had none, and a note; whatever else is missing
-    stays so.
-    """
-    lacking = [
-        name
-        for name in COORDINATES
-        if name.startswith(("subtalar", "mtp")) and name not in loaded.coordinate_names
-    ]
-    if not lacking:
-        return loaded, ()
-    values = np.hstack([loaded.values, np.zeros((len(loaded.times), len(lacking)))])
-    completed = JointTrajectories(loaded.times, (*loaded.coordinate_names, *lacking), values)
-    return completed, (f"the file has no {', '.join(lacking)}: taken as 0",)
-
-
-def _check_angles(path: Path, values: FloatArray, times: FloatArray) -> None:
-    """Refuses joints turned by more than half a turn: degrees that the header calls radians."""
-    joints = [k for k, name in enumerate(COORDINATES) if not name.startswith("pelvis")]
-    beyond = np.argwhere(np.abs(values[:, joints]) > np.pi)
-    if len(beyond):
-        row, column = beyond[0]
-        name, angle = COORDINATES[joints[column]], np.degrees(values[row, joints[column]])
-        problem = f"{name} is {angle:.0f} degrees at {times[row]:g} s, which no joint can be"
-        raise file_error(
-            path,
-            problem,
-            "if its angles are in degrees, write inDegrees=yes into the header",
-            place="coordinates",
-        )
-
-
-def _gap_note(times: FloatArray) -> tuple[str, ...]:
-    """A word on samples left out, across which the curves are only guessed."""
-    steps = np.diff(times)
-    if len(steps) == 0 or steps.max() <= 2.5 * np.median(steps):
-        return ()
-    k = int(steps.argmax())
-    return (
-        f"{steps[k]:.3g} s are missing after {times[k]:g} s (elsewhere a sample every "
-        f"{np.median(steps):.3g} s): bridged by splines",
-    )
-
-
-def _with_our_knee_sign(
-    values: FloatArray, file_names: tuple[str, ...]
-) -> tuple[FloatArray, tuple[str, ...]]:
-    """Knee angles negative in flexion, as in gait2392, and a note where the file had them the other
-    way round.
-
-    Rajagopal2016 and its kin count flexion positive: they have a patella coordinate
-    (knee_angle_r_beta), or bend where no knee of gait2392 can (its limit is 10 degrees of
-    extension).
-    """
-    knees = [COORDINATES.index(f"knee_angle_{side}") for side in "rl"]
-    bends = np.degrees(values[:, knees])
-    rajagopal = "knee_angle_r_beta" in file_names or (
-        bends.max() > _LARGEST_EXTENSION_DEG and bends.max() > -bends.min()
-    )
-    if not rajagopal:
-        return values, ()
-    turned = values.copy()
-    turned[:, knees] *= -1
-    return turned, (
-        "knee angles were positive in flexion (as in Rajagopal2016); their sign was turned to "
-        "gait2392's",
-    )
+    if reference is None:
+        return leg
+    markers, _, _ = _cleaned(reading, reference)
+    return LegModel.load(scaling.fit(leg, markers, marker_sites.load()).scales)
