@@ -140,16 +140,20 @@ def axis_rotation(axis: ArrayLike, angle: ArrayLike) -> FloatArray:
 def best_rigid(
     points_b: ArrayLike, points_a: ArrayLike, weights: ArrayLike | None = None
 ) -> FloatArray:
-    """a_from_b (4, 4) minimising the weighted sum of |points_a - a_from_b points_b|^2 over points
-    (p, 3).
+    """a_from_b (..., 4, 4) minimising the weighted sum of |points_a - a_from_b points_b|^2 over
+    points (..., p, 3), whose leading axes are broadcast against each other.
 
-    Kabsch's method with the determinant fixed to +1 (Arun 1987; Umeyama 1991).
+    ``weights`` (p,) are of the points. Kabsch's method with the determinant fixed to +1 (Arun 1987;
+    Umeyama 1991).
     """
     b, a = np.asarray(points_b, float), np.asarray(points_a, float)
-    w = np.ones(len(b)) if weights is None else np.asarray(weights, float)
+    w = np.ones(b.shape[-2]) if weights is None else np.asarray(weights, float)
     w = w / w.sum()
     mean_b, mean_a = w @ b, w @ a
-    u, _, vt = np.linalg.svd((w[:, None] * (b - mean_b)).T @ (a - mean_a))
-    sign = np.sign(np.linalg.det(vt.T @ u.T))
-    rotation = vt.T @ np.diag([1.0, 1.0, sign]) @ u.T
-    return rigid(rotation, mean_a - rotation @ mean_b)
+    spread = w[:, None] * (b - mean_b[..., None, :])
+    u, _, vt = np.linalg.svd(np.swapaxes(spread, -1, -2) @ (a - mean_a[..., None, :]))
+    v, ut = np.swapaxes(vt, -1, -2), np.swapaxes(u, -1, -2)
+    signs = np.zeros(v.shape) + np.eye(3)
+    signs[..., 2, 2] = np.sign(np.linalg.det(v @ ut))
+    rotation = v @ signs @ ut
+    return rigid(rotation, mean_a - (rotation @ mean_b[..., None])[..., 0])

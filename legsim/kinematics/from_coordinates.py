@@ -10,9 +10,9 @@ import numpy as np
 
 from legsim.core.errors import LegsimError, file_error
 from legsim.core.values import FloatArray
-from legsim.kinematics import smoothing
 from legsim.kinematics.leg_model import COORDINATES, LegModel
 from legsim.kinematics.moving_leg import MovingLeg
+from legsim.mocap.low_pass import low_pass
 from legsim.mocap.trajectories import JointTrajectories
 
 _Result = TypeVar("_Result")
@@ -50,7 +50,8 @@ def moving_leg(
     )
     _check_angles(path, values, loaded.times)
     if low_pass_hz > 0:
-        values = named(path, lambda: smoothing.low_pass(values, loaded.times, low_pass_hz))
+        rate = (len(loaded.times) - 1) / float(loaded.times[-1] - loaded.times[0])
+        values = named(path, lambda: low_pass(values, rate, low_pass_hz))
     return MovingLeg(
         path.name,
         leg,

@@ -11,12 +11,10 @@ their noise could.
 """
 
 import numpy as np
-from scipy.signal import butter, sosfiltfilt
 
-from legsim.core.errors import LegsimError
-from legsim.core.values import FloatArray
 from legsim.kinematics.leg_model import LegModel
 from legsim.kinematics.marker_sites import MarkerSites
+from legsim.mocap.low_pass import low_pass
 from legsim.mocap.trajectories import JointTrajectories
 
 CUTOFFS_HZ = (3.0, 3.5, 4.0, 4.5, 5.0)
@@ -69,7 +67,7 @@ def smooth_below_noise(
     before = leg.marker_positions(values, sites)
     for cutoff in CUTOFFS_HZ if noise > 0 else ():
         if cutoff < filter_hz:
-            calm = low_pass(values, times, cutoff, order=_ORDER)
+            calm = low_pass(values, rate, cutoff, order=_ORDER)
             moved = leg.marker_positions(calm, sites) - before
             if (
                 np.sqrt((moved**2).mean((0, 2))).max() <= allowed
@@ -77,22 +75,3 @@ def smooth_below_noise(
             ):
                 return JointTrajectories(times, leg.coordinate_names, calm), cutoff
     return trajectories, 0.0
-
-
-def low_pass(
-    values: FloatArray, times: FloatArray, filter_hz: float, *, order: int = 2
-) -> FloatArray:
-    """Values (n, c) at even ``times`` (n,) s through a Butterworth low-pass, forwards and
-    backwards: zero phase, -6 dB at ``filter_hz``.
-
-    Raises:
-        LegsimError: the cut-off does not lie between 0 and half the sampling rate.
-    """
-    rate = (len(times) - 1) / float(times[-1] - times[0])
-    if not 0 < filter_hz < rate / 2:
-        raise LegsimError(
-            f"a filter of {filter_hz:g} Hz does not fit coordinates at {rate:g} Hz; choose one "
-            f"below {rate / 2:g} Hz"
-        )
-    pad = min(len(times) - 1, int(3 * rate / filter_hz))
-    return sosfiltfilt(butter(order, filter_hz, fs=rate, output="sos"), values, axis=0, padlen=pad)

@@ -6,14 +6,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike
-from scipy import signal
 from scipy.interpolate import CubicHermiteSpline, CubicSpline
 
 from legsim.core.errors import LegsimError
 from legsim.core.values import FloatArray
 from legsim.mocap import gap_filling, outliers
 from legsim.mocap.labels import PAPER_ROLES, MarkerMap, check_covered, segment_of
+from legsim.mocap.low_pass import low_pass, runs
 from legsim.mocap.trajectories import MarkerTrajectories
 
 SPLINE_S = 0.25
@@ -133,7 +132,9 @@ def clean(
         for role, names in found.items()
     }
     _check_person(means)
-    cleaned = np.stack([_low_pass(x, filter_hz, 1 / dt) for x in means.values()], axis=1)
+    cleaned = np.stack(
+        [low_pass(x, 1 / dt, filter_hz) if filter_hz else x for x in means.values()], axis=1
+    )
     reports = tuple(_report(role, names, stages, dt) for role, names in found.items())
     resampled = len(times) != len(motion.times) or not np.array_equal(times, motion.times)
     report = CleaningReport(marker_map.name, 1 / dt, filter_hz, resampled, reports, never)
@@ -250,7 +251,7 @@ def _bridge(positions: FloatArray, times: FloatArray, longest_gap_s: float) -> F
     position and velocity at both ends.
     """
     result = positions.copy()
-    for first, last in _gaps(np.isnan(positions).any(1)):
+    for first, last in runs(np.isnan(positions).any(1)):
         inner = first > 0 and last < len(times) - 1
         if inner and times[last + 1] - times[first - 1] <= longest_gap_s + 1e-9:
             before = _velocity(positions, times, first - 1, -1)
@@ -271,7 +272,7 @@ def _rebuilt(
         mates = [
             smooth[other] for other in smooth if other != name and segments[other] == segments[name]
         ]
-        gaps = _gaps(np.isnan(positions).any(1))
+        gaps = runs(np.isnan(positions).any(1))
         result[name] = (
             gap_filling.fill_from_segment(positions, np.stack(mates, axis=1), gaps)
             if gaps and len(mates) >= 3
@@ -293,29 +294,6 @@ def _velocity(positions: FloatArray, times: FloatArray, index: int, side: int) -
         return np.zeros(3)
     degree = 2 if len(rows) >= 5 else 1
     return np.polynomial.polynomial.polyfit(times[rows] - times[index], positions[rows], degree)[1]
-
-
-def _gaps(missing: ArrayLike) -> list[tuple[int, int]]:
-    """(first, last) index of each run of True."""
-    edges = np.flatnonzero(np.diff(np.r_[False, np.asarray(missing, bool), False].astype(int)))
-    return [(int(a), int(b) - 1) for a, b in edges.reshape(-1, 2)]
-
-
-def _low_pass(positions: FloatArray, filter_hz: float, rate: float) -> FloatArray:
-    """Each unbroken stretch of (n, 3) filtered by itself."""
-    if filter_hz == 0:
-        return positions
-    sections = signal.butter(2, filter_hz, fs=rate, output="sos")
-    result = positions.copy()
-    for first, last in _gaps(np.isfinite(positions).all(1)):
-        length = last - first + 1
-        # three periods of the cut-off mirrored at each end leave no trace of the filter's start
-        pad = min(length - 1, int(3 * rate / filter_hz))
-        if length > 1:
-            result[first : last + 1] = signal.sosfiltfilt(
-                sections, positions[first : last + 1], axis=0, padlen=pad
-            )
-    return result
 
 
 def _check_person(means: dict[str, FloatArray]) -> None:
@@ -387,7 +365,7 @@ def _report(role: str, names: tuple[str, ...], stages: _Stages, dt: float) -> Ro
     jumped = np.logical_or.reduce(
         [_unseen(stages.without_jumps, [k]) & ~_unseen(stages.source, [k]) for k in names]
     )
-    longest = max((last - first + 1 for first, last in _gaps(without)), default=0) * dt
+    longest = max((last - first + 1 for first, last in runs(without)), default=0) * dt
     filled, from_others = int((without & ~left).sum()), int((before & ~after).sum())
     return RoleReport(
         role,

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from legsim.core import transforms
 from legsim.core.values import FloatArray
 
 EDGE_SAMPLES = 10
@@ -75,14 +76,8 @@ def _predicted(
 def _carried(shape: FloatArray, bodies: FloatArray, point: FloatArray) -> tuple[FloatArray, float]:
     """(point (3,) of the body ``shape`` (k, 3) where the best rigid fit to each of ``bodies`` (n,
     k, 3) takes it, worst RMS misfit).
-
-    Kabsch's method with the determinant fixed to +1 (Arun 1987; Umeyama 1991).
     """
-    center, centers = shape.mean(0), bodies.mean(1)
-    u, _, vt = np.linalg.svd(np.einsum("ki,nkj->nij", shape - center, bodies - centers[:, None]))
-    sign = np.sign(np.linalg.det(np.swapaxes(u @ vt, -1, -2)))
-    u[..., 2] *= sign[:, None]
-    rotation = np.swapaxes(u @ vt, -1, -2)
-    fitted = (shape - center) @ np.swapaxes(rotation, -1, -2) + centers[:, None]
+    body_from_shape = transforms.best_rigid(shape, bodies)
+    fitted = transforms.apply(body_from_shape, shape)
     misfit = np.sqrt(((fitted - bodies) ** 2).sum(-1).mean(-1)).max()
-    return (rotation @ (point - center)) + centers, float(misfit)
+    return transforms.apply(body_from_shape, point[None])[..., 0, :], float(misfit)

@@ -94,6 +94,16 @@ def test_best_rigid_recovers_a_pose_and_never_reflects(rng):
     )
 
 
+def test_best_rigid_of_a_stack_is_that_of_each(rng):
+    points, stack = rng.normal(size=(5, 3)), rng.normal(size=(4, 2, 5, 3))
+    weights = rng.uniform(0.5, 2, 5)
+    found = transforms.best_rigid(points, stack, weights)
+    for k in np.ndindex(4, 2):
+        np.testing.assert_allclose(
+            found[k], transforms.best_rigid(points, stack[k], weights), atol=1e-12
+        )
+
+
 def test_best_rigid_follows_its_weights(rng):
     points = rng.normal(size=(5, 3))
     target = points.copy()

@@ -22,6 +22,7 @@ from legsim.kinematics import inverse_kinematics, marker_sites, smoothing
 from legsim.kinematics.joint_splines import JointSplines
 from legsim.kinematics.leg_model import COORDINATES, LegModel
 from legsim.mocap.labels import PAPER_ROLES
+from legsim.mocap.low_pass import low_pass
 from legsim.mocap.trajectories import JointTrajectories, MarkerTrajectories
 
 RATE = 120.0
@@ -53,16 +54,14 @@ def rigid_body(noise: float, cutoff_hz: float, rng: np.random.Generator) -> tupl
     shift, turn = sway(rng, 3, 2e-3), sway(rng, 3, np.radians(0.3))
     true = np.einsum("nij,mj->nmi", transforms.rotation_from_vector(turn), MARKERS) + shift[:, None]
     seen = true + noise * rng.standard_normal(true.shape)
-    seen = smoothing.low_pass(seen.reshape(len(TIMES), -1), TIMES, 6.0).reshape(true.shape)
+    seen = low_pass(seen.reshape(len(TIMES), -1), RATE, 6.0).reshape(true.shape)
     middle = seen.mean(1)
     cross = np.einsum("nmi,mj->nij", seen - middle[:, None], MARKERS - MARKERS.mean(0))
     u, _, vt = np.linalg.svd(cross)
     found = transforms.vector_from_rotation(u @ vt)
     found_shift = middle - (transforms.rotation_from_vector(found) @ MARKERS.mean(0))
     if cutoff_hz:
-        found, found_shift = (
-            smoothing.low_pass(v, TIMES, cutoff_hz, order=4) for v in (found, found_shift)
-        )
+        found, found_shift = (low_pass(v, RATE, cutoff_hz, order=4) for v in (found, found_shift))
     acceleration = (second(found_shift) - second(shift))[INSIDE]
     # turns are small: the rate is the vector's derivative
     rate = (make_interp_spline(TIMES, found - turn, k=5)(TIMES, 1))[INSIDE]
@@ -84,7 +83,7 @@ def whole_leg(
     truth = JointTrajectories(TIMES, COORDINATES, values)
     places = leg.marker_positions(values, sites)
     seen = places + noise * rng.standard_normal(places.shape)
-    seen = smoothing.low_pass(seen.reshape(len(TIMES), -1), TIMES, 6.0).reshape(places.shape)
+    seen = low_pass(seen.reshape(len(TIMES), -1), RATE, 6.0).reshape(places.shape)
     found = inverse_kinematics.solve(
         leg, MarkerTrajectories(TIMES, sites.names, seen), sites
     ).trajectories
