@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy import ndimage
 from scipy.interpolate import CubicHermiteSpline, CubicSpline
 
 from legsim.core.errors import LegsimError
@@ -170,6 +171,8 @@ def _even(
 ) -> tuple[FloatArray, dict[str, FloatArray]]:
     """(even times (n,), positions (n, 3) by name at them); NaN where the recording leaves out
     samples.
+
+    A recording of variable rate is sampled at the highest rate that it keeps.
     """
     times = motion.times
     if len(times) < 4:
@@ -182,6 +185,8 @@ def _even(
     positions = {name: np.array(motion.marker(name)) for name in names}
     if np.abs(steps - dt).max() < 1e-6 * dt + 1e-9:
         return times, positions
+    shortest = float(np.quantile(steps, 0.1))
+    dt = shortest if shortest < 0.75 * dt else dt
     count = int(np.maximum(np.rint(steps / dt), 1).sum()) + 1
     if count > 50 * len(times):
         raise LegsimError(
@@ -189,21 +194,27 @@ def _even(
             "recording at its pauses"
         )
     even = times[0] + np.arange(count) * ((times[-1] - times[0]) / (count - 1))
-    return even, {name: _resampled(times, x, even, dt) for name, x in positions.items()}
+    # a step longer than most around it leaves out samples; where the rate changes, they all are
+    usual = ndimage.percentile_filter(steps, 70, size=21, mode="nearest")
+    broken = steps > 1.5 * usual
+    return even, {name: _resampled(times, x, even, broken) for name, x in positions.items()}
 
 
-def _resampled(times: FloatArray, positions: FloatArray, even: FloatArray, dt: float) -> FloatArray:
+def _resampled(
+    times: FloatArray, positions: FloatArray, even: FloatArray, broken: outliers.BoolArray
+) -> FloatArray:
     """Positions (n, 3) at even times by cubic splines through each unbroken stretch; NaN between
-    stretches.
+    stretches. ``broken`` (n - 1,) says which steps leave out samples.
     """
     result = np.full((len(even), 3), np.nan)
     seen = np.flatnonzero(np.isfinite(positions).all(1))
     if seen.size == 0:
         return result
-    breaks = np.flatnonzero((np.diff(seen) > 1) | (np.diff(times[seen]) > 1.5 * dt)) + 1
+    slack = 1e-6 * (even[1] - even[0])
+    breaks = np.flatnonzero((np.diff(seen) > 1) | broken[seen[:-1]]) + 1
     for stretch in np.split(seen, breaks):
         begin, end = times[stretch[0]], times[stretch[-1]]
-        inside = (even >= begin - 1e-6 * dt) & (even <= end + 1e-6 * dt)
+        inside = (even >= begin - slack) & (even <= end + slack)
         if len(stretch) > 1:
             result[inside] = CubicSpline(times[stretch], positions[stretch])(even[inside])
         else:

@@ -4,7 +4,13 @@ the first axis, in seconds.
 
 from dataclasses import dataclass
 
+import numpy as np
+from numpy.typing import NDArray
+
 from legsim.core.values import FloatArray, frozen, increasing_times, index_of, unique_names
+
+_ROUNDING_S = 2e-5
+"""s"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -69,3 +75,12 @@ class JointTrajectories:
     def coordinate(self, name: str) -> FloatArray:
         """Values (n,) of one coordinate."""
         return self.values[:, index_of("coordinate", self.coordinate_names, name)]
+
+
+def written_twice(times: FloatArray) -> NDArray[np.intp]:
+    """Indices of the samples that do not come after the one before, or so little after it that
+    both are one, written twice: by a thousandth of the usual step, and by less than any rounding.
+    """
+    steps = np.diff(times)
+    usual = float(np.median(steps)) if len(steps) else 0.0
+    return np.flatnonzero(steps <= max(min(1e-3 * usual, _ROUNDING_S), 0.0)) + 1

@@ -13,13 +13,12 @@ import numpy as np
 
 from legsim.core import files
 from legsim.core.errors import file_error
-from legsim.core.values import FloatArray
+from legsim.mocap._cells import number
+from legsim.mocap._trc_times import TimeColumn, row_times
 from legsim.mocap.raw import RawMarkers
 from legsim.mocap.trajectories import MarkerTrajectories
 
 _EXPORT_AGAIN = "export the trial again as TRC"
-
-_WINDOWS_NAN = re.compile(r"[+-]?1\.#(qnan|snan|ind)\d*", re.I)
 
 _MARKS = ("\t", ";", ",")
 """between cells, in this order: semicolons where the comma is decimal"""
@@ -82,12 +81,25 @@ def read(path: Path | str) -> RawMarkers:
     lines = files.read(path, "TRC")
     header = _header(path, lines)
     rows = _rows(path, lines, header)
-    times, time_note = _times(path, header, rows)
+    stated = [
+        _number(path, f"line {k}", text, "Time") if text else math.nan
+        for k, text in zip(rows.lines, rows.time_texts, strict=True)
+    ]
+    times, time_notes = row_times(
+        path, header.rate, TimeColumn(rows.lines, rows.frames, rows.time_texts, np.array(stated))
+    )
     kept = [k for k, name in enumerate(header.names) if name]
     positions = np.array(rows.values).reshape(len(times), len(header.names), 3)[:, kept]
     labels = tuple(header.names[k] for k in kept)
     return RawMarkers(
-        str(path), times, labels, positions, header.units, "", "y", _notes(header, rows) + time_note
+        str(path),
+        times,
+        labels,
+        positions,
+        header.units,
+        "",
+        "y",
+        _notes(header, rows) + time_notes,
     )
 
 
@@ -172,23 +184,37 @@ def _header(path: Path, lines: list[str]) -> _Header:
 
 
 def _header_numbers(keys: str, numbers: str) -> dict[str, str]:
-    """Header key (lower case) to text; by tabs or commas where both lines have them alike, by white
-    space otherwise.
+    """Header key (lower case) to text.
+
+    By tabs, semicolons or commas where both lines have them alike, by white space otherwise. Tabs
+    that are doubled, as a widespread example has them, count as one.
     """
     for mark in _MARKS:
-        key_cells, cells = keys.split(mark), numbers.split(mark)
-        if len(key_cells) >= 5 and len(cells) >= 5:
-            return {
-                k.strip().lower(): v.strip()
-                for k, v in zip(key_cells, cells, strict=False)
-                if k.strip()
-            }
+        names = [cell.strip().lower() for cell in keys.split(mark)]
+        cells = [cell.strip() for cell in numbers.split(mark)]
+        if len(names) >= 5 and len(cells) >= 5:
+            whole = len(_filled(cells)) == len(_filled(names))
+            if whole or len(_trimmed(cells)) > len(_trimmed(names)):
+                names, cells = _filled(names), _filled(cells)
+                if not whole and "units" in names and not any(map(str.isalpha, "".join(cells))):
+                    cells.insert(names.index("units"), "")  # left blank
+            return dict(zip(names, cells, strict=False))
     return {
         k.lower(): v
         for k, v in zip(
             re.split(r"[\s,]+", keys.strip()), re.split(r"[\s,]+", numbers.strip()), strict=False
         )
     }
+
+
+def _filled(cells: list[str]) -> list[str]:
+    return [cell for cell in cells if cell]
+
+
+def _trimmed(cells: list[str]) -> list[str]:
+    """Cells without the blank ones at both ends."""
+    filled = [k for k, cell in enumerate(cells) if cell]
+    return cells[filled[0] : filled[-1] + 1] if filled else []
 
 
 def _positive(path: Path, place: str, key: str, text: str) -> float:
@@ -312,11 +338,8 @@ def _plain_numbers(cells: list[str]) -> list[float] | None:
 
 
 def _number(path: Path, place: str, text: str, name: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan if _WINDOWS_NAN.fullmatch(text) else math.inf
-    if math.isinf(value) or "_" in text:
+    value = number(text)
+    if value is None:
         raise file_error(
             path,
             f"{text[:40]!r} of marker {name!r} is not a number",
@@ -343,102 +366,6 @@ def _check_end(path: Path, lines: list[str], header: _Header, rows: _Rows) -> No
             "copy the file again, or delete its last row",
             place=f"line {rows.lines[-1]}",
         )
-
-
-def _times(path: Path, header: _Header, rows: _Rows) -> tuple[FloatArray, tuple[str, ...]]:
-    """Times (n,) s: the column's, unless they are the even times of the header's rate stated with
-    few digits.
-    """
-    stated = np.array(
-        [
-            _number(path, f"line {k}", text, "Time") if text else math.nan
-            for k, text in zip(rows.lines, rows.time_texts, strict=True)
-        ]
-    )
-    frames = np.array(rows.frames, float)
-    stated, unit_note = _seconds(stated, frames, header.rate)
-    if np.isnan(stated).all():
-        return (frames - frames[0]) / header.rate, (
-            "no row has a time: times are from the frame numbers and DataRate",
-        )
-    known = ~np.isnan(stated)
-    step = 10.0 ** -max(_decimals(text) for text in rows.time_texts) / (1000 if unit_note else 1)
-    even = _even_times(stated, frames, known, header.rate, step)
-    notes = (
-        unit_note
-        if known.all()
-        else (
-            *unit_note,
-            f"{int((~known).sum())} rows have no time: filled from their frame numbers",
-        )
-    )
-    if even is not None:
-        return even, notes
-    stated[~known] = np.interp(frames[~known], frames[known], stated[known])
-    late = np.flatnonzero(np.diff(stated) <= 0)
-    if late.size:
-        k = int(late[0]) + 1
-        problem = f"time {rows.time_texts[k]} does not come after {rows.time_texts[k - 1]}"
-        raise file_error(
-            path,
-            problem,
-            "delete the repeated row or repair the time column",
-            place=f"line {rows.lines[k]}",
-        )
-    return stated, (*notes, *_rate_note(stated, frames, header.rate))
-
-
-def _seconds(
-    stated: FloatArray, frames: FloatArray, rate: float
-) -> tuple[FloatArray, tuple[str, ...]]:
-    """The time column in seconds, and a note where it was in milliseconds: from frame to frame a
-    thousand times what the rate says.
-    """
-    steps = np.diff(stated) / np.where(np.diff(frames) > 0, np.diff(frames), np.nan)
-    if not np.isfinite(steps).any() or abs(np.nanmedian(steps) * rate / 1000 - 1) > 0.02:
-        return stated, ()
-    return stated / 1000, ("the time column is in milliseconds",)
-
-
-def _rate_note(times: FloatArray, frames: FloatArray, rate: float) -> tuple[str, ...]:
-    """A word where the time column tells of another rate than the header."""
-    if len(times) < 2 or (np.diff(frames) != 1).any():
-        return ()
-    found = (len(times) - 1) / (times[-1] - times[0])
-    return (
-        ()
-        if abs(found / rate - 1) < 0.02
-        else (f"the header says {rate:g} Hz, the time column {found:.4g} Hz, which is taken",)
-    )
-
-
-def _even_times(
-    stated: FloatArray, frames: FloatArray, known: np.ndarray, rate: float, step: float
-) -> FloatArray | None:
-    """frame / rate where it explains every stated time to one unit of its last digit, and that
-    digit hides something; else None.
-    """
-    if len(stated) < 2 or (np.diff(frames) != 1).any():
-        return None
-    count = frames - frames[0]
-    starts = (frames[0] - 1, stated[known][0] * rate - count[known][0])
-    candidates = [(start + count) / rate for start in starts]
-    errors = [float(np.abs(stated - even)[known].max()) for even in candidates]
-    # times stated in full are kept to the last bit
-    if errors[1] <= 1e-9:
-        return None if known.all() else candidates[1]
-    # beyond three quarters of a sample the column tells of something else than rounding
-    tolerance = min(1.001 * step, 0.75 / rate)
-    return next(
-        (even for even, error in zip(candidates, errors, strict=True) if error <= tolerance), None
-    )
-
-
-def _decimals(text: str) -> int:
-    """Digits after the decimal point that are not closing zeros, an exponent counted in."""
-    mantissa, _, exponent = text.lower().partition("e")
-    digits = len(mantissa.partition(".")[2].rstrip("0"))
-    return max(0, digits - int(exponent or 0)) if re.fullmatch(r"[+-]?\d*", exponent) else 0
 
 
 def _notes(header: _Header, rows: _Rows) -> tuple[str, ...]:

@@ -335,3 +335,21 @@ def test_the_filter_is_scipys_forward_backward_butterworth():
     np.testing.assert_allclose(
         cleaning.clean(motion, SEVEN)[0].marker("epicondyle_lateral_r"), expected, atol=1e-9
     )
+
+
+def test_a_variable_rate_leaves_out_nothing():
+    """Every second sample from the middle on, at its right time."""
+    whole = recording(noise=0)
+    kept = np.r_[
+        np.arange(len(whole.times) // 2), np.arange(len(whole.times) // 2, len(whole.times), 2)
+    ]
+    cleaned, report = cleaning.clean(
+        MarkerTrajectories(whole.times[kept], LABELS, whole.positions_world[kept]), SEVEN
+    )
+    assert {r.missing for r in report.roles} == {0}
+    assert report.rate_hz == pytest.approx(RATE)
+    expected = cleaning.clean(whole, SEVEN)[0]
+    n = min(len(cleaned.times), len(expected.times))
+    np.testing.assert_allclose(
+        cleaned.positions_world[:n], expected.positions_world[:n], atol=0.0005
+    )

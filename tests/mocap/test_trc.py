@@ -316,3 +316,40 @@ def test_opensim_opens_ours(tmp_path):
         for k in range(3)
     ]
     np.testing.assert_allclose(found, positions, rtol=1e-15)
+
+
+@pytest.mark.parametrize("numbers", [
+    "  100.0\t\t  100.0\t\t      3\t\t      2\t\t mm\t  100.0\t      1\t      3",
+    "100\t\t100\t\t3\t\t2\t\tmm\t\t100\t\t1\t\t3\t\t",
+    "\t100\t100\t3\t2\tmm\t100\t1\t3",
+    "100;100;3;2;mm;100;1;3",
+])  # fmt: skip
+def test_a_header_with_doubled_tabs_is_read_as_if_they_were_single(write, numbers):
+    content = text(ROWS)
+    plain = content.splitlines()[2]
+    keys = content.splitlines()[1]
+    marked = content.replace(keys, keys.replace("\t", ";")) if ";" in numbers else content
+    raw = trc.read(write(marked.replace(plain, numbers)))
+    assert (raw.unit, raw.notes) == ("mm", ())
+
+
+def test_a_blank_unit_between_doubled_tabs_stays_blank(write):
+    doubled = "100\t\t100\t\t3\t\t2\t\t\t\t100\t\t1\t\t3"
+    raw = trc.read(write(text(ROWS).replace(text(ROWS).splitlines()[2], doubled)))
+    assert raw.unit == ""
+    assert raw.notes == ()
+
+
+@pytest.mark.parametrize("spelled", ["-nan(ind)", "1.#QNAN0", "-1.#IND", "N/A"])
+def test_a_marker_not_seen_in_any_programs_words_is_nan(write, spelled):
+    row = f"2\t0.01\t{spelled}\t{spelled}\t{spelled}\t4\t5\t6"
+    raw = trc.read(write(text([ROWS[0], row, ROWS[2]])))
+    assert np.isnan(raw.positions[1, 0]).all()
+    assert np.isfinite(raw.positions[1, 1]).all()
+
+
+@pytest.mark.parametrize("spelled", ["inf", "-Infinity", "1.#INF", "-1.#INF00"])
+def test_infinity_is_refused(write, spelled):
+    row = f"2\t0.01\t{spelled}\t1\t2\t4\t5\t6"
+    with pytest.raises(LegsimError, match=r"line 8\): '.*' of marker 'A' is not a number"):
+        trc.read(write(text([ROWS[0], row, ROWS[2]])))

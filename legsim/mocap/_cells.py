@@ -1,0 +1,25 @@
+"""Numbers in the cells of a text file, with "not a number" as any program spells it."""
+
+import math
+import re
+
+_NAN = re.compile(
+    r"""[+-]?(
+        nan | nan\([\w\s]*\) | [qs]nan | nan[qs]          # C, with its payload; Fortran; AIX
+        | 1\.\#(nan|q\w*|snan\w*|ind\w*|r)                # Windows before 2015, also cut short
+        | \#?n/?a\!? | <na> | \#num! | \.nan              # tables, statistics, YAML
+        | null | none | missing | undefined
+    )""",
+    re.I | re.X,
+)
+
+
+def number(text: str) -> float | None:
+    """The finite number that a cell holds, NaN for any spelling of it, None for anything else:
+    infinity, digits grouped by "_", words.
+    """
+    try:
+        value = float(text)
+    except ValueError:
+        return math.nan if _NAN.fullmatch(text.strip()) else None
+    return None if math.isinf(value) or "_" in text else value

@@ -1,0 +1,188 @@
+"""Times of a TRC file's rows, by its time column, frame numbers and rate."""
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from legsim.core.errors import file_error
+from legsim.core.values import FloatArray
+from legsim.mocap.trajectories import written_twice
+
+_ENOUGH = 10
+"""rows that are not on a grid by chance"""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TimeColumn:
+    """What the rows of a file say about their times."""
+
+    lines: Sequence[int]
+    """line number of each row, counted from 1"""
+    frames: Sequence[int]
+    texts: Sequence[str]
+    stated: FloatArray
+    """(n,) in the column's unit; NaN where a row has no time"""
+
+
+def row_times(path: Path, rate: float, column: TimeColumn) -> tuple[FloatArray, tuple[str, ...]]:
+    """Times (n,) s, and notes on what is unusual about them.
+
+    The column's times are taken, unless they are multiples of 1 / ``rate`` stated with few digits:
+    then these.
+
+    Raises:
+        LegsimError: the times do not increase.
+    """
+    frames = np.array(column.frames, float)
+    stated, notes = _seconds(column.stated, frames, rate)
+    if np.isnan(stated).all():
+        times, said = (
+            (frames - frames[0]) / rate,
+            ("no row has a time: times are from the frame numbers and DataRate",),
+        )
+        _check_increase(path, times, column)
+        return times, (*said, *_frame_notes(times, frames, rate, timed=False))
+    known = ~np.isnan(stated)
+    step = 10.0 ** -max(decimals(text) for text in column.texts) / (1000 if notes else 1)
+    if not known.all():
+        notes = (
+            *notes,
+            f"{int((~known).sum())} rows have no time: filled from their frame numbers",
+        )
+    times = _even_times(stated, frames, known, rate, step)
+    if times is None:
+        stated[~known] = np.interp(frames[~known], frames[known], stated[known])
+        times = _on_grid(stated, rate, step)
+    _check_increase(path, times, column)
+    return times, (*notes, *_frame_notes(times, frames, rate, timed=True))
+
+
+def _check_increase(path: Path, times: FloatArray, column: TimeColumn) -> None:
+    """Refuses rows at the time of the row before, to within what rounding explains."""
+    late = written_twice(times)
+    if late.size == 0:
+        return
+    k, step = int(late[0]), times[late[0]] - times[late[0] - 1]
+    after, before = (column.texts[i] or f"{times[i]:g}" for i in (k, k - 1))
+    raise file_error(
+        path,
+        f"time {after} does not come after {before}"
+        if step <= 0
+        else f"time {after} comes only {step:.2g} s after {before}",
+        "delete the repeated row or repair the time column",
+        place=f"line {column.lines[k]}",
+    )
+
+
+def _seconds(
+    stated: FloatArray, frames: FloatArray, rate: float
+) -> tuple[FloatArray, tuple[str, ...]]:
+    """The time column in seconds, and a note where it was in milliseconds: from frame to frame a
+    thousand times what the rate says.
+    """
+    steps = np.diff(stated) / np.where(np.diff(frames) > 0, np.diff(frames), np.nan)
+    if not np.isfinite(steps).any() or abs(np.nanmedian(steps) * rate / 1000 - 1) > 0.02:
+        return stated, ()
+    return stated / 1000, ("the time column is in milliseconds",)
+
+
+def _frame_notes(
+    times: FloatArray, frames: FloatArray, rate: float, *, timed: bool
+) -> tuple[str, ...]:
+    """Notes on frame numbers that skip or return, and on a time column of another rate than the
+    header's.
+    """
+    if len(times) < 2:
+        return ()
+    steps = np.diff(frames)
+    if (steps != 1).any():
+        return (_skips(times, frames, rate, timed=timed),)
+    slow, fast = 1 / np.quantile(np.diff(times), [0.95, 0.05])
+    if fast > 1.5 * slow:
+        return (f"the rate varies between {slow:.3g} and {fast:.3g} Hz by the time column",)
+    found = (len(times) - 1) / (times[-1] - times[0])
+    if abs(found / rate - 1) < 0.02:
+        return ()
+    return (f"the header says {rate:g} Hz, the time column {found:.4g} Hz, which is taken",)
+
+
+def _skips(times: FloatArray, frames: FloatArray, rate: float, *, timed: bool) -> str:
+    """Note on frame numbers that are not consecutive: how many are left out, where, and whether
+    the times leave them out too.
+    """
+    steps = np.diff(frames)
+    first = int(np.flatnonzero(steps != 1)[0])
+    where = f"after frame {frames[first]:g} ({times[first]:.4g} s)"
+    if (steps < 1).any():
+        k = int(np.flatnonzero(steps < 1)[0])
+        return (
+            f"frame numbers return from {frames[k]:g} to {frames[k + 1]:g} at "
+            f"{times[k + 1]:.4g} s; the times are taken"
+        )
+    missing, gaps = int((steps - 1).sum()), int((steps > 1).sum())
+    widest = int(steps.argmax())
+    most = (
+        f", most {steps[widest] - 1:g} after frame {frames[widest]:g} ({times[widest]:.4g} s)"
+        if gaps > 1
+        else ""
+    )
+    told = (
+        f"{missing} of {frames[-1] - frames[0] + 1:g} frames are left out in {gaps} "
+        f"place{'s'[: gaps - 1]}, first {where}{most}"
+    )
+    span = (frames[-1] - frames[0]) / rate
+    if not timed or abs((times[-1] - times[0]) - span) <= max(0.1 * missing, 0.75) / rate:
+        return told
+    return (
+        f"{told}, but the times run on as if none were missing; the times are taken (empty the "
+        "time column to have the frame numbers taken)"
+    )
+
+
+def _even_times(
+    stated: FloatArray, frames: FloatArray, known: np.ndarray, rate: float, step: float
+) -> FloatArray | None:
+    """frame / rate where it explains every stated time to one unit of its last digit, and that
+    digit hides something; else None.
+    """
+    if len(stated) < 2 or (np.diff(frames) != 1).any():
+        return None
+    count = frames - frames[0]
+    starts = (frames[0] - 1, stated[known][0] * rate - count[known][0])
+    candidates = [(start + count) / rate for start in starts]
+    errors = [float(np.abs(stated - even)[known].max()) for even in candidates]
+    # times stated in full are kept to the last bit
+    if errors[1] <= 1e-9:
+        return None if known.all() else candidates[1]
+    # beyond three quarters of a sample the column tells of something else than rounding
+    tolerance = min(1.001 * step, 0.75 / rate)
+    return next(
+        (even for even, error in zip(candidates, errors, strict=True) if error <= tolerance), None
+    )
+
+
+def _on_grid(stated: FloatArray, rate: float, step: float) -> FloatArray:
+    """Multiples of 1 / rate where these explain every stated time to its last digit, and that digit
+    hides something: a camera of variable rate, or rows left out. Else the times as stated.
+    """
+    if len(stated) < _ENOUGH or 1.001 * step > 0.25 / rate:
+        return stated
+    for origin in (0.0, float(stated[0])):
+        counts = np.rint((stated - origin) * rate)
+        grid = origin + counts / rate
+        error = float(np.abs(grid - stated).max())
+        if error <= 1e-9:
+            return stated
+        if error <= 1.001 * step and (np.diff(counts) > 0).all():
+            return grid
+    return stated
+
+
+def decimals(text: str) -> int:
+    """Digits after the decimal point that are not closing zeros, an exponent counted in."""
+    mantissa, _, exponent = text.lower().partition("e")
+    digits = len(mantissa.partition(".")[2].rstrip("0"))
+    return max(0, digits - int(exponent or 0)) if re.fullmatch(r"[+-]?\d*", exponent) else 0
