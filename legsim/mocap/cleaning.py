@@ -4,6 +4,7 @@ bridged, noise filtered.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
 from scipy import ndimage
@@ -12,7 +13,7 @@ from scipy.interpolate import CubicHermiteSpline, CubicSpline
 from legsim.core.errors import LegsimError
 from legsim.core.values import FloatArray
 from legsim.mocap import gap_filling, outliers
-from legsim.mocap.labels import PAPER_ROLES, MarkerMap, check_covered, segment_of
+from legsim.mocap.labels import PAPER_ROLES, MarkerMap, check_covered, check_distinct, segment_of
 from legsim.mocap.low_pass import low_pass, runs
 from legsim.mocap.trajectories import MarkerTrajectories
 
@@ -111,9 +112,9 @@ def clean(
         required: roles that must be there.
 
     Raises:
-        LegsimError: a required role has no marker or is never seen, left and right or the vertical
-            look wrong, lengths are not a person's (a wrong unit), or the filter does not fit the
-            sampling rate.
+        LegsimError: a required role has no marker or is never seen, one marker plays two roles,
+            left and right are exchanged, lengths are not a person's (a wrong unit), or the filter
+            does not fit the sampling rate.
     """
     check_covered(marker_map, motion.marker_names, required)
     seen = [
@@ -122,8 +123,10 @@ def clean(
         if np.isfinite(motion.positions_world[:, k]).all(-1).any()
     ]
     found = marker_map.found_in(seen)
+    check_distinct(marker_map, found)
     never = tuple(role for role in marker_map.found_in(motion.marker_names) if role not in found)
     _check_seen(never, marker_map, motion, required)
+    _check_copies(motion, found)
     times, source = _even(motion, sorted({name for names in found.values() for name in names}))
     dt = float(times[-1] - times[0]) / (len(times) - 1)
     _check_filter(filter_hz, 1 / dt)
@@ -156,6 +159,19 @@ def _check_seen(
             f"{', '.join(blind)} cannot be followed: {labels} is not seen in any sample; label it "
             "and export again"
         )
+
+
+def _check_copies(motion: MarkerTrajectories, found: dict[str, tuple[str, ...]]) -> None:
+    """Refuses two labels that hold one marker's positions, exactly, wherever both are seen."""
+    owner = {label: role for role, labels in found.items() for label in labels}
+    for (one, role), (other, second) in combinations(owner.items(), 2):
+        first, last = motion.marker(one), motion.marker(other)
+        both = np.isfinite(first + last).all(1)
+        if both.any() and (first[both] == last[both]).all():
+            raise LegsimError(
+                f"{one} ({role}) and {other} ({second}) hold the same positions: one marker under "
+                "two labels; label the markers again and export them"
+            )
 
 
 def _check_filter(filter_hz: float, rate: float) -> None:

@@ -5,6 +5,7 @@ prefixes and spelling.
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import combinations
 
 from legsim.core.errors import LegsimError
 
@@ -193,6 +194,35 @@ def check_covered(
             f"{nearest} among {_listed(marker_names)}; give a marker map (TOML) with [roles] and "
             "the labels that play them"
         )
+
+
+def check_distinct(marker_map: MarkerMap, found: dict[str, tuple[str, ...]]) -> None:
+    """Refuses a map that takes one marker for two places on the body.
+
+    Two roles may share a marker only where one of them is a mean that the other is a part of, on
+    the same segment, as a sacrum between the two posterior spines.
+
+    Args:
+        marker_map: the map, for the message.
+        found: role to the recording's labels that play it, as :meth:`MarkerMap.found_in` gives it.
+
+    Raises:
+        LegsimError: names the label and the roles.
+    """
+    named = f"marker map {marker_map.name!r}"
+    for role, labels in found.items():
+        for label in labels:
+            if labels.count(label) > 1:
+                raise LegsimError(
+                    f"{named}: {role} is the middle of {label} and {label}, one marker; name two"
+                )
+    for (first, one), (second, other) in combinations(found.items(), 2):
+        shared = sorted(set(one) & set(other))
+        if shared and (set(one) == set(other) or segment_of(first) != segment_of(second)):
+            raise LegsimError(
+                f"{named}: {' and '.join(shared)} plays both {first} and {second}; give each role "
+                "a marker of its own"
+            )
 
 
 def _listed(names: Sequence[str], limit: int = 100) -> str:

@@ -353,3 +353,18 @@ def test_a_variable_rate_leaves_out_nothing():
     np.testing.assert_allclose(
         cleaned.positions_world[:n], expected.positions_world[:n], atol=0.0005
     )
+
+
+def test_one_marker_for_both_knees_is_refused():
+    motion = recording()
+    labels = (*LABELS[:4], "RKNE", *LABELS[5:])
+    with pytest.raises(LegsimError, match="RKNE plays both epicondyle_lateral_r and epicondyle"):
+        cleaning.clean(motion, MarkerMap.one_to_one("seven", PAPER_ROLES, labels))
+
+
+def test_one_marker_under_two_labels_is_refused():
+    motion = recording()
+    positions = motion.positions_world.copy()
+    positions[:, LABELS.index("LKNE")] = positions[:, LABELS.index("RKNE")]
+    with pytest.raises(LegsimError, match=r"RKNE \(epi.*_r\) and LKNE \(epi.*_l\) hold the same"):
+        cleaning.clean(MarkerTrajectories(motion.times, LABELS, positions), SEVEN)

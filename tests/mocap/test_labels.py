@@ -98,3 +98,37 @@ def test_an_unknown_role_is_refused_with_the_known_ones(role):
 def test_a_role_is_there_once():
     with pytest.raises(LegsimError, match="role sacrum is there twice"):
         MarkerMap.one_to_one("m", ("sacrum", "sacrum"), ("A", "B"))
+
+
+def seven_with(**changed) -> MarkerMap:
+    """The seven roles, some under other labels."""
+    entries = {role: ((label,),) for role, label in zip(PAPER_ROLES, LABELS, strict=True)}
+    entries |= changed
+    return MarkerMap("mine", tuple(entries), tuple(entries.values()))
+
+
+@pytest.mark.parametrize("label", ["RKNE", "rkne", "R.KNE", "Ann:RKNE"])
+def test_one_marker_for_two_roles_is_refused_however_it_is_spelled(label):
+    both_knees = seven_with(epicondyle_lateral_l=((label,),))
+    names = [f"Ann:{name}" for name in LABELS] if ":" in label else LABELS
+    with pytest.raises(LegsimError, match=(
+        r"'mine': (Ann:)?RKNE plays both epicondyle_lateral_r and epicondyle_lateral_l; give each"
+    )):  # fmt: skip
+        labels.check_distinct(both_knees, both_knees.found_in(names))
+
+
+def test_a_middle_of_one_marker_with_itself_is_refused():
+    middle = seven_with(sacrum=(("SACR", "sacr"),))
+    with pytest.raises(LegsimError, match="sacrum is the middle of SACR and SACR, one marker"):
+        labels.check_distinct(middle, middle.found_in(LABELS))
+
+
+def test_a_marker_on_two_segments_is_refused_also_as_part_of_a_middle():
+    bridge = seven_with(epicondyle_lateral_l=(("LKNE", "LANK"),))
+    with pytest.raises(LegsimError, match="LANK plays both epicondyle_lateral_l and malleolus"):
+        labels.check_distinct(bridge, bridge.found_in(LABELS))
+
+
+def test_a_sacrum_between_the_posterior_spines_shares_them():
+    spines = seven_with(sacrum=(("RPSI", "LPSI"),), psis_r=(("RPSI",),), psis_l=(("LPSI",),))
+    labels.check_distinct(spines, spines.found_in((*LABELS, "RPSI", "LPSI")))

@@ -87,6 +87,9 @@ def both(words: str) -> list[str]:
             f"{w}") for s in ("Right", "Left") for w in ("ASIS", "PSIS", "Knee", "Ankle")], ("Right "
             "Knee"), ("Right "
             "Ankle")),
+        (["VSAC", *both("@ASI @LEPI @MEPI @LMA @MMA")], "RLEPI", "RLMA"),
+        (["VSAC", *both("@ASI @LEPI @MEPI @LAK @MAK")], "RLEPI", "RLAK"),
+        (["VSACR", *both("@ASI @LKNEE @MKNEE @LANKLE @MANKLE")], "RLKNEE", "RLANKLE"),
         (["SACR", *(f"{w}_{s}" for w in ("ASIS", "KNEE", "ANKLE") for s in "RL")], "KNEE_R", "ANKLE_R"),
     ],
 )  # fmt: skip
