@@ -174,7 +174,8 @@ def _cleaned(
             required=required,
         )
 
-    return *named(path, cleaned), notes
+    markers, report = named(path, cleaned)
+    return markers, report, (*notes, *report.notes)
 
 
 def _read(

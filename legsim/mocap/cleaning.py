@@ -13,6 +13,7 @@ from scipy.interpolate import CubicHermiteSpline, CubicSpline
 from legsim.core.errors import LegsimError
 from legsim.core.values import FloatArray
 from legsim.mocap import gap_filling, outliers
+from legsim.mocap.held import find_held
 from legsim.mocap.labels import PAPER_ROLES, MarkerMap, check_covered, check_distinct, segment_of
 from legsim.mocap.low_pass import low_pass, runs
 from legsim.mocap.trajectories import MarkerTrajectories
@@ -65,6 +66,8 @@ class CleaningReport:
     roles: tuple[RoleReport, ...]
     never_seen: tuple[str, ...]
     """roles whose labels are in the file without one sample"""
+    notes: tuple[str, ...] = ()
+    """what is to be said about single markers, one line each"""
 
     def of(self, role: str) -> RoleReport:
         """The report of one role.
@@ -91,7 +94,8 @@ def clean(
 ) -> tuple[MarkerTrajectories, CleaningReport]:
     """Clean trajectories of the roles, at even times, with a report.
 
-    In this order: labels are looked up, times made even, jumps removed
+    In this order: samples that only repeat the last one are taken as not seen
+    (:mod:`legsim.mocap.held`), labels are looked up, times made even, jumps removed
     (:mod:`legsim.mocap.outliers`), short gaps bridged by cubic splines, longer ones from three
     other markers on the same segment where these are seen (:mod:`legsim.mocap.gap_filling`),
     several labels of a role averaged, and each unbroken stretch filtered by itself, so that a
@@ -117,6 +121,7 @@ def clean(
             does not fit the sampling rate.
     """
     check_covered(marker_map, motion.marker_names, required)
+    motion, held = _without_held(motion)
     seen = [
         name
         for k, name in enumerate(motion.marker_names)
@@ -141,8 +146,32 @@ def clean(
     )
     reports = tuple(_report(role, names, stages, dt) for role, names in found.items())
     resampled = len(times) != len(motion.times) or not np.array_equal(times, motion.times)
-    report = CleaningReport(marker_map.name, 1 / dt, filter_hz, resampled, reports, never)
+    used = {name for names in found.values() for name in names}
+    notes = tuple(note for name, note in held.items() if name in used)
+    report = CleaningReport(marker_map.name, 1 / dt, filter_hz, resampled, reports, never, notes)
     return MarkerTrajectories(times, tuple(means), cleaned), report
+
+
+def _without_held(motion: MarkerTrajectories) -> tuple[MarkerTrajectories, dict[str, str]]:
+    """The markers, NaN where they only repeat their last position, and a note by label."""
+    if len(motion.times) < 2:
+        return motion, {}
+    dt = float(np.median(np.diff(motion.times)))
+    held = find_held(motion.positions_world, dt)
+    if not held.any():
+        return motion, {}
+    notes = {}
+    for k in np.flatnonzero(held.any(0)):
+        stretches = runs(held[:, k])
+        first, last = max(stretches, key=lambda stretch: stretch[1] - stretch[0])
+        times = motion.times[[first - 1, last]]
+        more = f" and {len(stretches) - 1} times more" if len(stretches) > 1 else ""
+        notes[motion.marker_names[k]] = (
+            f"{motion.marker_names[k]} repeats one position from {times[0]:.4g} to {times[1]:.4g} s"
+            f"{more} while others move ({int(held[:, k].sum())} samples): taken as not seen"
+        )
+    positions = np.where(held[..., None], np.nan, motion.positions_world)
+    return MarkerTrajectories(motion.times, motion.marker_names, positions), notes
 
 
 def _check_seen(

@@ -368,3 +368,18 @@ def test_one_marker_under_two_labels_is_refused():
     positions[:, LABELS.index("LKNE")] = positions[:, LABELS.index("RKNE")]
     with pytest.raises(LegsimError, match=r"RKNE \(epi.*_r\) and LKNE \(epi.*_l\) hold the same"):
         cleaning.clean(MarkerTrajectories(motion.times, LABELS, positions), SEVEN)
+
+
+def test_held_samples_are_not_seen_and_reported():
+    motion = recording()
+    positions = motion.positions_world.copy()
+    positions[300:360, LABELS.index("LKNE")] = positions[299, LABELS.index("LKNE")]
+    cleaned, report = cleaning.clean(
+        MarkerTrajectories(motion.times, LABELS, positions), SEVEN, filter_hz=0, longest_gap_s=0.3
+    )
+    assert report.of("epicondyle_lateral_l").missing == 60
+    assert np.isnan(cleaned.marker("epicondyle_lateral_l")[300:360]).all()
+    assert report.notes == (
+        "LKNE repeats one position from 2.492 to 2.992 s while others move (60 samples): taken as "
+        "not seen",
+    )
