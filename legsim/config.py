@@ -30,7 +30,10 @@ class MotionConfig(ConfigSection):
     """
     unit: Literal["file", "m", "cm", "mm"] = "file"
     """"file" believes the header"""
-    up: Literal["file", "x", "y", "z"] = "file"
+    up: Literal["file", "x", "y", "z", "-x", "-y", "-z"] = "file"
+    """"file" believes a file that says it, and guesses it where the format does not"""
+    angles: Literal["file", "degrees", "radians"] = "file"
+    """of joint coordinates; "file" believes the header as far as the angles bear it out"""
     filter_hz: float = Field(default=6.0, ge=0)
     """cut-off of the 2nd-order zero-phase Butterworth filter; 0 leaves the markers as they are"""
     longest_gap_s: float = Field(default=2.0, ge=0)

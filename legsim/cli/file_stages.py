@@ -25,8 +25,7 @@ from legsim.geometry import image_files
 from legsim.geometry.cone_beam import ConeBeamGeometry
 from legsim.geometry.volume import Volume, VolumeGrid
 from legsim.mocap import files as mocap_files
-from legsim.mocap.files import read_markers
-from legsim.mocap.trajectories import JointTrajectories, MarkerTrajectories
+from legsim.mocap.trajectories import MarkerTrajectories
 from legsim.opencl.device import open_device
 from legsim.phantom import files as phantom_files
 from legsim.phantom.files import PhantomFile
@@ -292,20 +291,25 @@ def convert_geometry(path: Path, out: Path, *, detector: DetectorSize) -> list[s
 
 
 def convert_motion(
-    path: Path, out: Path, *, unit: str | None, up: str | None, in_degrees: bool
+    path: Path,
+    out: Path,
+    *,
+    unit: str | None,
+    up: str | None,
+    in_degrees: bool,
+    angles: str | None = None,
 ) -> list[str]:
     """Writes markers or joint coordinates in the format that the ending of ``out`` names; returns
     lines to print.
+
+    ``unit``, ``up`` and ``angles`` override what ``path`` says; ``in_degrees`` is how to write.
     """
-    if mocap_files.kind(path) in ("trc", "c3d"):
-        raw = read_markers(path)
-        recording: MarkerTrajectories | JointTrajectories = raw.to_motion(unit=unit, up=up)
-        notes = [
-            f"lengths in {raw.resolved_unit(unit)}, {raw.resolved_up(up, unit=unit)} up",
-            *raw.notes,
-        ]
-    else:
-        recording, notes = mocap_files.load_recording(path), []
+    if out.exists() and path.exists() and out.samefile(path):
+        raise file_error(out, "is the file that is read", "give --out another name")
+    found = mocap_files.read_recording(
+        path, unit=unit, up=up, in_degrees=None if angles is None else angles == "degrees"
+    )
+    recording = found.value
     columns = (
         recording.marker_names
         if isinstance(recording, MarkerTrajectories)
@@ -314,7 +318,7 @@ def convert_motion(
     out.parent.mkdir(parents=True, exist_ok=True)
     mocap_files.save_recording(out, recording, in_degrees=in_degrees)
     what = "markers (m, y up)" if isinstance(recording, MarkerTrajectories) else "joint coordinates"
-    return [*notes, f"{len(recording.times)} samples of {len(columns)} {what}: {out}"]
+    return [*found.notes, f"{len(recording.times)} samples of {len(columns)} {what}: {out}"]
 
 
 def open_recording(folder: Path) -> None:

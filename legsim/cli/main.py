@@ -16,7 +16,7 @@ from typing import Annotated
 
 import typer
 import typer.exceptions
-from rich.markup import escape
+from rich.text import Text
 
 from legsim import __version__
 from legsim.cli import console, geometry_commands, run_commands, stage_commands, study_command
@@ -77,7 +77,7 @@ def _warn(message: Warning | str, *_: object) -> None:
     if words in _warned:
         return
     _warned.add(words)
-    console.err.print(f"[yellow]warning:[/] {escape(str(message))}")
+    console.err.print(Text("warning:", "yellow") + f" {message}")
 
 
 def _explain(error: Exception) -> str | None:
@@ -132,6 +132,7 @@ def main(arguments: list[str] | None = None) -> None:
     """Runs the command line; exit code 0 only on success, 130 on Ctrl-C, 143 on SIGTERM, one line
     for an error unless --debug.
     """
+    console.print_any_name()
     handler: Callable[..., None] = _warn
     warnings.showwarning = handler
     arguments = sys.argv[1:] if arguments is None else arguments
@@ -150,12 +151,11 @@ def main(arguments: list[str] | None = None) -> None:
         console.err.print(
             f"error: {error.format_message()} (the command's --help says more)".replace("\n", " "),
             style="red",
-            markup=False,
         )
         sys.exit(error.exit_code)
     except Exception as error:
         line = _explain(error)
         if line is None or "--debug" in arguments:
             raise
-        console.err.print(f"error: {line}".replace("\n", " "), style="red", markup=False)
+        console.err.print(f"error: {line}".replace("\n", " "), style="red")
         sys.exit(1)

@@ -6,7 +6,6 @@ from contextlib import contextmanager
 from datetime import timedelta
 
 from rich.console import Console
-from rich.markup import escape
 from rich.progress import (
     BarColumn,
     MofNCompleteColumn,
@@ -23,7 +22,7 @@ _FOUND_S = 1.0
 """a task that ends sooner found its results finished"""
 
 _COLUMNS = (
-    TextColumn("{task.description}"),
+    TextColumn("{task.description}", markup=False),
     BarColumn(),
     MofNCompleteColumn(),
     TimeElapsedColumn(),
@@ -42,7 +41,7 @@ def of_stages(console: Console) -> Iterator[OnProgress]:
             if stage not in known:
                 known[stage] = bars.add_task(stage, total=total)
                 if not console.is_terminal:
-                    console.print(f"{stage} ...")
+                    console.print(f"{stage} ...", markup=False, emoji=False)
             bars.update(known[stage], completed=done, total=total)  # pyright: ignore[reportArgumentType]
 
         yield update
@@ -86,7 +85,7 @@ def of_study(console: Console) -> Iterator[tuple[OnStep, OnProgress]]:
 
     Yields what to call when a run begins or ends, and what to call as its stages go on.
     """
-    columns = (*_COLUMNS, TextColumn("{task.fields[left]}"))
+    columns = (*_COLUMNS, TextColumn("{task.fields[left]}", markup=False))
     with Progress(*columns, console=console, disable=not console.is_terminal) as bars:
         whole, part = (
             bars.add_task("runs", total=None, left=""),
@@ -101,19 +100,19 @@ def of_study(console: Console) -> Iterator[tuple[OnStep, OnProgress]]:
                     whole,
                     completed=step.ended,
                     total=step.total,
-                    description=escape(f"runs {step.name}"),
+                    description=f"runs {step.name}",
                 )
             else:
                 left = pace.left(step)
                 line = _ended(step, left)
                 bars.update(whole, completed=step.ended, total=step.total, left=left)
             if not console.is_terminal:
-                console.print(line, markup=False)
+                console.print(line, markup=False, emoji=False)
 
         def stages(stage: str, done: int, total: int) -> None:
             nonlocal doing
             if stage != doing:
-                bars.reset(part, description=escape(f"  {stage}"), total=total)
+                bars.reset(part, description=f"  {stage}", total=total)
                 doing = stage
             bars.update(part, completed=done, total=total)
 

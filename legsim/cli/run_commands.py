@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.markup import escape
+from rich.text import Text
 
 from legsim.cli import console, progress
 from legsim.cli.console import print_lines, print_table
@@ -120,13 +120,8 @@ def doctor(
 
     findings = examine(folder)
     for finding in findings:
-        mark = "[green]ok[/]  " if finding.good else "[red]bad[/] "
-        console.out.print(
-            mark
-            + escape(
-                f" {finding.topic}: {finding.detail}"
-                + (f"; {finding.cure}" if not finding.good else "")
-            )
-        )
+        mark = Text("ok  ", "green") if finding.good else Text("bad ", "red")
+        cure = "" if finding.good else f"; {finding.cure}"
+        console.out.print(mark + f" {finding.topic}: {finding.detail}{cure}")
     if not all(finding.good for finding in findings):
         raise typer.Exit(1)

@@ -25,6 +25,16 @@ class Axis(StrEnum):
     x = "x"
     y = "y"
     z = "z"
+    minus_x = "-x"
+    minus_y = "-y"
+    minus_z = "-z"
+
+
+class Angles(StrEnum):
+    """Units of angles in a file of coordinates."""
+
+    degrees = "degrees"
+    radians = "radians"
 
 
 def convert(
@@ -44,11 +54,15 @@ def convert(
     ],
     unit: Annotated[
         Unit | None,
-        typer.Option(help="Of the markers' lengths, where the file is wrong or silent."),
+        typer.Option(help="Of lengths, where the file is wrong or silent."),
     ] = None,
     up: Annotated[
         Axis | None,
         typer.Option(help="Axis of the markers that points up, where it is not recognized."),
+    ] = None,
+    angles: Annotated[
+        Angles | None,
+        typer.Option(help="Unit of the coordinates' angles, where the file is wrong or silent."),
     ] = None,
     degrees: Annotated[
         bool, typer.Option("--degrees", help="Write coordinates in degrees.")
@@ -58,7 +72,12 @@ def convert(
     from legsim.cli import file_stages
 
     lines = file_stages.convert_motion(
-        motion, out, unit=unit and unit.value, up=up and up.value, in_degrees=degrees
+        motion,
+        out,
+        unit=unit and unit.value,
+        up=up and up.value,
+        in_degrees=degrees,
+        angles=angles and angles.value,
     )
     print_lines(lines)
 
@@ -224,4 +243,4 @@ def evaluate(
         ("region", "SSIM", "RMSE", "gradient entropy", "voxels"),
         rows,
     )
-    console.out.print(f"numbers: {out}", markup=False)
+    console.out.print(f"numbers: {out}")

@@ -69,7 +69,7 @@ def study(
     if store is not None:
         check_shared(store.resolve(), out.resolve())
     planned = plan.plan(asked, base, out.resolve(), device=device, store=store and store.resolve())
-    console.err.print(plan.needs(planned, out.resolve(), 0 if scheduler else workers), markup=False)
+    console.err.print(plan.needs(planned, out.resolve(), 0 if scheduler else workers))
     options = ([] if preset is None else ["--preset", preset.value]) + [
         word for setting in overrides for word in ("--set", setting)
     ]
@@ -89,5 +89,5 @@ def study(
     print_lines(study_run.lines(results, out))
     if results.failures:
         for failure in results.failures:
-            console.err.print(f"failed: {failure}", style="red", markup=False)
+            console.err.print(f"failed: {failure}", style="red")
         raise typer.Exit(1)

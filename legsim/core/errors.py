@@ -2,6 +2,7 @@
 do.
 """
 
+import os
 from pathlib import Path
 
 
@@ -13,5 +14,13 @@ class LegsimError(Exception):
 
 def file_error(path: Path | str, problem: str, cure: str, *, place: str = "") -> LegsimError:
     """Builds the usual error about a file: ``path (place): problem; cure``."""
-    where = f"{path} ({place})" if place else f"{path}"
+    name = printable(path)
+    where = f"{name} ({place})" if place else name
     return LegsimError(f"{where}: {problem}; {cure}")
+
+
+def printable(name: Path | str) -> str:
+    """A file's name as text that can be written, drawn and encoded: bytes that are no UTF-8 become
+    the replacement character.
+    """
+    return os.fsencode(name).decode("utf-8", "replace")

@@ -2,20 +2,25 @@
 signs.
 """
 
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
 
-from legsim.core.errors import LegsimError, file_error
+from legsim.core.errors import LegsimError, file_error, printable
 from legsim.core.values import FloatArray
 from legsim.kinematics.leg_model import COORDINATES, LegModel
 from legsim.kinematics.moving_leg import MovingLeg
+from legsim.mocap.files import Recording
 from legsim.mocap.low_pass import low_pass
 from legsim.mocap.trajectories import JointTrajectories
 
 _Result = TypeVar("_Result")
+
+_MOVING = tuple(name for name in COORDINATES if re.match("hip_flexion|knee_angle", name))
+"""a motion without any of these is not a leg's"""
 
 _LARGEST_EXTENSION_DEG = 20.0
 """more than any knee overextends"""
@@ -30,67 +35,83 @@ def named(path: Path, compute: Callable[[], _Result]) -> _Result:
 
 
 def moving_leg(
-    loaded: JointTrajectories, path: Path, leg: LegModel, *, low_pass_hz: float = 0.0
+    recording: Recording, path: Path, leg: LegModel, *, low_pass_hz: float = 0.0
 ) -> MovingLeg:
     """The person who moves as the coordinates say.
 
     Args:
-        loaded: coordinates in rad and m, of any order; those of other parts of the body are
-            ignored.
+        recording: coordinates in rad and m, of any order. Those of other parts of the body are
+            ignored, those that a partial model lacks are at their defaults, with notes.
         path: the file they come from, for messages.
         leg: the model, scaled to the person.
         low_pass_hz: cut-off of a zero-phase low-pass; 0 leaves the coordinates as they are.
 
     Raises:
-        LegsimError: a coordinate of the leg is missing, or is what no joint can be.
+        LegsimError: the file has no coordinate of the leg, or the low-pass does not fit it.
     """
-    completed, filled = _with_feet(loaded)
-    values, turned = _with_our_knee_sign(
-        named(path, lambda: leg.values_of(completed)), loaded.coordinate_names
-    )
-    _check_angles(path, values, loaded.times)
+    loaded = recording.value
+    if not isinstance(loaded, JointTrajectories):
+        raise file_error(path, "holds markers, not joint coordinates", "give a .mot or .sto file")
+    completed, filled = _completed(loaded, path, leg)
+    values, turned = _with_our_knee_sign(leg.values_of(completed), loaded.coordinate_names)
     if low_pass_hz > 0:
-        rate = (len(loaded.times) - 1) / float(loaded.times[-1] - loaded.times[0])
-        values = named(path, lambda: low_pass(values, rate, low_pass_hz))
+        values = _low_passed(path, values, loaded.times, low_pass_hz)
     return MovingLeg(
-        path.name,
+        printable(path.name),
         leg,
         JointTrajectories(loaded.times, leg.coordinate_names, values),
         None,
-        (*filled, *turned, *_gap_note(loaded.times)),
+        (*recording.notes, *filled, *turned, *_gap_note(loaded.times)),
     )
 
 
-def _with_feet(loaded: JointTrajectories) -> tuple[JointTrajectories, tuple[str, ...]]:
-    """Subtalar and toe joints at zero where a model had none, and a note; whatever else is missing
-    stays so.
+def _completed(
+    loaded: JointTrajectories, path: Path, leg: LegModel
+) -> tuple[JointTrajectories, tuple[str, ...]]:
+    """With the coordinates that the file lacks at the model's defaults, and a note on these and on
+    what is ignored.
     """
-    lacking = [
-        name
-        for name in COORDINATES
-        if name.startswith(("subtalar", "mtp")) and name not in loaded.coordinate_names
-    ]
-    if not lacking:
-        return loaded, ()
-    values = np.hstack([loaded.values, np.zeros((len(loaded.times), len(lacking)))])
-    completed = JointTrajectories(loaded.times, (*loaded.coordinate_names, *lacking), values)
-    return completed, (f"the file has no {', '.join(lacking)}: taken as 0",)
-
-
-def _check_angles(path: Path, values: FloatArray, times: FloatArray) -> None:
-    """Refuses joints turned by more than half a turn: degrees that the header calls radians."""
-    joints = [k for k, name in enumerate(COORDINATES) if not name.startswith("pelvis")]
-    beyond = np.argwhere(np.abs(values[:, joints]) > np.pi)
-    if len(beyond):
-        row, column = beyond[0]
-        name, angle = COORDINATES[joints[column]], np.degrees(values[row, joints[column]])
-        problem = f"{name} is {angle:.0f} degrees at {times[row]:g} s, which no joint can be"
+    lacking = [name for name in COORDINATES if name not in loaded.coordinate_names]
+    if not any(name in loaded.coordinate_names for name in _MOVING):
         raise file_error(
             path,
-            problem,
-            "if its angles are in degrees, write inDegrees=yes into the header",
-            place="coordinates",
+            f"has no coordinate of the leg among {', '.join(loaded.coordinate_names[:20])}",
+            f"give a motion of {', '.join(COORDINATES)}",
+            place="column names",
         )
+    others = [
+        name
+        for name in loaded.coordinate_names
+        if name not in COORDINATES and not _is_patella(name)
+    ]
+    notes = (f"ignored, being no coordinates of the leg: {', '.join(others)}",) if others else ()
+    if not lacking:
+        return loaded, notes
+    defaults = leg.default_coordinates[[COORDINATES.index(name) for name in lacking]]
+    values = np.hstack([loaded.values, np.tile(defaults, (len(loaded.times), 1))])
+    completed = JointTrajectories(loaded.times, (*loaded.coordinate_names, *lacking), values)
+    standing = "".join(
+        f" ({name} {value:g} m)" for name, value in zip(lacking, defaults, strict=True) if value
+    )
+    return completed, (*notes, f"the file has no {', '.join(lacking)}: taken as 0{standing}")
+
+
+def _is_patella(name: str) -> bool:
+    """Whether a coordinate follows from the knee's, as the patella's does."""
+    return name.endswith("_beta")
+
+
+def _low_passed(
+    path: Path, values: FloatArray, times: FloatArray, low_pass_hz: float
+) -> FloatArray:
+    steps = np.diff(times)
+    if len(steps) == 0 or np.ptp(steps) > 0.01 * np.median(steps):
+        raise file_error(
+            path,
+            "its times are not even, as a filter needs them",
+            "leave out the filter, or resample the motion",
+        )
+    return named(path, lambda: low_pass(values, 1 / float(steps.mean()), low_pass_hz))
 
 
 def _gap_note(times: FloatArray) -> tuple[str, ...]:

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from legsim.core import resources
-from legsim.core.errors import LegsimError, file_error
+from legsim.core.errors import LegsimError, file_error, printable
 from legsim.kinematics import inverse_kinematics, marker_sites, scaling, smoothing
 from legsim.kinematics.from_coordinates import moving_leg, named
 from legsim.kinematics.leg_model import LegModel
@@ -18,9 +18,9 @@ from legsim.mocap import cleaning as mocap_cleaning
 from legsim.mocap import files as mocap_files
 from legsim.mocap import marker_sets
 from legsim.mocap.cleaning import CleaningReport
-from legsim.mocap.files import load_markers, read_markers
+from legsim.mocap.coordinates import RawCoordinates
 from legsim.mocap.labels import PAPER_ROLES
-from legsim.mocap.trajectories import JointTrajectories, MarkerTrajectories
+from legsim.mocap.trajectories import MarkerTrajectories
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,7 +48,7 @@ def find_recording(file: str | Path) -> Path:
         raise file_error(
             file,
             "no such motion file, here or among the shipped ones",
-            "give a .trc, .c3d, .mot or .sto file",
+            f"give a {mocap_files.known_suffixes()} file",
         ) from None
 
 
@@ -74,6 +74,7 @@ def solve_kinematics(
     marker_noise: float = 0.2e-3,
     scale_from: str | Path | None = None,
     filter_coordinates: bool = False,
+    in_degrees: bool | None = None,
 ) -> MovingLeg:
     """Reads a recording, cleans it, scales the leg model to the person and solves for joint angles.
 
@@ -83,15 +84,18 @@ def solve_kinematics(
         recording: a motion file, or the name of one that ships with legsim.
         marker_map: a TOML file, the name of a shipped marker set, or "auto" for the shipped one
             that covers the file.
-        unit: of lengths, "m", "cm" or "mm"; None believes the header.
-        up: vertical axis of the laboratory, "x", "y" or "z"; None finds it.
+        unit: of lengths, "m", "cm" or "mm"; None believes the file.
+        up: vertical axis of the laboratory, "x", "y", "z" or one of them with a minus; None
+            believes the file, or guesses it from how the body lies.
         filter_hz: cut-off of the markers' zero-phase Butterworth filter; 0 leaves them as they are.
         longest_gap: s, longer gaps are not bridged.
         marker_noise: m, RMS of a marker's white noise per axis: joint angles are filtered further,
             as low as that hides.
         scale_from: recording that the model is scaled from. None: the person's active squats for
             legsim's own recordings, else ``recording`` itself.
-        filter_coordinates: low-pass joint coordinates of a .mot or .sto too.
+        filter_coordinates: low-pass joint coordinates of a .mot, .sto or .csv too.
+        in_degrees: whether the angles of a .mot or .sto are in degrees; None believes the header
+            as far as the angles bear it out.
 
     Raises:
         LegsimError: anything that a careful person would object to, with file, place and fix.
@@ -102,13 +106,17 @@ def solve_kinematics(
     """
     path = find_recording(recording)
     reading = _Reading(marker_map, unit, up, filter_hz, longest_gap)
-    if mocap_files.kind(path) in ("storage", "csv"):
-        loaded = mocap_files.load_recording(path)
-        if isinstance(loaded, JointTrajectories):
-            scaled = None if scale_from is None else find_recording(scale_from)
-            low_pass_hz = filter_hz if filter_coordinates else 0.0
-            leg = _scaled(reading, scaled)
-            return moving_leg(loaded, path, leg, low_pass_hz=low_pass_hz)
+    raw = mocap_files.read_raw(path)
+    if isinstance(raw, RawCoordinates):
+        scaled = None if scale_from is None else find_recording(scale_from)
+        if scaled is None:
+            _refuse_marker_options(path, reading, filter_coordinates)
+        found = mocap_files.resolve(
+            path, raw, unit=unit, up=None if scaled else up, in_degrees=in_degrees
+        )
+        low_pass_hz = filter_hz if filter_coordinates else 0.0
+        return moving_leg(found, path, _scaled(reading, scaled), low_pass_hz=low_pass_hz)
+    mocap_files.refuse_options(path, {"angles": in_degrees}, "markers, not joint coordinates")
     # a trial that is scaled from another may go without the landmarks that only scaling needs
     measured, cleaning, notes = _cleaned(reading, path, required=() if scale_from else PAPER_ROLES)
     scaled_from = _scaling_source(path, scale_from)
@@ -133,9 +141,15 @@ def solve_kinematics(
         filter_hz=filter_hz,
     )
     fit = MarkerFit(
-        shown, solution.modelled, cleaning, fitted, solution.report, scaled_from.name, settled_hz
+        shown,
+        solution.modelled,
+        cleaning,
+        fitted,
+        solution.report,
+        printable(scaled_from.name),
+        settled_hz,
     )
-    return MovingLeg(path.name, leg, settled, fit, notes)
+    return MovingLeg(printable(path.name), leg, settled, fit, notes)
 
 
 def _scaling_source(path: Path, scale_from: str | Path | None) -> Path:
@@ -157,7 +171,7 @@ def _cleaned(
     reading: _Reading, path: Path, required: Sequence[str] = PAPER_ROLES
 ) -> tuple[MarkerTrajectories, CleaningReport, tuple[str, ...]]:
     """The markers by role, what was done to them, and what the reader has to say about the file."""
-    raw, notes = _read(path, unit=reading.unit, up=reading.up)
+    raw, notes = mocap_files.read_markers(path, unit=reading.unit, up=reading.up)
 
     def cleaned() -> tuple[MarkerTrajectories, CleaningReport]:
         automatic = reading.marker_map == "auto"
@@ -178,19 +192,17 @@ def _cleaned(
     return markers, report, (*notes, *report.notes)
 
 
-def _read(
-    path: Path, *, unit: str | None, up: str | None
-) -> tuple[MarkerTrajectories, tuple[str, ...]]:
-    """The markers, and a word on unit and vertical as they were read and on what the reader put
-    right.
-    """
-    if mocap_files.kind(path) == "csv":
-        return load_markers(path), ()
-    raw = read_markers(path)
-    return raw.to_motion(unit=unit, up=up), (
-        f"lengths in {raw.resolved_unit(unit)}, {raw.resolved_up(up, unit=unit)} up",
-        *raw.notes,
-    )
+def _refuse_marker_options(path: Path, reading: _Reading, filter_coordinates: bool) -> None:
+    """Refuses what is said about markers where the file holds none, and no other is read."""
+    usual = _Reading("auto", reading.unit, None, 6.0, 2.0)
+    filtered = filter_coordinates or reading.filter_hz in (0.0, usual.filter_hz)
+    given = {
+        "marker_map": reading.marker_map if reading.marker_map != usual.marker_map else None,
+        "up": reading.up,
+        "longest_gap_s": reading.longest_gap if reading.longest_gap != usual.longest_gap else None,
+        "filter_hz": None if filtered else reading.filter_hz,
+    }
+    mocap_files.refuse_options(path, given, "joint coordinates, not markers")
 
 
 def _scaled(reading: _Reading, reference: Path | None) -> LegModel:

@@ -23,3 +23,10 @@ def number(text: str) -> float | None:
     except ValueError:
         return math.nan if _NAN.fullmatch(text.strip()) else None
     return None if math.isinf(value) or "_" in text else value
+
+
+def decimals(text: str) -> int:
+    """Digits after the decimal point that are not closing zeros, an exponent counted in."""
+    mantissa, _, exponent = text.lower().partition("e")
+    digits = len(mantissa.partition(".")[2].rstrip("0"))
+    return max(0, digits - int(exponent or 0)) if re.fullmatch(r"[+-]?\d*", exponent) else 0

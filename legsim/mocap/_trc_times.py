@@ -1,6 +1,5 @@
 """Times of a TRC file's rows, by its time column, frame numbers and rate."""
 
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,6 +8,7 @@ import numpy as np
 
 from legsim.core.errors import file_error
 from legsim.core.values import FloatArray
+from legsim.mocap._cells import decimals
 from legsim.mocap.trajectories import written_twice
 
 _ENOUGH = 10
@@ -179,10 +179,3 @@ def _on_grid(stated: FloatArray, rate: float, step: float) -> FloatArray:
         if error <= 1.001 * step and (np.diff(counts) > 0).all():
             return grid
     return stated
-
-
-def decimals(text: str) -> int:
-    """Digits after the decimal point that are not closing zeros, an exponent counted in."""
-    mantissa, _, exponent = text.lower().partition("e")
-    digits = len(mantissa.partition(".")[2].rstrip("0"))
-    return max(0, digits - int(exponent or 0)) if re.fullmatch(r"[+-]?\d*", exponent) else 0

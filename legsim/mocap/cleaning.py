@@ -24,6 +24,9 @@ SPLINE_S = 0.25
 SLOPE_S = 0.1
 """s on either side of a gap that tell the velocity with which a marker leaves and returns"""
 
+_AGAINST = 0.2
+"""of the pelvis' width: by more than this its right is not on its left side"""
+
 _CROSSED = 0.3
 """of the pelvis' width: by more than this nobody's right knee or ankle lies left of the other one
 half of the time
@@ -353,9 +356,7 @@ def _velocity(positions: FloatArray, times: FloatArray, index: int, side: int) -
 
 
 def _check_person(means: dict[str, FloatArray]) -> None:
-    """Refuses lengths, a vertical or sides that are not a person's: signs of a wrong unit, axis or
-    label.
-    """
+    """Refuses lengths or sides that are not a person's: signs of a wrong unit, axis or label."""
     if not {"sacrum", "asis_r", "asis_l"} <= means.keys():
         return
     right, left, back = (means[role] for role in ("asis_r", "asis_l", "sacrum"))
@@ -370,21 +371,8 @@ def _check_person(means: dict[str, FloatArray]) -> None:
             f"the front of the pelvis is {width:.3g} m wide: the unit of length is wrong; "
             "give the unit, as in --set motion.unit=mm (in Python: unit='mm')"
         )
-    ankles = [
-        means[role] for role in ("malleolus_lateral_r", "malleolus_lateral_l") if role in means
-    ]
-    height = (
-        np.nanmedian([float(np.nanmedian(((right + left) / 2 - ankle)[:, 1])) for ankle in ankles])
-        if ankles
-        else np.nan
-    )
-    if height < 0.1:
-        raise LegsimError(
-            f"the pelvis lies {height:.2f} m above the ankles: the vertical is wrong; "
-            "give the axis that is up, as in --set motion.up=z (in Python: up='z')"
-        )
     forward = ((right + left) / 2 - back)[together]
-    if np.median((np.cross(forward, [0.0, 1.0, 0.0]) * across).sum(1)) < 0:
+    if np.median((_rightward(means, forward, together) * across).sum(1)) < -_AGAINST * width:
         raise LegsimError(
             "asis_r lies left of asis_l, seen from the sacrum: left and right are exchanged in "
             "the labels, or the axes mirrored"
@@ -392,6 +380,26 @@ def _check_person(means: dict[str, FloatArray]) -> None:
     _check_legs(
         means, across / np.linalg.norm(right - left, axis=1)[together, None], width, together
     )
+
+
+def _rightward(
+    means: dict[str, FloatArray], forward: FloatArray, together: outliers.BoolArray
+) -> FloatArray:
+    """Where right is (k, 3), at most of length 1, by the pelvis' ``forward`` (k, 3) and the
+    direction from ankles to pelvis, so that it holds for somebody who lies; by the vertical where
+    that direction is missing or is the pelvis' own.
+    """
+    forward = forward / np.linalg.norm(forward, axis=1, keepdims=True)
+    by_vertical = np.cross(forward, [0.0, 1.0, 0.0])
+    ankles = [
+        means[role] for role in ("malleolus_lateral_r", "malleolus_lateral_l") if role in means
+    ]
+    if not ankles:
+        return by_vertical
+    body = (means["asis_r"] + means["asis_l"])[together] / 2 - np.mean(ankles, axis=0)[together]
+    by_body = np.cross(forward, body / np.linalg.norm(body, axis=1, keepdims=True))
+    plain = np.linalg.norm(by_body, axis=1, keepdims=True) > 0.5
+    return np.where(plain, by_body, by_vertical)
 
 
 def _check_legs(

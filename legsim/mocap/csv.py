@@ -15,9 +15,11 @@ from pathlib import Path
 import numpy as np
 
 from legsim.core import files
-from legsim.core.errors import LegsimError, file_error
+from legsim.core.errors import file_error
 from legsim.core.values import FloatArray
-from legsim.mocap.trajectories import JointTrajectories, MarkerTrajectories
+from legsim.mocap._cells import number
+from legsim.mocap.coordinates import RawCoordinates
+from legsim.mocap.trajectories import JointTrajectories, MarkerTrajectories, written_twice
 
 _AXES = ("_x_m", "_y_m", "_z_m")
 
@@ -48,6 +50,16 @@ def load(path: Path | str) -> MarkerTrajectories | JointTrajectories:
     Raises:
         LegsimError: the header or a row is not of that form.
     """
+    found = read(path)
+    return found.to_motion() if isinstance(found, RawCoordinates) else found
+
+
+def read(path: Path | str) -> MarkerTrajectories | RawCoordinates:
+    """Reads markers, or joint coordinates as they are in the table.
+
+    Raises:
+        LegsimError: as :func:`load`.
+    """
     path = Path(path)
     rows = [row for row in csv.reader(files.read(path, "CSV")) if row]
     header = rows[0]
@@ -61,33 +73,38 @@ def load(path: Path | str) -> MarkerTrajectories | JointTrajectories:
     table = np.array(
         [_numbers(path, k, row, header) for k, row in enumerate(rows[1:], start=2)]
     ).reshape(-1, len(header))
-    try:
-        return _value(path, header[1:], table[:, 0], table[:, 1:])
-    except LegsimError as error:
-        raise (
-            error
-            if str(error).startswith(str(path))
-            else file_error(path, str(error), "repair the table")
-        ) from error
+    _check_times(path, table[:, 0])
+    return _value(path, header[1:], table[:, 0], table[:, 1:])
+
+
+def _check_times(path: Path, times: FloatArray) -> None:
+    bad = np.flatnonzero(np.isnan(times))
+    late = written_twice(times) if not bad.size else bad
+    if late.size:
+        raise file_error(
+            path,
+            f"the times must increase strictly: {times[late[0]]:.9g} s does not come after "
+            f"{times[late[0] - 1]:.9g} s",
+            "repair the table",
+            place=f"row {late[0] + 1}",
+        )
 
 
 def _value(
     path: Path, header: list[str], times: FloatArray, table: FloatArray
-) -> MarkerTrajectories | JointTrajectories:
+) -> MarkerTrajectories | RawCoordinates:
     names = tuple(cell.removesuffix(_AXES[0]) for cell in header[::3])
     if header == [f"{name}{axis}" for name in names for axis in _AXES]:
+        _check_unique(path, names)
         return MarkerTrajectories(times, names, table.reshape(len(times), len(names), 3))
     names = tuple(re.sub(r"_(rad|m)$", "", cell) for cell in header)
     wrong = [cell for cell, name in zip(header, names, strict=True) if cell != name + _unit(name)]
     if wrong:
-        cure = (
-            "name columns like RASI_x_m, RASI_y_m, RASI_z_m, or like knee_angle_r_rad and "
-            "pelvis_tx_m"
-        )
         raise file_error(
             path,
             f"column {wrong[0]!r} is neither a marker's nor a coordinate's",
-            cure,
+            "name columns like RASI_x_m, RASI_y_m, RASI_z_m, or like knee_angle_r_rad and "
+            "pelvis_tx_m",
             place="line 1",
         )
     if not np.isfinite(table).all():
@@ -97,7 +114,16 @@ def _value(
             "fill the cell",
             place=f"row {np.argwhere(~np.isfinite(table))[0][0] + 1}",
         )
-    return JointTrajectories(times, names, table)
+    _check_unique(path, names)
+    return RawCoordinates(str(path), times, names, table, False, "column names")
+
+
+def _check_unique(path: Path, names: tuple[str, ...]) -> None:
+    doubles = [name for name in names if names.count(name) > 1]
+    if doubles:
+        raise file_error(
+            path, f"{doubles[0]} is there twice", "keep one of its columns", place="line 1"
+        )
 
 
 def _unit(coordinate: str) -> str:
@@ -127,11 +153,8 @@ def _numbers(path: Path, line: int, row: list[str], header: list[str]) -> list[f
         raise file_error(path, problem, "complete the row", place=f"line {line}")
     numbers = []
     for text in row:
-        try:
-            value = float(text) if text.strip() else math.nan
-        except ValueError:
-            value = math.inf
-        if math.isinf(value) or "_" in text:
+        value = number(text) if text.strip() else math.nan
+        if value is None:
             raise file_error(
                 path,
                 f"{text[:40]!r} is not a number",

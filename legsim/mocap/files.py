@@ -1,16 +1,149 @@
-"""Opens markers (TRC, C3D, CSV) or joint coordinates (MOT, STO, CSV) by what is in the file, and
-writes them by its name.
+"""Recordings in files: opened by what is in the file, written by its name.
+
+``FORMATS`` is the one place that knows which formats there are.
 """
 
 import re
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
-from legsim.core.errors import file_error
+from legsim.core.errors import LegsimError, file_error
 from legsim.mocap import c3d, csv, opensim, trc
+from legsim.mocap.coordinates import RawCoordinates
 from legsim.mocap.raw import RawMarkers
 from legsim.mocap.trajectories import JointTrajectories, MarkerTrajectories
 
-_CURE = "give a marker file (.trc, .c3d) or joint coordinates (.mot, .sto)"
+RawRecording = RawMarkers | RawCoordinates | MarkerTrajectories
+"""what a reader gives: the file's own units and axes, or markers that are in meters in world"""
+
+
+@dataclass(frozen=True, slots=True)
+class Format:
+    """A kind of file that holds markers or joint coordinates."""
+
+    name: str
+    suffixes: tuple[str, ...]
+    begins: Callable[[bytes], bool]
+    """whether the first bytes of a file are of this format"""
+    read: Callable[[Path], RawRecording]
+    write_markers: Callable[[Path, MarkerTrajectories], None] | None = None
+    write_coordinates: Callable[[Path, JointTrajectories], None] | None = None
+    write_degrees: Callable[[Path, JointTrajectories], None] | None = None
+
+
+def _begins_text(pattern: str) -> Callable[[bytes], bool]:
+    def begins(start: bytes) -> bool:
+        encoding = "utf-16" if start[:2] in (b"\xff\xfe", b"\xfe\xff") else "latin-1"
+        text = start.decode(encoding, errors="ignore").removeprefix("\xef\xbb\xbf")
+        return re.search(pattern, text.lstrip(" \t\r\n\"'"), re.I | re.M) is not None
+
+    return begins
+
+
+FORMATS = (
+    Format(
+        "C3D",
+        (".c3d",),
+        lambda start: len(start) > 1 and start[1] == 0x50 and 2 <= start[0] < 32,
+        c3d.read,
+    ),
+    Format("TRC", (".trc",), _begins_text(r"\Apathfiletype"), trc.read, write_markers=trc.save),
+    Format(
+        "storage",
+        (".mot", ".sto"),
+        _begins_text(r"^\s*endheader\s*$"),
+        opensim.read,
+        write_coordinates=opensim.save,
+        write_degrees=lambda path, motion: opensim.save(path, motion, in_degrees=True),
+    ),
+    Format(
+        "CSV",
+        (".csv",),
+        _begins_text(r"\Atime_s,"),
+        csv.read,
+        write_markers=csv.save_markers,
+        write_coordinates=csv.save_coordinates,
+    ),
+)
+"""in the order in which their first bytes are looked for"""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Recording:
+    """What a file holds, in SI in world, and what its reader has to say about it."""
+
+    value: MarkerTrajectories | JointTrajectories
+    notes: tuple[str, ...] = ()
+    """guesses and what was put right, one line each"""
+
+
+def read_recording(
+    path: Path | str,
+    *,
+    unit: str | None = None,
+    up: str | None = None,
+    in_degrees: bool | None = None,
+) -> Recording:
+    """Reads markers (meters in world) or joint coordinates (radians and meters), whichever the file
+    holds, with notes.
+
+    Args:
+        path: the file.
+        unit: of lengths, "m", "cm" or "mm", where the file is wrong or silent.
+        up: lab axis of the markers that points up.
+        in_degrees: whether the coordinates' angles are in degrees.
+
+    Raises:
+        LegsimError: the file is of no known kind, damaged, or not what a body does; or an option is
+            given that cannot apply to it.
+    """
+    return resolve(path, read_raw(path), unit=unit, up=up, in_degrees=in_degrees)
+
+
+def resolve(
+    path: Path | str,
+    raw: RawRecording,
+    *,
+    unit: str | None = None,
+    up: str | None = None,
+    in_degrees: bool | None = None,
+) -> Recording:
+    """What :func:`read_raw` read, in SI in world: the second half of :func:`read_recording`.
+
+    Raises:
+        LegsimError: as :func:`read_recording`.
+    """
+    given = {"unit": unit, "up": up, "angles": in_degrees}
+    if isinstance(raw, MarkerTrajectories):
+        refuse_options(path, given, "a table of markers, in meters with y up")
+        return Recording(raw)
+    if isinstance(raw, RawCoordinates):
+        if raw.place == "column names":
+            refuse_options(path, given, "a table whose columns name their units")
+        refuse_options(path, {"up": up}, "joint coordinates, not markers")
+        return Recording(*raw.to_plausible_motion(in_degrees=in_degrees, unit=unit))
+    refuse_options(path, {"angles": in_degrees}, "markers, not joint coordinates")
+    motion = raw.to_motion(unit=unit, up=up)
+    vertical = raw.vertical(up, unit=unit)
+    said = f"lengths in {raw.resolved_unit(unit)}, {vertical.axis} up ({vertical.reason})"
+    return Recording(motion, (said, *raw.notes))
+
+
+def refuse_options(path: Path | str, options: dict[str, Any], what: str) -> None:
+    """Refuses options that are given, that is not None, for a file that holds ``what``.
+
+    Raises:
+        LegsimError: names the options.
+    """
+    given = [name for name, value in options.items() if value is not None]
+    if given:
+        raise file_error(
+            path,
+            f"holds {what}: {' and '.join(given)} cannot apply",
+            f"leave out {' and '.join(given)}",
+        )
 
 
 def load_recording(
@@ -20,21 +153,8 @@ def load_recording(
     up: str | None = None,
     in_degrees: bool | None = None,
 ) -> MarkerTrajectories | JointTrajectories:
-    """Reads markers (meters in world) or joint coordinates (radians and meters), whichever the file
-    holds.
-
-    ``unit`` and ``up`` override what a marker file says, ``in_degrees`` what a coordinate file
-    says.
-
-    Raises:
-        LegsimError: the file is of no known kind, or damaged.
-    """
-    found = kind(path)
-    if found == "storage":
-        return opensim.load(path, in_degrees=in_degrees)
-    if found == "csv":
-        return csv.load(path)
-    return read_markers(path).to_motion(unit=unit, up=up)
+    """The value of :func:`read_recording`, without its notes."""
+    return read_recording(path, unit=unit, up=up, in_degrees=in_degrees).value
 
 
 def load_markers(
@@ -45,59 +165,63 @@ def load_markers(
     Raises:
         LegsimError: the file is no marker file, or damaged.
     """
-    found = load_recording(path, unit=unit, up=up)
-    if not isinstance(found, MarkerTrajectories):
+    return read_markers(path, unit=unit, up=up)[0]
+
+
+def read_markers(
+    path: Path | str, *, unit: str | None = None, up: str | None = None
+) -> tuple[MarkerTrajectories, tuple[str, ...]]:
+    """Reads markers as meters in world, with the reader's notes.
+
+    Raises:
+        LegsimError: as :func:`load_markers`.
+    """
+    found = read_recording(path, unit=unit, up=up)
+    if not isinstance(found.value, MarkerTrajectories):
         raise file_error(
-            path, "holds joint coordinates, not markers", "give a marker file (.trc, .c3d)"
+            path, "holds joint coordinates, not markers", "give a marker file (.trc, .c3d, .csv)"
         )
-    return found
+    return found.value, found.notes
 
 
 def save_recording(
     path: Path | str, recording: MarkerTrajectories | JointTrajectories, *, in_degrees: bool = False
 ) -> None:
-    """Writes markers (.trc, .csv) or joint coordinates (.mot, .sto, .csv), by the ending of the
-    name; .mot and .sto also ``in_degrees``.
+    """Writes markers or joint coordinates in the format that the ending of the name says.
 
     Raises:
         LegsimError: the ending does not fit what is to be written.
     """
-    ending = Path(path).suffix.lower()
-    if isinstance(recording, MarkerTrajectories) and ending in (".trc", ".csv"):
-        (trc.save if ending == ".trc" else csv.save_markers)(path, recording)
-    elif isinstance(recording, JointTrajectories) and ending in (".mot", ".sto"):
-        opensim.save(path, recording, in_degrees=in_degrees)
-    elif isinstance(recording, JointTrajectories) and ending == ".csv" and not in_degrees:
-        csv.save_coordinates(path, recording)
-    else:
-        what, endings = (
-            ("markers", ".trc or .csv")
-            if isinstance(recording, MarkerTrajectories)
-            else ("joint coordinates", ".mot, .sto or .csv")
-        )
-        what, endings = ("degrees", ".mot or .sto") if in_degrees else (what, endings)
-        raise file_error(
-            path,
-            f"{what} cannot be written as {ending or 'a file without ending'}",
-            f"end the name in {endings}",
-        )
+    path = Path(path)
+    markers = isinstance(recording, MarkerTrajectories)
+    writer = "write_degrees" if in_degrees else "write_markers" if markers else "write_coordinates"
+    able = [f for f in FORMATS if getattr(f, writer) and not (markers and in_degrees)]
+    for form in able:
+        if path.suffix.lower() in form.suffixes:
+            getattr(form, writer)(path, recording)
+            return
+    what = "markers" if markers else "joint coordinates"
+    if markers and in_degrees:
+        raise LegsimError(f"{path}: {what} are no angles, to be written in degrees; leave it out")
+    raise file_error(
+        path,
+        f"{'degrees' if in_degrees else what} cannot be written as "
+        f"{path.suffix.lower() or 'a file without ending'}",
+        f"end the name in {_listed([suffix for form in able for suffix in form.suffixes], 'or')}",
+    )
 
 
-def read_markers(path: Path | str) -> RawMarkers:
-    """Reads the markers of a TRC or C3D file as they are in it, with notes about what the reader
-    put right.
+def read_raw(path: Path | str) -> RawRecording:
+    """Reads what a file of any format holds, as it is in it.
 
     Raises:
-        LegsimError: the file is neither, or damaged.
+        LegsimError: the file is of no known kind, or damaged.
     """
-    found = kind(path)
-    if found not in ("c3d", "trc"):
-        raise file_error(path, "is neither TRC nor C3D", "give a marker file (.trc, .c3d)")
-    return c3d.read(path) if found == "c3d" else trc.read(path)
+    return format_of(path).read(Path(path))
 
 
-def kind(path: Path | str) -> str:
-    """ "trc", "c3d" or "storage": by the first bytes, by the name's ending where they do not tell.
+def format_of(path: Path | str) -> Format:
+    """The format of a file: by the first bytes, by the name's ending where they do not tell.
 
     Raises:
         LegsimError: neither tells.
@@ -108,24 +232,23 @@ def kind(path: Path | str) -> str:
             start = file.read(4096)
     except OSError as error:
         raise file_error(path, f"cannot be read ({error.strerror})", "check the path") from error
-    if len(start) > 1 and start[1] == 0x50 and 2 <= start[0] < 32:
-        return "c3d"
-    text = start.decode("latin-1").removeprefix("\xef\xbb\xbf").lstrip(" \t\r\n\"'").lower()
-    if text.startswith("pathfiletype"):
-        return "trc"
-    if text.startswith("time_s,"):
-        return "csv"
-    if re.search(r"^\s*endheader\s*$", text, re.M):
-        return "storage"
-    by_ending = {
-        ".trc": "trc",
-        ".c3d": "c3d",
-        ".mot": "storage",
-        ".sto": "storage",
-        ".csv": "csv",
-    }.get(path.suffix.lower())
-    if by_ending is None:
-        raise file_error(
-            path, "is no recording that can be told by its first bytes or its name", _CURE
-        )
-    return by_ending
+    for form in FORMATS:
+        if form.begins(start):
+            return form
+    for form in FORMATS:
+        if path.suffix.lower() in form.suffixes:
+            return form
+    raise file_error(
+        path,
+        "is no recording that can be told by its first bytes or its name",
+        f"give a {known_suffixes()} file",
+    )
+
+
+def known_suffixes() -> str:
+    """The endings of all formats, for messages."""
+    return _listed([suffix for form in FORMATS for suffix in form.suffixes], "or")
+
+
+def _listed(words: list[str], last: str) -> str:
+    return f"{', '.join(words[:-1])} {last} {words[-1]}" if len(words) > 1 else words[0]

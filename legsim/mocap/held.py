@@ -43,11 +43,12 @@ def find_held(positions: FloatArray, dt: float) -> BoolArray:
     """True (n, m) for the samples of markers (n, m, 3) in meters, ``dt`` seconds apart, that only
     repeat the sample before; the first of equal samples is kept.
     """
-    same = np.zeros(positions.shape[:2], bool)
+    samples, count = len(positions), positions.shape[1]
+    same = np.zeros((samples, count), bool)
     same[1:] = (positions[1:] == positions[:-1]).all(-1)
     held = np.zeros_like(same)
-    for k in np.flatnonzero(same.any(0)):
-        others = np.delete(np.arange(same.shape[1]), k)
+    for k in map(int, np.flatnonzero(same.any(0))):
+        others = np.delete(np.arange(count), k)
         stretches = runs(same[:, k])
         short = sum(last - first + 1 < FEWEST for first, last in stretches)
         coarse = short > FEW_SHORT * len(same)

@@ -6,6 +6,7 @@ motion files are older and in degrees without saying so.
 
 import math
 import re
+from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -14,13 +15,14 @@ import numpy as np
 from legsim.core import files
 from legsim.core.errors import LegsimError, file_error
 from legsim.core.values import FloatArray
+from legsim.mocap._cells import decimals, number
+from legsim.mocap.coordinates import RawCoordinates, is_of_leg, is_rotation
 from legsim.mocap.trajectories import JointTrajectories
 
 _EXPORT_AGAIN = "write the file again from OpenSim"
 
-_TRANSLATION = re.compile(r".*_t[xyz]")
-
-_COUPLED = re.compile(r".*_beta")
+_FEW_DIGITS = 5
+"""after the point of a second: more are exact enough to be differentiated twice"""
 
 _STATE = re.compile(r"(?:.*/)?([^/]+)/value")
 
@@ -35,40 +37,44 @@ class _Header:
 
 
 def load(path: Path | str, *, in_degrees: bool | None = None) -> JointTrajectories:
-    """Reads joint coordinates as radians and meters.
-
-    Of a file of states (columns such as ``/jointset/knee_r/knee_angle_r/value``) the values are
-    read under the coordinates' names. In degrees are the rotations only: not the pelvis
-    translations (``*_tx, *_ty, *_tz``), and not the coupled coordinates (``*_beta``), which OpenSim
-    leaves in radians.
+    """Reads joint coordinates as radians and meters, as the header says they are.
 
     Args:
+        path: the file.
         in_degrees: overrides the header's inDegrees.
 
     Raises:
         LegsimError: the file is not storage, does not say its unit, or a row does not fit.
     """
+    return read(path).to_motion(in_degrees=in_degrees)
+
+
+def read(path: Path | str) -> RawCoordinates:
+    """Reads joint coordinates in the file's own units, with notes about what was left out.
+
+    Of a file of states (columns such as ``/jointset/knee_r/knee_angle_r/value``) the values are
+    read under the coordinates' names. Columns that are no coordinate of the leg may be there twice
+    or hold NaN: then they are left out.
+
+    Raises:
+        LegsimError: the file is not storage, or a row does not fit.
+    """
     path = Path(path)
     lines = files.read(path, "storage")
     header = _header(path, lines)
     names, first_row = _column_names(path, lines, header)
-    table = _table(path, lines, first_row, len(names), header)
+    table, row_notes = _table(path, lines, first_row, names, header)
     _check_times(path, table[:, 0])
-    kept, coordinates = _coordinates(path, names)
-    values = table[:, kept]
-    rotations = [k for k, name in enumerate(coordinates) if is_rotation(name)]
-    degrees = header.degrees if in_degrees is None else in_degrees
-    if degrees is None:
-        cure = "write inDegrees=yes or inDegrees=no into the header (in Python: give in_degrees)"
-        raise file_error(
-            path,
-            "the header does not say whether angles are in degrees",
-            cure,
-            place=f"line {header.end + 1}",
-        )
-    if degrees:
-        values[:, rotations] = np.deg2rad(values[:, rotations])
-    return JointTrajectories(table[:, 0], coordinates, values)
+    kept, coordinates, column_notes = _coordinates(path, names, table)
+    return RawCoordinates(
+        str(path),
+        _full_times(table[:, 0], lines, first_row),
+        coordinates,
+        table[:, kept],
+        header.degrees,
+        f"line {header.end + 1}",
+        (*row_notes, *column_notes),
+    )
 
 
 def save(path: Path | str, trajectories: JointTrajectories, *, in_degrees: bool = False) -> None:
@@ -105,11 +111,6 @@ def save(path: Path | str, trajectories: JointTrajectories, *, in_degrees: bool 
         rotations = [k for k, name in enumerate(trajectories.coordinate_names) if is_rotation(name)]
         values[:, rotations] = np.rad2deg(values[:, rotations])
     files.write_text(path, _text(trajectories, values, in_degrees))
-
-
-def is_rotation(coordinate: str) -> bool:
-    """Whether OpenSim converts a coordinate of this name between degrees and radians."""
-    return not (_TRANSLATION.fullmatch(coordinate) or _COUPLED.fullmatch(coordinate))
 
 
 def _text(trajectories: JointTrajectories, values: FloatArray, in_degrees: bool) -> str:
@@ -171,7 +172,7 @@ def _column_names(path: Path, lines: list[str], header: _Header) -> tuple[list[s
         raise file_error(
             path, "no column names follow endheader", _EXPORT_AGAIN, place=f"line {header.end + 1}"
         )
-    names = lines[start].split()
+    names = _split_names(lines, start)
     if names[0].lower() != "time":
         raise file_error(
             path,
@@ -186,17 +187,33 @@ def _column_names(path: Path, lines: list[str], header: _Header) -> tuple[list[s
     return names, start + 1
 
 
-def _table(path: Path, lines: list[str], first: int, columns: int, header: _Header) -> FloatArray:
-    """(rows, columns) of numbers, all finite."""
+def _split_names(lines: list[str], start: int) -> list[str]:
+    """Column names in line ``start``: by white space, or by tabs where only so there are as many as
+    numbers in the row below.
+    """
+    names = lines[start].split()
+    row = next((line.split() for line in lines[start + 1 :] if line.strip()), [])
+    by_tabs = [name.strip() for name in lines[start].split("\t") if name.strip()]
+    return by_tabs if len(by_tabs) == len(row) != len(names) else names
+
+
+def _table(
+    path: Path, lines: list[str], first: int, names: list[str], header: _Header
+) -> tuple[FloatArray, tuple[str, ...]]:
+    """(rows, columns) of numbers, finite in time and in all coordinates of the leg, and a note on a
+    header that counts other rows or columns.
+    """
     rows, places = [], []
     for k in range(first, len(lines)):
         cells = lines[k].split()
         if not cells:
             continue
-        if len(cells) != columns:
-            problem = f"the row holds {len(cells)} numbers where {columns} columns have names"
+        if len(cells) != len(names):
+            problem = f"the row holds {len(cells)} numbers where {len(names)} columns have names"
             raise file_error(path, problem, _EXPORT_AGAIN, place=f"line {k + 1}")
-        rows.append([_number(path, k + 1, cell) for cell in cells])
+        rows.append(
+            [_number(path, k + 1, cell, name) for cell, name in zip(cells, names, strict=True)]
+        )
         places.append(k + 1)
     if not rows:
         raise file_error(path, "there is no row of data", _EXPORT_AGAIN, place=f"line {first + 1}")
@@ -205,15 +222,21 @@ def _table(path: Path, lines: list[str], first: int, columns: int, header: _Head
         raise file_error(
             path, problem, "copy the file again, or delete its last row", place=f"line {places[-1]}"
         )
-    return np.array(rows)
+    notes = [
+        f"the header says {said} {what}; {there} are there and read"
+        for said, there, what in (
+            (header.rows, len(rows), "rows"),
+            (header.columns, len(names), "columns"),
+        )
+        if said is not None and said != there
+    ]
+    return np.array(rows), tuple(notes)
 
 
-def _number(path: Path, line: int, text: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not math.isfinite(value) or "_" in text:
+def _number(path: Path, line: int, text: str, name: str) -> float:
+    """The number in a cell; NaN only in columns that are no coordinate of the leg."""
+    value = number(text)
+    if value is None or (math.isnan(value) and (name == "time" or _is_needed(name))):
         raise file_error(
             path,
             f"{text[:40]!r} is not a finite number",
@@ -221,6 +244,25 @@ def _number(path: Path, line: int, text: str) -> float:
             place=f"line {line}",
         )
     return value
+
+
+def _is_needed(column: str) -> bool:
+    """Whether a column is a coordinate of the leg, or its value in a file of states."""
+    state = _STATE.fullmatch(column)
+    return is_of_leg(state[1] if state else column)
+
+
+def _full_times(times: FloatArray, lines: list[str], first: int) -> FloatArray:
+    """Even times where these explain times of few digits, else the times as they are."""
+    digits = max(decimals(line.split()[0]) for line in lines[first:] if line.strip())
+    if len(times) < 10 or digits > _FEW_DIGITS:
+        return times
+    # of the even times that start and end within a digit, those that are nowhere farther off
+    even = np.linspace(times[0], times[-1], len(times))
+    error = even - times
+    even = even - (error.max() + error.min()) / 2
+    worst = float(np.abs(even - times).max())
+    return even if 1e-9 < worst <= 1.001 * 10.0**-digits else times
 
 
 def _check_times(path: Path, times: FloatArray) -> None:
@@ -231,16 +273,28 @@ def _check_times(path: Path, times: FloatArray) -> None:
         raise file_error(path, problem, "delete the repeated row", place=f"row {k + 2} of the data")
 
 
-def _coordinates(path: Path, names: list[str]) -> tuple[list[int], tuple[str, ...]]:
-    """(columns kept, their coordinate names): of a file of states the values alone, otherwise all
-    but time.
+def _coordinates(
+    path: Path, names: list[str], table: FloatArray
+) -> tuple[list[int], tuple[str, ...], tuple[str, ...]]:
+    """(columns kept, their coordinate names, notes): of a file of states the values alone,
+    otherwise all but time.
     """
     states = [(k, match[1]) for k, name in enumerate(names) if (match := _STATE.fullmatch(name))]
-    kept = states or [(k, name) for k, name in enumerate(names)][1:]
-    coordinates = tuple(name for _, name in kept)
-    doubles = sorted({name for name in coordinates if coordinates.count(name) > 1})
-    if doubles:
+    columns = states or [(k, name) for k, name in enumerate(names)][1:]
+    count = Counter(name for _, name in columns)
+    doubles = [name for name in count if count[name] > 1]
+    needed = [name for name in doubles if is_of_leg(name)]
+    if needed:
         raise LegsimError(
-            f"{path} (column names): {doubles[0]} is there twice; keep one of the columns"
+            f"{path} (column names): {needed[0]} is there twice; keep one of the columns"
         )
-    return [k for k, _ in kept], coordinates
+    void = [name for k, name in columns if count[name] == 1 and np.isnan(table[:, k]).any()]
+    kept = [(k, name) for k, name in columns if count[name] == 1 and name not in void]
+    notes = [
+        f"left out, being no coordinates of the leg {why}: {', '.join(left)}"
+        for left, why in ((doubles, "and there twice"), (void, "and not numbers throughout"))
+        if left
+    ]
+    if not kept:
+        raise file_error(path, "no column is there once", _EXPORT_AGAIN, place="column names")
+    return [k for k, _ in kept], tuple(name for _, name in kept), tuple(notes)

@@ -73,7 +73,7 @@ def _cut(positions: FloatArray, seen: NDArray[np.intp], dt: float) -> tuple[_Pie
     """
     gap = np.diff(seen)
     velocity = np.diff(positions[seen], axis=0) / gap[:, None]
-    distance = np.linalg.norm(velocity - _neighbors_median(velocity), axis=1) * gap
+    distance = np.linalg.norm(velocity - neighbors_median(velocity), axis=1) * gap
     adjacent = distance[gap == 1]
     own = np.quantile(adjacent, 0.9) if adjacent.size else 0.0
     threshold = max(MIN_STEP + IMPACT * dt**2, SMOOTHNESS * float(own))
@@ -86,7 +86,7 @@ def _cut(positions: FloatArray, seen: NDArray[np.intp], dt: float) -> tuple[_Pie
     return _Pieces(starts, ends, 0.2 + 1.5 * float(np.quantile(speeds, 0.95)), threshold), deviation
 
 
-def _neighbors_median(velocity: FloatArray) -> FloatArray:
+def neighbors_median(velocity: FloatArray) -> FloatArray:
     """Median of each step's neighbors (n, 3), the step itself left out."""
     n = len(velocity)
     offsets = np.r_[-NEIGHBORS:0, 1 : NEIGHBORS + 1]

@@ -21,6 +21,7 @@ def solve(motion: MotionConfig, *, filter_coordinates: bool = False) -> MovingLe
         marker_noise=1e-3 * motion.marker_noise_mm,
         scale_from=motion.scaling_file or None,
         filter_coordinates=filter_coordinates,
+        in_degrees=None if motion.angles == "file" else motion.angles == "degrees",
     )
 
 

@@ -55,7 +55,7 @@ def test_the_header_tells_names_and_units(tmp_path):
     ("time_s,a_rad\n0\n", r"line 2\): the row holds 1 cells where the header has 2"),
     ("time_s,a_rad\n0,one\n", r"line 2\): 'one' is not a number"),
     ("time_s,a_rad\n0,\n", r"row 1\): a coordinate is not a number"),
-    ("time_s,a_rad\n0,1\n0,1\n", "must increase strictly; .* repair the table"),
+    ("time_s,a_rad\n0,1\n0,1\n", "must increase strictly: .* repair the table"),
     ("", "the file is empty"),
 ])  # fmt: skip
 def test_what_is_no_such_table_is_refused(tmp_path, text, message):

@@ -11,7 +11,8 @@ import pytest
 from legsim.core.errors import LegsimError
 from legsim.mocap import files as mocap_files
 from legsim.mocap import opensim, trc
-from legsim.mocap.files import load_markers, read_markers
+from legsim.mocap.files import load_markers, read_raw
+from legsim.mocap.raw import RawMarkers
 from legsim.mocap.trajectories import JointTrajectories, MarkerTrajectories
 from tests.references.c3d import c3d_bytes
 
@@ -29,11 +30,11 @@ def odd_files() -> list[tuple[str, str]]:
 def test_the_content_decides_and_not_the_name(tmp_path, name):
     path = tmp_path / name
     trc.save(path, MOTION)
-    assert mocap_files.kind(path) == "trc"
+    assert mocap_files.format_of(path).name == "TRC"
     path.write_bytes(c3d_bytes(MOTION.positions_world, MOTION.marker_names))
-    assert mocap_files.kind(path) == "c3d"
+    assert mocap_files.format_of(path).name == "C3D"
     opensim.save(path, ANGLES)
-    assert mocap_files.kind(path) == "storage"
+    assert mocap_files.format_of(path).name == "storage"
 
 
 def test_markers_and_coordinates_are_loaded_by_one_call(tmp_path):
@@ -60,7 +61,8 @@ def test_what_is_saved_by_its_name_is_loaded_as_it_was(tmp_path, name, recording
     np.testing.assert_array_equal(again.times, recording.times)
     if isinstance(recording, MarkerTrajectories):
         np.testing.assert_array_equal(
-            load_markers(tmp_path / name, up="y").positions_world, recording.positions_world
+            load_markers(tmp_path / name, up="y" if name.endswith("trc") else None).positions_world,
+            recording.positions_world,
         )
     else:
         assert isinstance(again, JointTrajectories)
@@ -80,12 +82,6 @@ def test_a_name_that_does_not_fit_is_refused(tmp_path, name, recording, cure):
         mocap_files.save_recording(tmp_path / name, recording)
 
 
-def test_raw_markers_come_from_marker_formats_alone(tmp_path):
-    mocap_files.save_recording(tmp_path / "a.csv", MOTION)
-    with pytest.raises(LegsimError, match="is neither TRC nor C3D"):
-        read_markers(tmp_path / "a.csv")
-
-
 def test_markers_alone_refuse_coordinates(tmp_path):
     path = tmp_path / "motion.mot"
     opensim.save(path, ANGLES)
@@ -96,8 +92,8 @@ def test_markers_alone_refuse_coordinates(tmp_path):
 
 
 @pytest.mark.parametrize(("name", "content", "message"), [
-    ("x.txt", b"a,b\n1,2\n", ("no recording that can be told by its first bytes or its name; give a marker "
-        "file")),
+    ("x.txt", b"a,b\n1,2\n", ("no recording that can be told by its first bytes or its name; give a .c3d, .trc, "
+        ".mot, .sto or .csv file")),
     ("x.trc", b"a,b\n1,2\n", "should start with PathFileType"),
     ("x.csv", b"a,b\n1,2\n", "the header starts with 'a'"),
     ("x.c3d", b"", "the file is empty"),
@@ -133,7 +129,8 @@ def test_an_odd_file_becomes_what_the_table_says(shared_data, name, outcome):
 def describe(path: Path) -> str:
     """What becomes of a file, in the words of the table."""
     try:
-        raw = read_markers(path)
+        raw = read_raw(path)
+        assert isinstance(raw, RawMarkers)
         motion = raw.to_motion()
     except LegsimError as error:
         return "refused" + str(error).removeprefix(str(path)).replace("|", "\\|")
@@ -173,4 +170,31 @@ def test_an_independent_reader_finds_the_same_numbers(shared_data, name):
     ezc3d = pytest.importorskip("ezc3d")
     path = shared_data / "mocap" / name
     theirs = np.moveaxis(ezc3d.c3d(str(path))["data"]["points"][:3], [0, 1, 2], [2, 1, 0])
-    np.testing.assert_allclose(read_markers(path).positions, theirs, atol=1e-3)
+    np.testing.assert_allclose(read_raw(path).positions, theirs, atol=1e-3)
+
+
+@pytest.mark.parametrize(("name", "recording", "options", "message"), [
+    ("a.csv", MOTION, {"unit": "mm", "up": "z"}, "in meters with y up: unit and up cannot apply; leave out unit and up"),
+    ("a.csv", ANGLES, {"unit": "mm"}, "whose columns name their units: unit cannot apply"),
+    ("a.csv", ANGLES, {"in_degrees": True}, "whose columns name their units: angles cannot apply"),
+    ("a.mot", ANGLES, {"up": "z"}, "joint coordinates, not markers: up cannot apply"),
+    ("a.trc", MOTION, {"in_degrees": True}, "markers, not joint coordinates: angles cannot apply"),
+])  # fmt: skip
+def test_an_option_that_cannot_apply_is_refused(tmp_path, name, recording, options, message):
+    mocap_files.save_recording(tmp_path / name, recording)
+    with pytest.raises(LegsimError, match=message):
+        mocap_files.load_recording(tmp_path / name, **options)
+
+
+def test_a_table_is_read_once(tmp_path, monkeypatch):
+    mocap_files.save_recording(tmp_path / "a.csv", ANGLES)
+    reads = []
+    read = Path.read_bytes
+    monkeypatch.setattr(Path, "read_bytes", lambda path: reads.append(path) or read(path))
+    mocap_files.load_recording(tmp_path / "a.csv")
+    assert len(reads) == 1
+
+
+def test_no_two_formats_share_an_ending():
+    suffixes = [suffix for form in mocap_files.FORMATS for suffix in form.suffixes]
+    assert len(set(suffixes)) == len(suffixes)

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from legsim.core.errors import LegsimError
 from legsim.mocap import opensim as mocap_opensim
-from legsim.mocap.opensim import is_rotation
+from legsim.mocap.coordinates import is_rotation
 from legsim.mocap.trajectories import JointTrajectories
 
 FIXTURES_ARE_SAFE = settings(

@@ -5,16 +5,8 @@ import pytest
 
 from legsim.core.errors import LegsimError
 from legsim.mocap import raw as mocap_raw
-from legsim.mocap.raw import WORLD_FROM_LAB, RawMarkers, not_seen_as_nan
-
-BODY = {
-    "RANK": (0.2, 0.1, 0.1),
-    "LANK": (0.2, 0.1, -0.1),
-    "RKNE": (0.25, 0.5, 0.15),
-    "RASI": (0.3, 0.95, 0.1),
-    "LASI": (0.3, 0.95, -0.1),
-    "C7": (0.1, 1.4, 0),
-}
+from legsim.mocap.raw import RawMarkers, not_seen_as_nan
+from legsim.mocap.vertical import WORLD_FROM_LAB
 
 
 def raw(positions, labels, *, unit="m", up="", usual_up="y"):
@@ -22,12 +14,6 @@ def raw(positions, labels, *, unit="m", up="", usual_up="y"):
     return RawMarkers(
         "trial", np.arange(len(positions)) / 100, tuple(labels), positions, unit, up, usual_up
     )
-
-
-def body(axis: str, **options) -> RawMarkers:
-    """Somebody standing in a lab whose ``axis`` points up."""
-    world = np.array(list(BODY.values())) + np.linspace(0, 0.01, 5)[:, None, None]
-    return raw(world @ WORLD_FROM_LAB[axis], BODY, **options)
 
 
 @pytest.mark.parametrize("axis", WORLD_FROM_LAB)
@@ -45,13 +31,6 @@ def test_z_up_becomes_y_up_by_x_z_minus_y():
     )
 
 
-@pytest.mark.parametrize("axis", WORLD_FROM_LAB)
-@pytest.mark.parametrize("said", ["", "y", "-z"])
-def test_named_markers_on_a_body_tell_what_is_up_whatever_the_file_says(axis, said):
-    found = body(axis, up=said).to_motion()
-    np.testing.assert_allclose(found.positions_world[0], list(BODY.values()), atol=1e-12)
-
-
 @pytest.mark.parametrize("axis", ["y", "z"])
 @pytest.mark.parametrize("usual", ["y", "z"])
 def test_unknown_names_on_the_floor_tell_it_too(axis, usual, rng):
@@ -59,22 +38,6 @@ def test_unknown_names_on_the_floor_tell_it_too(axis, usual, rng):
     cloud[:, 0, 1] = 0.03
     found = raw(cloud @ WORLD_FROM_LAB[axis], [f"P{k}" for k in range(12)], usual_up=usual)
     assert found.resolved_up() == axis
-
-
-@pytest.mark.parametrize(("height", "up"), [(0.8, "z"), (1.7, "y")])
-def test_a_word_of_the_file_goes_before_the_floor_unless_somebody_stands_elsewhere(rng, height, up):
-    cloud = rng.uniform([-1.5, 0, -1.8], [-0.5, height, -0.9], (5, 40, 3))
-    cloud[:, 0, 1], cloud[:, 1, 1] = 0.03, height
-    assert raw(cloud, [f"P{k}" for k in range(40)], up="z").resolved_up() == up
-
-
-@pytest.mark.parametrize(("label", "level"), [
-    ("Subject:LANK", 0), ("R.Toe.Tip", 0), ("r_5meta", 0), ("RCAL", 0), ("RKNE", 1), ("R.Knee.Lat", 1), ("RLFC", 1), ("l_asis", 2),
-    ("V.Sacral", 2), ("RPSI", 2), ("C7", 3), ("RSHO", 3), ("LFHD", 4), ("Top.Head", 4), ("RELB", None), ("*17", None),
-    ("T8#2", 3), ("", None),
-])  # fmt: skip
-def test_names_tell_their_height_on_the_body(label, level):
-    assert mocap_raw.level(label) == level
 
 
 def test_partly_known_zero_and_infinite_positions_are_not_seen():
