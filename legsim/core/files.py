@@ -112,13 +112,14 @@ def whole(path: Path | str) -> Iterator[Path]:
 
 
 def write_text(path: Path | str, text: str) -> None:
-    """Writes a whole UTF-8 text file, its lines as they are.
+    """Writes a whole UTF-8 text file, its lines as they are; what cannot be encoded, from a file's
+    name that is no UTF-8, becomes "?".
 
     Raises:
         LegsimError: as :func:`whole`.
     """
     with whole(path) as partial:
-        partial.write_text(text, "utf-8", newline="\n")
+        partial.write_text(text, "utf-8", "replace", "\n")
 
 
 def write_bytes(path: Path | str, content: bytes) -> None:

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from legsim.core import files
-from legsim.core.errors import file_error
+from legsim.core.errors import file_error, printable
 from legsim.mocap._cells import number
 from legsim.mocap._trc_times import TimeColumn, row_times
 from legsim.mocap.raw import RawMarkers
@@ -126,7 +126,7 @@ def save(path: Path | str, motion: MarkerTrajectories) -> None:
         raise file_error(
             path, "there is no marker or no sample to write", "save a motion that has both"
         )
-    files.write_text(path, _text(Path(path).name, motion))
+    files.write_text(path, _text(printable(Path(path).name), motion))
 
 
 def _text(name: str, motion: MarkerTrajectories) -> str:

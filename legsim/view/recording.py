@@ -4,14 +4,18 @@ not at all.
 
 import dataclasses
 import hashlib
+import shutil
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
+from legsim.core.errors import printable
 from legsim.core.files import whole
 from legsim.scene.values import ReplayScene, ScanScene
 from legsim.view import curves, layout, motion
@@ -71,13 +75,26 @@ def _record_replay(recorder: Recorder, scene: ReplayScene) -> None:
 
 
 def _write(path: Path, scene: ReplayScene | ScanScene) -> None:
-    with whole(path) as partial:
+    with whole(path) as partial, _encodable(partial) as target:
         stream = new_stream(scene)
         try:
-            stream.save(partial, default_blueprint=blueprint(scene))
+            stream.save(target, default_blueprint=blueprint(scene))
             record(stream, scene)
         finally:
             stream.disconnect()  # writes all that waits and the footer
+
+
+@contextmanager
+def _encodable(path: Path) -> Iterator[Path]:
+    """A path that rerun can open: ``path``, or, where its name is no UTF-8, one in a temporary
+    folder whose file is moved there at the end.
+    """
+    if printable(path) == str(path):
+        yield path
+        return
+    with TemporaryDirectory() as folder:
+        yield (target := Path(folder) / "recording.rrd")
+        shutil.move(target, path)
 
 
 def content_id(value: Any) -> str:

@@ -352,7 +352,7 @@ def converted(source, out, **changes):
 def test_markers_go_through_every_format_to_the_last_bit(tmp_path):
     source = from_recording.find_recording("subject01/squat_30.trc")
     lines = converted(source, tmp_path / "a.csv")
-    assert lines[0] == "lengths in mm, y up"
+    assert lines[0] == "lengths in mm, y up (the body is upright along it)"
     assert lines[-1] == f"2400 samples of 7 markers (m, y up): {tmp_path / 'a.csv'}"
     converted(tmp_path / "a.csv", tmp_path / "new" / "b.trc")
     first, last = (
@@ -408,3 +408,25 @@ def test_degrees_are_not_written_into_tables(tmp_path):
         match=r"/b\.csv: degrees cannot be written as \.csv; end the name in \.mot or \.sto",
     ):
         converted(tmp_path / "a.mot", tmp_path / "b.csv", in_degrees=True)
+
+
+def test_a_conversion_never_writes_over_what_it_reads(tmp_path):
+    source = tmp_path / "a.mot"
+    opensim.save(source, JointTrajectories([0.0, 0.1], ("knee_angle_r",), [[0.1], [0.2]]))
+    content = source.read_bytes()
+    (tmp_path / "soft.mot").symlink_to(source)
+    (tmp_path / "hard.mot").hardlink_to(source)
+    for out in (source, tmp_path / "soft.mot", tmp_path / "hard.mot", tmp_path / "." / "a.mot"):
+        with pytest.raises(LegsimError, match="is the file that is read; give --out another name"):
+            converted(source, out)
+    assert source.read_bytes() == content
+
+
+def test_a_conversion_refuses_options_that_cannot_apply(tmp_path):
+    opensim.save(tmp_path / "a.mot", JointTrajectories([0.0, 0.1], ("pelvis_tx",), [[0.1], [0.2]]))
+    with pytest.raises(LegsimError, match="joint coordinates, not markers: up cannot apply"):
+        converted(tmp_path / "a.mot", tmp_path / "b.mot", up="z")
+    converted(tmp_path / "a.mot", tmp_path / "b.csv", unit="mm")
+    assert (tmp_path / "b.csv").read_text() == "time_s,pelvis_tx_m\n0.0,0.0001\n0.1,0.0002\n"
+    with pytest.raises(LegsimError, match="columns name their units: unit cannot apply"):
+        converted(tmp_path / "b.csv", tmp_path / "c.csv", unit="mm")

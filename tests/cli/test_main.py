@@ -227,3 +227,31 @@ def test_a_warning_is_told_once_whatever_its_numbers(capsys, monkeypatch):
     assert told.count("short scan") == 1
     assert "197.6" in told
     assert "full disk" in told
+
+
+@pytest.mark.parametrize("folder", ["x[/b]", "[red]", ":warning:", "end\\\\"])
+def test_paths_are_printed_as_they_are(folder, tmp_path, capsys):
+    (tmp_path / folder).mkdir(parents=True)
+    source = tmp_path / folder / "a.csv"
+    source.write_text("time_s,knee_angle_r_rad\n0,0.1\n0.1,0.2\n")
+    out = tmp_path / folder / "b.csv"
+    with pytest.raises(SystemExit) as caught:
+        cli_main.main(["convert", str(source), "--out", str(out)])
+    assert caught.value.code == 0
+    assert capsys.readouterr().out == f"2 samples of 1 joint coordinates: {out}\n"
+
+
+def test_a_name_that_is_no_utf8_is_read_written_and_printed(tmp_path):
+    source, out = (
+        os.fsdecode(os.fsencode(tmp_path) + name) for name in (b"/\xff.csv", b"/\xfe.mot")
+    )
+    with open(source, "w") as stream:
+        stream.write("time_s,knee_angle_r_rad\n0,0.1\n0.1,0.2\n")
+    done = subprocess.run(
+        [sys.executable, "-m", "legsim", "convert", source, "--out", out],
+        capture_output=True,
+        check=False,
+    )
+    assert (done.returncode, done.stderr) == (0, b"")
+    assert done.stdout.startswith(b"2 samples of 1 joint coordinates: ")
+    assert os.path.exists(out)

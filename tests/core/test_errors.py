@@ -1,4 +1,8 @@
+import os
+from pathlib import Path
+
 from legsim.core import errors
+from legsim.core.errors import file_error, printable
 
 
 def test_the_line_names_file_place_problem_and_cure():
@@ -7,3 +11,10 @@ def test_the_line_names_file_place_problem_and_cure():
         == "a.trc (line 3): no number; mend it"
     )
     assert str(errors.file_error("a.trc", "no number", "mend it")) == "a.trc: no number; mend it"
+
+
+def test_a_name_that_is_no_utf8_becomes_text_that_can_be_encoded():
+    name = os.fsdecode(b"bad\xff.trc")
+    assert printable(name) == "bad\N{REPLACEMENT CHARACTER}.trc"
+    str(file_error(name, "is bad", "rename it")).encode()
+    assert printable(Path("Größe.trc")) == "Größe.trc"

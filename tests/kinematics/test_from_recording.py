@@ -243,6 +243,70 @@ def test_samples_left_out_of_coordinates_are_told(tmp_path, solved):
     )
 
 
+def partial(folder, solved: JointTrajectories, names) -> str:
+    """A file of some coordinates only."""
+    columns = np.stack([solved.coordinate(name) for name in names], 1)
+    opensim.save(folder / "c.mot", JointTrajectories(solved.times, tuple(names), columns))
+    return str(folder / "c.mot")
+
+
+def test_a_planar_motion_has_the_other_coordinates_at_their_defaults(tmp_path, solved):
+    planar = [
+        *("pelvis_tilt", "pelvis_tx"),
+        *(f"{joint}_{side}" for joint in ("hip_flexion", "knee_angle") for side in "rl"),
+    ]
+    found = from_recording.solve_kinematics(partial(tmp_path, solved, planar))
+    for name in planar:
+        np.testing.assert_array_equal(
+            found.trajectories.coordinate(name), solved.coordinate(name), err_msg=name
+        )
+    others = [name for name in solved.coordinate_names if name not in planar]
+    defaults = dict(zip(found.leg.coordinate_names, found.leg.default_coordinates, strict=True))
+    for name in others:
+        assert (found.trajectories.coordinate(name) == defaults[name]).all()
+    assert defaults["pelvis_ty"] > 0.9
+    note = next(note for note in found.notes if note.startswith("the file has no pelvis_list"))
+    assert all(name in note for name in others)
+    assert f"pelvis_ty {defaults['pelvis_ty']:g} m" in note
+
+
+@pytest.mark.parametrize("changes", [
+    {"marker_map": "cast"}, {"up": "z"}, {"longest_gap": 1.0}, {"filter_hz": 3.0},
+])  # fmt: skip
+def test_what_is_said_of_markers_is_refused_for_coordinates(tmp_path, solved, changes):
+    file = partial(tmp_path, solved, solved.coordinate_names)
+    with pytest.raises(LegsimError, match=r"c\.mot: holds joint coordinates.*cannot apply; leave"):
+        from_recording.solve_kinematics(file, **changes)
+
+
+def test_a_unit_of_angles_is_refused_for_markers():
+    with pytest.raises(LegsimError, match="holds markers, not joint coordinates: angles cannot"):
+        from_recording.solve_kinematics(SQUAT, in_degrees=True)
+
+
+def test_the_units_of_coordinates_can_be_given(tmp_path, solved):
+    values = np.array(solved.values)
+    values[:, 3:6] *= 1000
+    motion = JointTrajectories(solved.times, solved.coordinate_names, values)
+    opensim.save(tmp_path / "c.mot", motion)
+    config = MotionConfig(file=str(tmp_path / "c.mot"), unit="mm", angles="radians")
+    found = run_motion.solve(config).trajectories
+    np.testing.assert_allclose(found.values, solved.values, atol=1e-14)
+    with pytest.raises(LegsimError, match=r"motion\.unit=mm"):
+        run_motion.solve(config.model_copy(update={"unit": "file"}))
+
+
+def test_a_marker_that_repeats_its_place_is_reported(tmp_path, squat):
+    cut = short(squat, 600)
+    positions = np.array(cut.positions_world)
+    knee = squat.marker_names.index("LKNE")
+    positions[200:380, knee] = positions[199, knee]
+    found = run_motion.solve(
+        saved(tmp_path, MarkerTrajectories(cut.times, cut.marker_names, positions))
+    )
+    assert any("LKNE repeats one position from 1.658 to 3.158 s" in n for n in found.notes)
+
+
 def test_coordinates_that_are_not_a_legs_are_refused(tmp_path):
     opensim.save(
         tmp_path / "c.mot", JointTrajectories(np.arange(5.0), ("elbow",), np.zeros((5, 1)))

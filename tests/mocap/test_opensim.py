@@ -220,3 +220,33 @@ def test_opensim_opens_ours(tmp_path, in_degrees):
     values = table.getStateVector(1).getData()
     assert values.get(0) == pytest.approx(np.rad2deg(0.2) if in_degrees else 0.2, rel=1e-12)
     assert [values.get(1), values.get(3)] == [1.5, -2]
+
+
+@pytest.mark.parametrize(("change", "note"), [
+    (lambda s: s.replace("nRows=2", "nRows=9"), "the header says 9 rows; 2 are there and read"),
+    (lambda s: s.replace("nRows=2", "nRows=1"), "the header says 1 rows; 2 are there and read"),
+    (lambda s: s.replace("nColumns=5", "nColumns=7"), "the header says 7 columns; 5 are there and read"),
+])  # fmt: skip
+def test_a_header_that_counts_wrongly_is_noted_where_the_table_is_whole(write, change, note):
+    raw = mocap_opensim.read(write(change(TEXT)))
+    assert raw.notes == (note,)
+    assert raw.values.shape == (2, 4)
+
+
+def test_columns_that_are_no_coordinates_may_be_there_twice_or_hold_nan(write):
+    text = TEXT.replace("_beta\n", "_beta\tforce_vx\tforce_vx\tarm_flex_r\tmass of it\n")
+    raw = mocap_opensim.read(
+        write(text.replace("0.25\n", "0.25 1 2 -nan(ind) 3\n").replace("0.5\n", "0.5 1 2 1 3\n"))
+    )
+    assert raw.names == (*NAMES, "mass of it")
+    assert raw.notes[1:] == (
+        "left out, being no coordinates of the leg and there twice: force_vx",
+        "left out, being no coordinates of the leg and not numbers throughout: arm_flex_r",
+    )
+
+
+def test_even_times_of_few_digits_become_even(write):
+    rows = "".join(f"{k / 60:.3f}\t1\t2\t3\t4\n" for k in range(120))
+    text = TEXT[: TEXT.index("      0.00")].replace("nRows=2", "nRows=120") + rows
+    np.testing.assert_allclose(np.diff(mocap_opensim.read(write(text)).times), 1 / 60, atol=1e-5)
+    assert np.ptp(np.diff(mocap_opensim.read(write(text)).times)) < 1e-9
