@@ -8,10 +8,16 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
+
 def _console(*, stderr: bool = False, width: int | None = None) -> Console:
     """A console that prints text as it is: paths may hold brackets and colons."""
     return Console(
-        stderr=stderr, width=width, highlight=False, soft_wrap=width is None, markup=False, emoji=False
+        stderr=stderr,
+        width=width,
+        highlight=False,
+        soft_wrap=width is None,
+        markup=False,
+        emoji=False,
     )
 
 

@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from legsim import config
@@ -63,8 +64,18 @@ def test_a_wrong_unit_is_one_line_whose_cure_works(standing, tmp_path, capsys):
     assert cured.fit.ik.rms < 5e-3
 
 
-def test_a_wrong_vertical_is_one_line_with_the_option(standing, capsys):
-    assert "--set motion.up=" in refused(capsys, standing, "--set", "motion.up=x")
+def test_a_given_vertical_is_believed_and_reported(standing):
+    """Somebody who stands, taken as lying: gravity acts along the lab's x."""
+    turned = run_motion.solve(
+        config.load(overrides=(f"motion.file={standing}", "motion.up=x")).motion
+    )
+    assert any(note.endswith("x up (as given)") for note in turned.notes)
+    upright = run_motion.solve(config.load(overrides=(f"motion.file={standing}",)).motion)
+    np.testing.assert_allclose(
+        turned.trajectories.coordinate("knee_angle_l"),
+        upright.trajectories.coordinate("knee_angle_l"),
+        atol=np.radians(0.5),
+    )
 
 
 @pytest.mark.end_to_end

@@ -8,7 +8,7 @@ import pytest
 
 import legsim as ls
 from legsim.kinematics.from_recording import find_recording
-from legsim.mocap.files import read_markers
+from legsim.mocap.files import load_markers
 from tests.references.c3d import c3d_bytes
 
 README = (Path(__file__).parents[2] / "README.md").read_text()
@@ -20,8 +20,7 @@ pytestmark = pytest.mark.filterwarnings("ignore::legsim.reconstruction.weights.S
 def here(tmp_path, monkeypatch):
     """A folder with the recording that the README names."""
     monkeypatch.chdir(tmp_path)
-    raw = read_markers(find_recording("subject01/squat_60.trc"))
-    recording = raw.to_motion()
+    recording = load_markers(find_recording("subject01/squat_60.trc"))
     content = c3d_bytes(
         1e3 * recording.positions_world[..., [0, 2, 1]] * [1, -1, 1],  # z up
         recording.marker_names,

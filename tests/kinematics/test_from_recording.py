@@ -4,8 +4,8 @@ import pytest
 from legsim.config import MotionConfig
 from legsim.core.errors import LegsimError
 from legsim.kinematics import from_recording
-from legsim.mocap import opensim, trc
-from legsim.mocap.trajectories import JointTrajectories, MarkerTrajectories
+from legsim.mocap import trc
+from legsim.mocap.trajectories import MarkerTrajectories
 from legsim.run import motion as run_motion
 from tools.experiments import recovery_errors as recovery_errors
 
@@ -15,12 +15,6 @@ SQUAT = "subject01/squat_30.trc"
 @pytest.fixture(scope="module")
 def squat() -> MarkerTrajectories:
     return trc.load(from_recording.find_recording(SQUAT))
-
-
-@pytest.fixture(scope="module")
-def solved() -> JointTrajectories:
-    """Coordinates of a held squat."""
-    return from_recording.solve_kinematics(SQUAT).trajectories
 
 
 def saved(folder, motion: MarkerTrajectories, name="moved.trc") -> MotionConfig:
@@ -43,50 +37,6 @@ def test_a_shipped_recording_becomes_a_bent_knee():
     assert recovered.fit.scaled_from == "squats.trc"
     assert any("RMS" in line for line in recovered.lines())
     assert {m["role"] for m in recovered.summary()["markers"]} >= {"sacrum", "epicondyle_lateral_l"}
-
-
-def test_coordinates_are_taken_as_they_are(tmp_path):
-    recovered = from_recording.solve_kinematics(SQUAT)
-    opensim.save(tmp_path / "c.mot", recovered.trajectories)
-    again = from_recording.solve_kinematics(str(tmp_path / "c.mot"))
-    np.testing.assert_array_equal(again.trajectories.values, recovered.trajectories.values)
-    assert again.fit is None
-
-
-def test_flexion_positive_coordinates_are_turned_to_the_models_sign(tmp_path):
-    recovered = from_recording.solve_kinematics(SQUAT)
-    names = recovered.trajectories.coordinate_names
-    flipped = recovered.trajectories.values.copy()
-    flipped[:, [names.index("knee_angle_r"), names.index("knee_angle_l")]] *= -1
-    opensim.save(
-        tmp_path / "c.mot", JointTrajectories(recovered.trajectories.times, names, flipped)
-    )
-    again = from_recording.solve_kinematics(str(tmp_path / "c.mot"))
-    np.testing.assert_array_equal(again.trajectories.values, recovered.trajectories.values)
-    assert any("positive in flexion" in line for line in again.lines())
-
-
-def test_filtering_coordinates_on_request_removes_what_is_fast(tmp_path):
-    recovered = from_recording.solve_kinematics(SQUAT)
-    shaken = (
-        recovered.trajectories.values
-        + 0.01 * np.sin(2 * np.pi * 25 * recovered.trajectories.times)[:, None]
-    )
-    opensim.save(
-        tmp_path / "c.mot",
-        JointTrajectories(
-            recovered.trajectories.times, recovered.trajectories.coordinate_names, shaken
-        ),
-    )
-    calm = run_motion.solve(MotionConfig(file=str(tmp_path / "c.mot")), filter_coordinates=True)
-    assert np.abs(calm.trajectories.values - recovered.trajectories.values)[60:-60].max() < 1e-3
-
-
-def test_a_real_mot_of_opensim_opens(shared_data):
-    recovered = from_recording.solve_kinematics(
-        str(shared_data / "mocap/squats_subject4/squats1_manual_scaling_ik.mot")
-    )
-    assert np.degrees(recovered.trajectories.coordinate("knee_angle_r").min()) < -90
 
 
 @pytest.mark.parametrize("name", ["nowhere.trc", "subject99/squat_30.trc"])
@@ -193,107 +143,9 @@ def test_a_marker_that_is_never_seen_is_named(tmp_path, squat):
         run_motion.solve(config)
 
 
-def test_degrees_that_the_header_calls_radians_are_refused(tmp_path, solved):
-    values = np.degrees(solved.values)
-    opensim.save(
-        tmp_path / "c.mot", JointTrajectories(solved.times, solved.coordinate_names, values)
-    )
-    with pytest.raises(
-        LegsimError,
-        match=(
-            r"c\.mot \(coordinates\): hip_flexion_r is \d+ degrees at 0 s, .* write "
-            r"inDegrees=yes"
-        ),
-    ):
-        from_recording.solve_kinematics(str(tmp_path / "c.mot"))
-
-
-def test_a_model_without_subtalar_and_toe_joints_is_read_with_them_at_zero(tmp_path, solved):
-    kept = [
-        k
-        for k, name in enumerate(solved.coordinate_names)
-        if not name.startswith(("subtalar", "mtp"))
-    ]
-    opensim.save(
-        tmp_path / "c.mot",
-        JointTrajectories(
-            solved.times, tuple(solved.coordinate_names[k] for k in kept), solved.values[:, kept]
-        ),
-    )
-    recovered = from_recording.solve_kinematics(str(tmp_path / "c.mot"))
-    assert recovered.trajectories.coordinate_names == solved.coordinate_names
-    np.testing.assert_array_equal(recovered.trajectories.values[:, kept], solved.values[:, kept])
-    assert not np.delete(recovered.trajectories.values, kept, 1).any()
-    assert any(
-        "no subtalar_angle_r, mtp_angle_r, subtalar_angle_l, mtp_angle_l: taken as 0" in line
-        for line in recovered.lines()
-    )
-
-
-def test_samples_left_out_of_coordinates_are_told(tmp_path, solved):
-    kept = np.delete(np.arange(len(solved.times)), np.arange(100, 130))
-    opensim.save(
-        tmp_path / "c.mot",
-        JointTrajectories(solved.times[kept], solved.coordinate_names, solved.values[kept]),
-    )
-    recovered = from_recording.solve_kinematics(str(tmp_path / "c.mot"))
-    assert recovered.notes == (
-        "0.258 s are missing after 0.825 s (elsewhere a sample every 0.00833 s): bridged by "
-        "splines",
-    )
-
-
-def partial(folder, solved: JointTrajectories, names) -> str:
-    """A file of some coordinates only."""
-    columns = np.stack([solved.coordinate(name) for name in names], 1)
-    opensim.save(folder / "c.mot", JointTrajectories(solved.times, tuple(names), columns))
-    return str(folder / "c.mot")
-
-
-def test_a_planar_motion_has_the_other_coordinates_at_their_defaults(tmp_path, solved):
-    planar = [
-        *("pelvis_tilt", "pelvis_tx"),
-        *(f"{joint}_{side}" for joint in ("hip_flexion", "knee_angle") for side in "rl"),
-    ]
-    found = from_recording.solve_kinematics(partial(tmp_path, solved, planar))
-    for name in planar:
-        np.testing.assert_array_equal(
-            found.trajectories.coordinate(name), solved.coordinate(name), err_msg=name
-        )
-    others = [name for name in solved.coordinate_names if name not in planar]
-    defaults = dict(zip(found.leg.coordinate_names, found.leg.default_coordinates, strict=True))
-    for name in others:
-        assert (found.trajectories.coordinate(name) == defaults[name]).all()
-    assert defaults["pelvis_ty"] > 0.9
-    note = next(note for note in found.notes if note.startswith("the file has no pelvis_list"))
-    assert all(name in note for name in others)
-    assert f"pelvis_ty {defaults['pelvis_ty']:g} m" in note
-
-
-@pytest.mark.parametrize("changes", [
-    {"marker_map": "cast"}, {"up": "z"}, {"longest_gap": 1.0}, {"filter_hz": 3.0},
-])  # fmt: skip
-def test_what_is_said_of_markers_is_refused_for_coordinates(tmp_path, solved, changes):
-    file = partial(tmp_path, solved, solved.coordinate_names)
-    with pytest.raises(LegsimError, match=r"c\.mot: holds joint coordinates.*cannot apply; leave"):
-        from_recording.solve_kinematics(file, **changes)
-
-
 def test_a_unit_of_angles_is_refused_for_markers():
     with pytest.raises(LegsimError, match="holds markers, not joint coordinates: angles cannot"):
         from_recording.solve_kinematics(SQUAT, in_degrees=True)
-
-
-def test_the_units_of_coordinates_can_be_given(tmp_path, solved):
-    values = np.array(solved.values)
-    values[:, 3:6] *= 1000
-    motion = JointTrajectories(solved.times, solved.coordinate_names, values)
-    opensim.save(tmp_path / "c.mot", motion)
-    config = MotionConfig(file=str(tmp_path / "c.mot"), unit="mm", angles="radians")
-    found = run_motion.solve(config).trajectories
-    np.testing.assert_allclose(found.values, solved.values, atol=1e-14)
-    with pytest.raises(LegsimError, match=r"motion\.unit=mm"):
-        run_motion.solve(config.model_copy(update={"unit": "file"}))
 
 
 def test_a_marker_that_repeats_its_place_is_reported(tmp_path, squat):
@@ -305,13 +157,3 @@ def test_a_marker_that_repeats_its_place_is_reported(tmp_path, squat):
         saved(tmp_path, MarkerTrajectories(cut.times, cut.marker_names, positions))
     )
     assert any("LKNE repeats one position from 1.658 to 3.158 s" in n for n in found.notes)
-
-
-def test_coordinates_that_are_not_a_legs_are_refused(tmp_path):
-    opensim.save(
-        tmp_path / "c.mot", JointTrajectories(np.arange(5.0), ("elbow",), np.zeros((5, 1)))
-    )
-    with pytest.raises(
-        LegsimError, match=r"c\.mot \(column names\): has no coordinate of the leg among elbow"
-    ):
-        from_recording.solve_kinematics(str(tmp_path / "c.mot"))

@@ -23,13 +23,16 @@ def squat() -> MarkerTrajectories:
 
 
 def test_a_poor_fit_and_what_was_not_seen_are_told_aloud(tmp_path, squat):
-    """A knee's marker that stands still for good, and an ankle's that is never seen again."""
+    """A knee's marker that trembles in one place for good, and an ankle's that is never seen
+    again.
+    """
     positions = np.array(squat.positions_world)
     knee, ankle = (squat.marker_names.index(name) for name in ("RKNE", "RANK"))
     half = len(squat.times) // 2
     positions[half:, ankle] = np.nan
     positions[half:, :, 0] += np.linspace(0, 0.6, len(positions) - half)[:, None]
-    positions[half:, knee] = positions[half - 1, knee]
+    tremble = 1e-5 * np.random.default_rng(2).standard_normal((len(positions) - half, 3))
+    positions[half:, knee] = positions[half - 1, knee] + tremble
     lines = run_motion.solve(
         saved(tmp_path, MarkerTrajectories(squat.times, squat.marker_names, positions))
     ).lines()

@@ -170,7 +170,9 @@ def test_an_independent_reader_finds_the_same_numbers(shared_data, name):
     ezc3d = pytest.importorskip("ezc3d")
     path = shared_data / "mocap" / name
     theirs = np.moveaxis(ezc3d.c3d(str(path))["data"]["points"][:3], [0, 1, 2], [2, 1, 0])
-    np.testing.assert_allclose(read_raw(path).positions, theirs, atol=1e-3)
+    raw = read_raw(path)
+    assert isinstance(raw, RawMarkers)
+    np.testing.assert_allclose(raw.positions, theirs, atol=1e-3)
 
 
 @pytest.mark.parametrize(("name", "recording", "options", "message"), [
