@@ -58,6 +58,86 @@ def load(model_file: Path, scales: SegmentScales | None = None) -> opensim.Model
     return model
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Postures:
+    """What OpenSim makes of random postures of any model."""
+
+    coordinates: tuple[str, ...]
+    values: FloatArray
+    """(n, c) rad and m; coupled ones by OpenSim's own functions"""
+    bodies: dict[str, FloatArray]
+    """world_from_body (n, 4, 4) by name"""
+    markers: dict[str, FloatArray]
+    """(n, 3) m in world by name"""
+    centers: dict[str, FloatArray]
+    """(n, 3) m in world: the joint of each body, by the body's name"""
+
+
+def random_postures(model_file: Path, count: int, rng: np.random.Generator) -> Postures:
+    """Bodies and markers of a model at random values inside its ranges, couplers held."""
+    opensim.Logger.setLevelString("Off")
+    model = opensim.Model(str(model_file))
+    model.updForceSet().clearAndDestroy()
+    model.initSystem()
+    coordinates = [model.getCoordinateSet().get(k) for k in range(model.getNumCoordinates())]
+    for coordinate in coordinates:
+        coordinate.setDefaultLocked(False)
+    names = tuple(coordinate.getName() for coordinate in coordinates)
+    low, high = np.clip([(c.getRangeMin(), c.getRangeMax()) for c in coordinates], -2.5, 2.5).T
+    values = low + (high - low) * rng.random((count, len(names)))
+    _couple(model, names, values)
+    state = model.initSystem()
+    coordinates = [model.getCoordinateSet().get(name) for name in names]
+    frames = [model.getBodySet().get(k) for k in range(model.getNumBodies())]
+    points = [model.getMarkerSet().get(k) for k in range(model.getNumMarkers())]
+    poses = np.tile(np.eye(4), (count, len(frames), 1, 1))
+    places = np.empty((count, len(points), 3))
+    joints = [model.getJointSet().get(k) for k in range(model.getNumJoints())]
+    centers = np.empty((count, len(joints), 3))
+    for i, row in enumerate(values):
+        for coordinate, value in zip(coordinates, row, strict=True):
+            coordinate.setValue(state, float(value), False)
+        model.realizePosition(state)
+        for k, frame in enumerate(frames):
+            poses[i, k] = _matrix(frame.getTransformInGround(state))
+        for k, point in enumerate(points):
+            place = point.getLocationInGround(state)
+            places[i, k] = [place.get(a) for a in range(3)]
+        for k, joint in enumerate(joints):
+            centers[i, k] = _matrix(joint.getChildFrame().getTransformInGround(state))[:3, 3]
+    return Postures(
+        names,
+        values,
+        {frame.getName(): poses[:, k] for k, frame in enumerate(frames)},
+        {point.getName(): places[:, k] for k, point in enumerate(points)},
+        {
+            joint.getChildFrame().findBaseFrame().getName(): centers[:, k]
+            for k, joint in enumerate(joints)
+        },
+    )
+
+
+def _couple(model: opensim.Model, names: tuple[str, ...], values: FloatArray) -> None:
+    """Sets coupled coordinates (n, c) in place."""
+    constraints = model.getConstraintSet()
+    for k in range(constraints.getSize()):
+        coupler = opensim.CoordinateCouplerConstraint.safeDownCast(constraints.get(k))
+        if coupler is not None:
+            independent = names.index(coupler.getIndependentCoordinateNames().get(0))
+            dependent = names.index(coupler.getDependentCoordinateName())
+            function = coupler.getFunction()
+            values[:, dependent] = [
+                function.calcValue(opensim.Vector(1, float(v))) for v in values[:, independent]
+            ]
+
+
+def _matrix(transform: opensim.Transform) -> FloatArray:
+    rotation, origin, matrix = transform.R(), transform.p(), np.eye(4)
+    matrix[:3, 3] = [origin.get(a) for a in range(3)]
+    matrix[:3, :3] = [[rotation.get(a, b) for b in range(3)] for a in range(3)]
+    return matrix
+
+
 def body_poses(model: opensim.Model, values: FloatArray) -> FloatArray:
     """world_from_body (n, 11, 4, 4) of BODIES at values (n, 20)."""
     state = model.initSystem()
@@ -69,10 +149,7 @@ def body_poses(model: opensim.Model, values: FloatArray) -> FloatArray:
             coordinate.setValue(state, float(value), False)
         model.realizePosition(state)
         for k, body in enumerate(bodies):
-            transform = body.getTransformInGround(state)
-            rotation, origin = transform.R(), transform.p()
-            poses[i, k, :3, 3] = [origin.get(a) for a in range(3)]
-            poses[i, k, :3, :3] = [[rotation.get(a, b) for b in range(3)] for a in range(3)]
+            poses[i, k] = _matrix(body.getTransformInGround(state))
     return poses
 
 
