@@ -42,12 +42,12 @@ class Polynomial(NamedTuple):
     def with_derivatives(self, x: ArrayLike) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Value, first and second derivative."""
         x = np.asarray(x, float)
-        value, first, second = np.zeros((3, *x.shape))
+        value = first = second = np.zeros(x.shape)
         for coefficient in self.coefficients:
             second = second * x + 2 * first
             first = first * x + value
             value = value * x + coefficient
-        return value, first, second
+        return np.asarray(value), np.asarray(first), np.asarray(second)
 
     @property
     def is_identity(self) -> bool:
