@@ -96,6 +96,15 @@ def is_identity(function: Function) -> bool:
     return isinstance(function, Polynomial) and function.is_identity
 
 
+def is_linear(function: Function) -> bool:
+    """Whether a function is its variable, forwards or backwards: OpenSim then calls the coordinate
+    rotational, else coupled.
+    """
+    return isinstance(function, Polynomial) and (
+        len(function.coefficients) == 2 and abs(function.coefficients[0]) == 1
+    )
+
+
 def is_zero(function: Function) -> bool:
     """Whether a function is 0 everywhere."""
     if isinstance(function, Scaled):

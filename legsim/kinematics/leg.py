@@ -2,6 +2,7 @@
 
 from typing import Protocol
 
+import numpy as np
 from numpy.typing import ArrayLike
 
 from legsim.core.values import FloatArray
@@ -49,7 +50,7 @@ class Leg(Protocol):
         ...
 
     @property
-    def moves(self) -> FloatArray:
+    def moves(self) -> np.ndarray:
         """(c, 13) whether a coordinate moves a segment by its :class:`Kinematics`."""
         ...
 
@@ -80,6 +81,10 @@ class Leg(Protocol):
 
     def kinematics(self, values: ArrayLike) -> Kinematics:
         """Poses and coordinate screws for values (n, c)."""
+        ...
+
+    def posture(self, hip: float, knee: float, ankle: float) -> FloatArray:
+        """Coordinates (c,) with both legs bent: turns (rad) about the axis to the right."""
         ...
 
     def pelvis_values(self, world_from_pelvis: FloatArray) -> FloatArray:

@@ -44,8 +44,10 @@ _SIDE = (
     "mtp_angle",
 )
 
+_SHIFTS = ("pelvis_tx", "pelvis_ty", "pelvis_tz")
+
 COORDINATES = (
-    *("pelvis_tilt", "pelvis_list", "pelvis_rotation", "pelvis_tx", "pelvis_ty", "pelvis_tz"),
+    *("pelvis_tilt", "pelvis_list", "pelvis_rotation", *_SHIFTS),
     *(f"{name}_{side}" for side in "rl" for name in _SIDE),
 )
 """The 20 independent coordinates in the order of every (n, 20) array, under OpenSim's names."""
@@ -116,6 +118,9 @@ class LegModel:
     )
 
     coordinate_names = COORDINATES
+    shifts = _SHIFTS
+    pelvis_coordinates = 6
+    heading = COORDINATES.index("pelvis_rotation")
 
     def __init__(
         self, model: mujoco.MjModel, couplings: list[_Coupling], scales: SegmentScales
@@ -213,6 +218,28 @@ class LegModel:
     def inertia_of(self, segment: str) -> FloatArray:
         """Moments of inertia (3,) kg m^2 of one segment about its mass center, along its axes."""
         return frozen("inertia", self._model.body(SEGMENTS[segment_index(segment)]).inertia, (3,))
+
+    def posture(self, hip: float, knee: float, ankle: float) -> FloatArray:
+        """Coordinates (20,) with both legs bent: turns (rad) of each joint about the axis to the
+        right.
+        """
+        values = np.zeros(len(COORDINATES))
+        for name, angle in (("hip_flexion", hip), ("knee_angle", knee), ("ankle_angle", ankle)):
+            for side in "rl":
+                values[COORDINATES.index(f"{name}_{side}")] = angle
+        return values
+
+    def pelvis_values(self, world_from_pelvis: FloatArray) -> FloatArray:
+        """The pelvis' coordinates (n, 6) at poses (n, 4, 4), whose rotations are Rz Rx Ry."""
+        r = np.asarray(world_from_pelvis, float)
+        tilt = np.arctan2(-r[:, 0, 1], r[:, 1, 1])
+        lean = np.arcsin(np.clip(r[:, 2, 1], -1, 1))
+        turn = np.arctan2(-r[:, 2, 0], r[:, 2, 2])
+        return np.column_stack([tilt, lean, turn, r[:, :3, 3]])
+
+    def complete(self, trajectories: JointTrajectories) -> JointTrajectories:
+        """The motion itself: gait2392 has no coordinate beside the 20."""
+        return trajectories
 
     def kinematics(self, values: ArrayLike) -> Kinematics:
         """Poses and coordinate screws for values (n, 20)."""

@@ -11,6 +11,7 @@ from legsim.core.errors import LegsimError
 from legsim.core.values import FloatArray, frozen
 from legsim.kinematics import _osim_segments, _patella
 from legsim.kinematics._osim_chain import Chain
+from legsim.kinematics._osim_functions import is_linear
 from legsim.kinematics._osim_roles import bodies_by_segment
 from legsim.kinematics.leg_model import Kinematics, SensorMotion, marker_rows
 from legsim.kinematics.marker_sites import MarkerSites
@@ -143,6 +144,25 @@ class OsimLeg:
         rotations, origins = self._on_segments(screws.rotations, screws.origins)
         return Kinematics(rotations, origins, angular[:, self._free], linear[:, self._free])
 
+    def posture(self, hip: float, knee: float, ankle: float) -> FloatArray:
+        """Coordinates (c,) with both legs bent: turns (rad) of each joint about the axis to the
+        right, by the coordinate that turns it most about that.
+        """
+        values = self.default_coordinates.copy()
+        pose = self.kinematics(values[None])
+        right = pose.rotations[0, 0, :, 2]
+        steps = (("pelvis", "femur", hip), ("femur", "tibia", knee), ("tibia", "talus", ankle))
+        for upper, lower, angle in steps:
+            for side in "rl":
+                above = segment_index(upper if upper == "pelvis" else f"{upper}_{side}")
+                own = self.moves[:, segment_index(f"{lower}_{side}")] & ~self.moves[:, above]
+                rate = np.where(own, pose.angular[0] @ right, 0.0)
+                column = int(np.abs(rate).argmax())
+                if abs(rate[column]) > 0.5:
+                    low, high = self.coordinate_ranges[column]
+                    values[column] = np.clip(angle / rate[column], low, high)
+        return values
+
     def pelvis_values(self, world_from_pelvis: FloatArray) -> FloatArray:
         """The pelvis' coordinates (n, p) at which it is nearest to poses (n, 4, 4): Gauss and
         Newton's method from four headings.
@@ -251,6 +271,17 @@ class OsimLeg:
             np.ones(len(here)),
         )
         return sites, tuple(m.name for m in self.model.markers if m.body not in carriers)
+
+    def rotations(self) -> frozenset[str]:
+        """Names of all coordinates of the model that a file in degrees has in degrees: those that
+        turn a joint by themselves, not through a function.
+        """
+        return frozenset(
+            axis.coordinate
+            for joint in self.model.joints
+            for axis in joint.rotations
+            if is_linear(axis.function)
+        )
 
     def bodies_left_out(self) -> tuple[str, ...]:
         """Names of the model's bodies that are no part of the legs."""

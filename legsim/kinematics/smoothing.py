@@ -15,7 +15,7 @@ from scipy.signal import butter, sosfiltfilt
 
 from legsim.core.errors import LegsimError
 from legsim.core.values import FloatArray
-from legsim.kinematics.leg_model import LegModel
+from legsim.kinematics.leg import Leg
 from legsim.kinematics.marker_sites import MarkerSites
 from legsim.mocap.trajectories import JointTrajectories
 
@@ -42,7 +42,7 @@ def left_by_filter(noise: float, filter_hz: float, rate_hz: float) -> tuple[floa
 
 
 def smooth_below_noise(
-    leg: LegModel,
+    leg: Leg,
     trajectories: JointTrajectories,
     sites: MarkerSites,
     *,

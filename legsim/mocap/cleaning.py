@@ -13,7 +13,7 @@ from scipy.interpolate import CubicHermiteSpline, CubicSpline
 from legsim.core.errors import LegsimError
 from legsim.core.values import FloatArray
 from legsim.mocap import gap_filling, outliers
-from legsim.mocap.labels import PAPER_ROLES, MarkerMap, check_covered, segment_of
+from legsim.mocap.labels import PAPER_ROLES, MarkerMap, check_covered
 from legsim.mocap.trajectories import MarkerTrajectories
 
 SPLINE_S = 0.25
@@ -127,7 +127,8 @@ def clean(
     times, source = _even(motion, sorted({name for names in found.values() for name in names}))
     dt = float(times[-1] - times[0]) / (len(times) - 1)
     _check_filter(filter_hz, 1 / dt)
-    stages = _cleaned(source, found, times, longest_gap_s)
+    segments = {name: marker_map.segment(r) for r, names in found.items() for name in names}
+    stages = _cleaned(source, segments, times, longest_gap_s)
     means = {
         role: np.mean([stages.bridged[name] for name in names], axis=0)
         for role, names in found.items()
@@ -226,7 +227,7 @@ class _Stages:
 
 def _cleaned(
     source: dict[str, FloatArray],
-    found: dict[str, tuple[str, ...]],
+    segments: dict[str, str],
     times: FloatArray,
     longest_gap_s: float,
 ) -> _Stages:
@@ -235,7 +236,7 @@ def _cleaned(
         name: np.where(outliers.find_jumps(x, dt)[:, None], np.nan, x) for name, x in source.items()
     }
     smooth = {name: _bridge(x, times, min(longest_gap_s, SPLINE_S)) for name, x in without.items()}
-    rebuilt = _rebuilt(smooth, found)
+    rebuilt = _rebuilt(smooth, segments)
     return _Stages(
         source,
         without,
@@ -261,12 +262,9 @@ def _bridge(positions: FloatArray, times: FloatArray, longest_gap_s: float) -> F
     return result
 
 
-def _rebuilt(
-    smooth: dict[str, FloatArray], found: dict[str, tuple[str, ...]]
-) -> dict[str, FloatArray]:
+def _rebuilt(smooth: dict[str, FloatArray], segments: dict[str, str]) -> dict[str, FloatArray]:
     """Every label's gaps filled from the labels on the same segment."""
     result = {}
-    segments = {name: segment_of(role) for role, names in found.items() for name in names}
     for name, positions in smooth.items():
         mates = [
             smooth[other] for other in smooth if other != name and segments[other] == segments[name]

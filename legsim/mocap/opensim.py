@@ -6,6 +6,7 @@ motion files are older and in degrees without saying so.
 
 import math
 import re
+from collections.abc import Collection
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -34,7 +35,12 @@ class _Header:
     """index of the line with endheader"""
 
 
-def load(path: Path | str, *, in_degrees: bool | None = None) -> JointTrajectories:
+def load(
+    path: Path | str,
+    *,
+    in_degrees: bool | None = None,
+    rotations: Collection[str] | None = None,
+) -> JointTrajectories:
     """Reads joint coordinates as radians and meters.
 
     Of a file of states (columns such as ``/jointset/knee_r/knee_angle_r/value``) the values are
@@ -44,6 +50,7 @@ def load(path: Path | str, *, in_degrees: bool | None = None) -> JointTrajectori
 
     Args:
         in_degrees: overrides the header's inDegrees.
+        rotations: names of the coordinates that are in degrees in such a file; None tells by name.
 
     Raises:
         LegsimError: the file is not storage, does not say its unit, or a row does not fit.
@@ -56,7 +63,11 @@ def load(path: Path | str, *, in_degrees: bool | None = None) -> JointTrajectori
     _check_times(path, table[:, 0])
     kept, coordinates = _coordinates(path, names)
     values = table[:, kept]
-    rotations = [k for k, name in enumerate(coordinates) if is_rotation(name)]
+    turned = [
+        k
+        for k, name in enumerate(coordinates)
+        if (is_rotation(name) if rotations is None else name in rotations)
+    ]
     degrees = header.degrees if in_degrees is None else in_degrees
     if degrees is None:
         cure = "write inDegrees=yes or inDegrees=no into the header (in Python: give in_degrees)"
@@ -67,7 +78,7 @@ def load(path: Path | str, *, in_degrees: bool | None = None) -> JointTrajectori
             place=f"line {header.end + 1}",
         )
     if degrees:
-        values[:, rotations] = np.deg2rad(values[:, rotations])
+        values[:, turned] = np.deg2rad(values[:, turned])
     return JointTrajectories(table[:, 0], coordinates, values)
 
 

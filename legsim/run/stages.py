@@ -66,7 +66,7 @@ def write_kinematics(person: MovingLeg, folder: RunFolder, key: str) -> None:
     def write() -> tuple[str, ...]:
         poses = person.leg.segment_poses(person.trajectories)
         centers = person.leg.joint_centers(poses)
-        opensim.save(folder.path / "coordinates.mot", person.trajectories)
+        opensim.save(folder.path / "coordinates.mot", person.leg.complete(person.trajectories))
         save_joint_centers(
             folder.path / "joint_centres.csv",
             centers.times,

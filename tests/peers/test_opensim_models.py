@@ -6,10 +6,17 @@ import numpy as np
 import pytest
 
 from legsim.core import transforms
-from legsim.kinematics import osim_file
+from legsim.kinematics import (
+    from_recording,
+    inverse_kinematics,
+    on_osim_model,
+    osim_file,
+    osim_scaling,
+)
+from legsim.kinematics._ik_problem import ReplayConfig
 from legsim.kinematics.osim_leg import OsimLeg
 from legsim.kinematics.skeleton import JOINT_CENTERS
-from legsim.mocap.trajectories import JointTrajectories
+from legsim.mocap.trajectories import JointTrajectories, MarkerTrajectories
 
 pytestmark = [pytest.mark.peer, pytest.mark.filterwarnings("ignore::DeprecationWarning")]
 POSTURES = 500
@@ -34,8 +41,21 @@ def opensim_peer():
 @pytest.mark.parametrize("name", MODELS)
 def test_bodies_markers_and_centers_agree_in_random_postures(opensim_peer, shared_data, rng, name):
     path = shared_data / f"opensim/{name}.osim"
-    theirs = opensim_peer.random_postures(path, POSTURES, rng)
-    leg = OsimLeg(osim_file.read(path))
+    check(opensim_peer.any_model(path), OsimLeg(osim_file.read(path)), opensim_peer, rng)
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_scaled_models_agree_with_opensims_scaling(opensim_peer, shared_data, rng, name):
+    path = shared_data / f"opensim/{name}.osim"
+    read = osim_file.read(path)
+    factors = {body: rng.uniform(0.8, 1.2, 3) for body in read.bodies}
+    leg = OsimLeg(osim_scaling.scaled(read, factors))
+    check(opensim_peer.any_model(path, factors), leg, opensim_peer, rng)
+
+
+def check(model, leg, opensim_peer, rng):
+    """Bodies, joint centers and markers of both within 0.05 mm and 0.01 degrees."""
+    theirs = opensim_peer.random_postures(model, POSTURES, rng)
     columns = [theirs.coordinates.index(n) for n in leg.coordinate_names]
     values = theirs.values[:, columns]
     ours = leg.body_poses(values)
@@ -56,3 +76,45 @@ def test_bodies_markers_and_centers_agree_in_random_postures(opensim_peer, share
     for k, marker in enumerate(sites.names):
         away = leg.marker_positions(values, sites)[:, k] - theirs.markers[marker]
         assert np.abs(away).max() < 0.05e-3
+
+
+@pytest.mark.parametrize("name", ["gait2392_subject01_scaled", "Rajagopal2016"])
+def test_inverse_kinematics_by_the_models_own_markers_agrees(opensim_peer, shared_data, rng, name):
+    """The walking trial of that subject; of the other model a walk of its own with 5 mm of noise.
+
+    OpenSim's own tracking goes a tenth of a marker's share from the minimum, ours to it.
+    """
+    path = shared_data / f"opensim/{name}.osim"
+    leg, _ = on_osim_model.held_leg(OsimLeg(osim_file.read(path)))
+    walk = shared_data / "mocap/walk_opensim/subject01_walk1.trc"
+    scaled = shared_data / "opensim/gait2392_subject01_scaled.osim"
+    person = from_recording.solve_kinematics(walk, model=scaled, filter_hz=0, marker_noise=0)
+    if name == "gait2392_subject01_scaled":
+        measured = person.fit.measured
+        sites = leg.marker_sites()[0].only(measured.marker_names)
+    else:
+        sites, _ = leg.marker_sites()
+        sites = sites.only([n for n in sites.names if not n.endswith("JC")])
+        values = np.tile(leg.default_coordinates, (len(person.trajectories.times), 1))
+        for k, coordinate in enumerate(leg.coordinate_names):
+            sign = -1 if coordinate.startswith("knee_angle") else 1
+            values[:, k] = sign * person.trajectories.coordinate(coordinate)
+        places = leg.marker_positions(values, sites)
+        measured = MarkerTrajectories(
+            person.trajectories.times, sites.names, places + rng.normal(0, 5e-3, places.shape)
+        )
+    plain = ReplayConfig(priors=(), flat_foot_weight=0.0)
+    ours = inverse_kinematics.solve(leg, measured, sites, plain)
+    values, places = opensim_peer.own_markers(
+        opensim_peer.any_model(path), measured, leg.coordinate_names, accuracy=1e-10
+    )
+    assert len(ours.report.frames_unconverged) == 0
+    costs = [
+        np.nansum((p - measured.positions_world) ** 2, axis=(1, 2))
+        for p in (ours.modelled.positions_world, places)
+    ]
+    assert (costs[0] <= costs[1] * (1 + 1e-6)).all()
+    free = [k for k, n in enumerate(leg.coordinate_names) if not n.startswith("mtp")]
+    difference = np.abs(ours.trajectories.values - values)[:, free]
+    assert np.degrees(np.median(difference)) < 0.01
+    assert np.degrees(difference.max()) < 0.5

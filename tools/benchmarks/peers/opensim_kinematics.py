@@ -5,6 +5,7 @@ benchmark. Needs `pip install opensim`.
 # opensim is an extra (peer)
 # pyright: reportMissingImports=false
 import time
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -73,11 +74,27 @@ class Postures:
     """(n, 3) m in world: the joint of each body, by the body's name"""
 
 
-def random_postures(model_file: Path, count: int, rng: np.random.Generator) -> Postures:
-    """Bodies and markers of a model at random values inside its ranges, couplers held."""
+def any_model(model_file: Path, factors: Mapping[str, FloatArray] | None = None) -> opensim.Model:
+    """A model without its muscles, scaled by OpenSim itself where ``factors`` (3,) by body are
+    given.
+    """
     opensim.Logger.setLevelString("Off")
     model = opensim.Model(str(model_file))
     model.updForceSet().clearAndDestroy()
+    if factors is not None:
+        scales = opensim.ScaleSet()
+        for name, by in factors.items():
+            scale = opensim.Scale()
+            scale.setSegmentName(name)
+            scale.setScaleFactors(opensim.Vec3(*map(float, by)))
+            scale.setApply(True)
+            scales.cloneAndAppend(scale)
+        model.scale(model.initSystem(), scales, False)
+    return model
+
+
+def random_postures(model: opensim.Model, count: int, rng: np.random.Generator) -> Postures:
+    """Bodies and markers of a model at random values inside its ranges, couplers held."""
     model.initSystem()
     coordinates = [model.getCoordinateSet().get(k) for k in range(model.getNumCoordinates())]
     for coordinate in coordinates:
@@ -115,6 +132,42 @@ def random_postures(model_file: Path, count: int, rng: np.random.Generator) -> P
             for k, joint in enumerate(joints)
         },
     )
+
+
+def own_markers(
+    model: opensim.Model, motion: MarkerTrajectories, names: Sequence[str], *, accuracy: float
+) -> tuple[FloatArray, FloatArray]:
+    """OpenSim's inverse kinematics by a model's own markers, all of weight 1: values (n, c) of the
+    coordinates ``names``, markers (n, m, 3).
+    """
+    model.initSystem()
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "markers.trc"
+        trc.save(path, motion)
+        weights = opensim.SetMarkerWeights()
+        for name in motion.marker_names:
+            weights.cloneAndAppend(opensim.MarkerWeight(name, 1.0))
+        reference = opensim.MarkersReference(str(path), weights)
+    solver = opensim.InverseKinematicsSolver(
+        model, reference, opensim.SimTKArrayCoordinateReference()
+    )
+    solver.setAccuracy(accuracy)
+    state = model.initSystem()
+    state.setTime(float(motion.times[0]))
+    solver.assemble(state)
+    coordinates = [model.getCoordinateSet().get(name) for name in names]
+    markers = [model.getMarkerSet().get(name) for name in motion.marker_names]
+    values = np.empty((len(motion.times), len(names)))
+    places = np.empty((len(motion.times), len(markers), 3))
+    for i, now in enumerate(motion.times):
+        state.setTime(float(now))
+        solver.track(state)
+        model.realizePosition(state)
+        values[i] = [coordinate.getValue(state) for coordinate in coordinates]
+        for k, marker in enumerate(markers):
+            place = marker.getLocationInGround(state)
+            places[i, k] = [place.get(a) for a in range(3)]
+    return values, places
 
 
 def _couple(model: opensim.Model, names: tuple[str, ...], values: FloatArray) -> None:
