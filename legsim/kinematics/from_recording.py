@@ -203,7 +203,14 @@ def _solved(
         filter_hz=reading.filter_hz,
     )
     fit = MarkerFit(
-        shown, solution.modelled, cleaning, how.scaling, solution.report, how.source, settled_hz
+        shown,
+        solution.modelled,
+        placed.only(names),
+        cleaning,
+        how.scaling,
+        solution.report,
+        how.source,
+        settled_hz,
     )
     return MovingLeg(path.name, leg, settled, fit, how.notes)
 

@@ -11,6 +11,7 @@ import numpy as np
 from legsim.kinematics.inverse_kinematics import IkReport
 from legsim.kinematics.joint_splines import JointSplines
 from legsim.kinematics.leg import Leg
+from legsim.kinematics.marker_sites import MarkerSites
 from legsim.kinematics.scaling import Scaling
 from legsim.mocap.cleaning import CleaningReport
 from legsim.mocap.trajectories import JointTrajectories, MarkerTrajectories
@@ -31,6 +32,8 @@ class MarkerFit:
     """cleaned, by role"""
     modelled: MarkerTrajectories
     """where the solved model has them"""
+    sites: MarkerSites
+    """where they sit on the model's segments"""
     cleaning: CleaningReport
     scaling: Scaling
     ik: IkReport

@@ -13,7 +13,6 @@ from legsim.kinematics import osim_file, osim_scaling
 from legsim.kinematics._ik_problem import CoordinatePrior, ReplayConfig
 from legsim.kinematics.marker_sites import MarkerSites
 from legsim.kinematics.osim_leg import OsimLeg
-from legsim.kinematics.skeleton import segment_index
 from legsim.mocap.labels import MarkerMap
 from legsim.mocap.trajectories import JointTrajectories, MarkerTrajectories
 
@@ -85,8 +84,8 @@ def coordinates(
         notes.append(f"not in the file, so at the model's default (rad, m): {values}")
         leg = leg.with_held(missing)
     values = leg.values_of(loaded)
-    _check_knees(leg, values, loaded.times)
     trajectories = JointTrajectories(loaded.times, leg.coordinate_names, values)
+    _check_knees(leg, trajectories)
     whole = leg.complete(trajectories)
     extra = [name for name in names if name not in whole.coordinate_names]
     if extra:
@@ -195,19 +194,17 @@ def replay_config(leg: OsimLeg, sites: MarkerSites) -> ReplayConfig:
     return ReplayConfig(priors=priors)
 
 
-def _check_knees(leg: OsimLeg, values: FloatArray, times: FloatArray) -> None:
+def _check_knees(leg: OsimLeg, trajectories: JointTrajectories) -> None:
     """Refuses knees that bend forwards: the file counts flexion the other way."""
-    pose = leg.kinematics(values)
-    for side in "rl":
-        femur, tibia = (segment_index(f"{part}_{side}") for part in ("femur", "tibia"))
-        turn = np.swapaxes(pose.rotations[:, femur], 1, 2) @ pose.rotations[:, tibia]
-        extension = np.degrees(np.arctan2(turn[:, 1, 0], turn[:, 0, 0]))
-        worst = int(extension.argmax())
-        if extension[worst] > _LARGEST_EXTENSION_DEG:
+    poses = leg.segment_poses(trajectories)
+    for side, word in (("r", "right"), ("l", "left")):
+        flexion = np.degrees(poses.knee_flexion(side))
+        worst = int(flexion.argmin())
+        if flexion[worst] < -_LARGEST_EXTENSION_DEG:
             raise LegsimError(
-                f"on this model the {'right' if side == 'r' else 'left'} knee bends forwards by "
-                f"{extension[worst]:.0f} degrees at {times[worst]:g} s: the file counts flexion "
-                "the other way; give the file of this model"
+                f"on this model the {word} knee bends forwards by {-flexion[worst]:.0f} degrees at "
+                f"{trajectories.times[worst]:g} s: the file counts flexion the other way; give the "
+                "file of this model"
             )
 
 

@@ -127,6 +127,12 @@ class SegmentPoses:
         """world_from_segment (n, 4, 4) of one segment."""
         return self.world_from_segment[:, index_of("segment", self.segment_names, segment)]
 
+    def knee_flexion(self, side: str) -> FloatArray:
+        """(n,) rad by which the knee of ``side`` ("r" or "l") is bent, whatever a model's sign."""
+        femur, tibia = (self.of(f"{part}_{side}")[:, :3, :3] for part in ("femur", "tibia"))
+        turn = np.swapaxes(femur, 1, 2) @ tibia
+        return -np.arctan2(turn[:, 1, 0], turn[:, 0, 0])
+
     def held_at(self, index: int) -> "SegmentPoses":
         """The motion-free counterpart: the pose of sample ``index`` at every time."""
         held = np.broadcast_to(self.world_from_segment[index], self.world_from_segment.shape)

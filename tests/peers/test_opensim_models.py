@@ -9,13 +9,16 @@ from legsim.core import transforms
 from legsim.kinematics import (
     from_recording,
     inverse_kinematics,
+    marker_sites,
     on_osim_model,
+    osim_export,
     osim_file,
     osim_scaling,
 )
 from legsim.kinematics._ik_problem import ReplayConfig
+from legsim.kinematics.leg_model import COORDINATES, LegModel
 from legsim.kinematics.osim_leg import OsimLeg
-from legsim.kinematics.skeleton import JOINT_CENTERS
+from legsim.kinematics.skeleton import JOINT_CENTERS, SEGMENTS, SegmentScales
 from legsim.mocap.trajectories import JointTrajectories, MarkerTrajectories
 
 pytestmark = [pytest.mark.peer, pytest.mark.filterwarnings("ignore::DeprecationWarning")]
@@ -112,3 +115,24 @@ def test_inverse_kinematics_by_the_models_own_markers_agrees(opensim_peer, share
     ]
     assert (costs[0] <= costs[1] * (1 + 1e-6)).all()
     assert np.degrees(np.abs(ours.trajectories.values - values).max()) < 0.01
+
+
+def test_the_scaled_leg_opens_in_opensim_to_the_same_bodies_and_masses(opensim_peer, tmp_path, rng):
+    scales = SegmentScales(rng.uniform(0.8, 1.2, (len(SEGMENTS), 3)), 62.0)
+    leg, path = LegModel.load(scales), tmp_path / "scaled_model.osim"
+    path.write_text(osim_export.text(leg, marker_sites.load(), name="person"))
+    model = opensim_peer.any_model(path)
+    theirs = opensim_peer.random_postures(model, POSTURES, rng)
+    values = theirs.values[:, [theirs.coordinates.index(n) for n in COORDINATES]]
+    times = np.arange(POSTURES, dtype=float)
+    ours = leg.segment_poses(JointTrajectories(times, COORDINATES, values))
+    for body in SEGMENTS:
+        away = ours.of(body)[:, :3, 3] - theirs.bodies[body][:, :3, 3]
+        assert np.linalg.norm(away, axis=-1).max() < 0.05e-3
+        assert model.getBodySet().get(body).getMass() == pytest.approx(leg.mass_of(body))
+    places = leg.marker_positions(values, marker_sites.load())
+    for k, marker in enumerate(marker_sites.load().names):
+        assert np.abs(places[:, k] - theirs.markers[marker]).max() < 0.05e-3
+    assert sum(
+        model.getBodySet().get(k).getMass() for k in range(model.getNumBodies())
+    ) == pytest.approx(62.0)
