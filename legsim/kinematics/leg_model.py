@@ -26,7 +26,6 @@ from legsim.kinematics._leg_scaling import scale_masses, scale_offsets
 from legsim.kinematics._simm_spline import SimmSpline
 from legsim.kinematics.marker_sites import MarkerSites
 from legsim.kinematics.skeleton import (
-    JOINT_CENTERS,
     SEGMENTS,
     JointCenters,
     SegmentPoses,
@@ -52,8 +51,6 @@ COORDINATES = (
     *(f"{name}_{side}" for side in "rl" for name in _SIDE),
 )
 """The 20 independent coordinates in the order of every (n, 20) array, under OpenSim's names."""
-
-_CENTER_SEGMENT = {"hip": "femur", "knee": "tibia", "ankle": "talus"}
 
 
 class SensorMotion(NamedTuple):
@@ -228,9 +225,7 @@ class LegModel:
 
     def joint_centers(self, poses: SegmentPoses) -> JointCenters:
         """Hip, knee and ankle centers: the origins of femur, tibia and talus."""
-        names = [name.rsplit("_", 1) for name in JOINT_CENTERS]
-        origins = [poses.of(f"{_CENTER_SEGMENT[joint]}_{side}")[:, :3, 3] for joint, side in names]
-        return JointCenters(poses.times, np.stack(origins, 1))
+        return JointCenters.of_segments(poses)
 
     def thigh_length(self, side: str) -> float:
         """m, from hip center to knee center with the knee straight; ``side`` is "r" or "l"."""

@@ -17,15 +17,12 @@ from legsim.kinematics.leg_model import Kinematics, SensorMotion, marker_rows
 from legsim.kinematics.marker_sites import MarkerSites
 from legsim.kinematics.osim_file import Coupler, Joint, OsimModel
 from legsim.kinematics.skeleton import (
-    JOINT_CENTERS,
     SEGMENTS,
     JointCenters,
     SegmentPoses,
     segment_index,
 )
 from legsim.mocap.trajectories import JointTrajectories
-
-_CENTER_SEGMENT = {"hip": "femur", "knee": "tibia", "ankle": "talus"}
 
 _PATELLAE = tuple(segment_index(f"patella_{side}") for side in "rl")
 
@@ -83,6 +80,10 @@ class OsimLeg:
         self.moves = self._segment_moves()
         self.heading = self._heading()
 
+    def __repr__(self) -> str:
+        thigh, shank = (1e3 * f("r") for f in (self.thigh_length, self.shank_length))
+        return f"OsimLeg({self.model.name}, thigh {thigh:.0f} mm, shank {shank:.0f} mm)"
+
     def with_held(self, names: Collection[str]) -> "OsimLeg":
         """The same legs with these coordinates held at their defaults."""
         return OsimLeg(self.model, held=names)
@@ -117,9 +118,7 @@ class OsimLeg:
 
     def joint_centers(self, poses: SegmentPoses) -> JointCenters:
         """Hip, knee and ankle centers: the origins of femur, tibia and talus."""
-        names = [name.rsplit("_", 1) for name in JOINT_CENTERS]
-        origins = [poses.of(f"{_CENTER_SEGMENT[joint]}_{side}")[:, :3, 3] for joint, side in names]
-        return JointCenters(poses.times, np.stack(origins, 1))
+        return JointCenters.of_segments(poses)
 
     def thigh_length(self, side: str) -> float:
         """m, from hip center to knee center with the knee straight; ``side`` is "r" or "l"."""
@@ -344,14 +343,13 @@ class OsimLeg:
         return turns, places
 
     def _segment_moves(self) -> np.ndarray:
-        """(c, 13) whether a coordinate moves a segment by its screw.
+        """(c, 13) whether a coordinate moves a segment by its screw; a patella as its femur.
 
         Raises:
             LegsimError: a coupler makes one coordinate move segments in different ways.
         """
         chain = self._chain
         by_segment = chain.moves[:, self._bodies]
-        by_segment[:, list(_PATELLAE)] = False
         for c in self._couplers:
             d, i = (chain.names.index(name) for name in (c.dependent, c.independent))
             if (by_segment[d] != by_segment[i]).any():

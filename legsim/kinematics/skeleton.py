@@ -22,6 +22,8 @@ SEGMENTS = (
 JOINT_CENTERS = ("hip_l", "knee_l", "ankle_l", "hip_r", "knee_r", "ankle_r")
 """Names and order of the joint centers."""
 
+_CENTER_SEGMENT = {"hip": "femur", "knee": "tibia", "ankle": "talus"}
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SegmentScales:
@@ -74,6 +76,13 @@ class JointCenters:
             "positions_world",
             frozen("JointCenters.positions_world", self.positions_world, shape),
         )
+
+    @classmethod
+    def of_segments(cls, poses: "SegmentPoses") -> "JointCenters":
+        """The origins of femur, tibia and talus."""
+        names = [name.rsplit("_", 1) for name in JOINT_CENTERS]
+        origins = [poses.of(f"{_CENTER_SEGMENT[joint]}_{side}")[:, :3, 3] for joint, side in names]
+        return cls(poses.times, np.stack(origins, 1))
 
     @property
     def names(self) -> tuple[str, ...]:

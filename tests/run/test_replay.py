@@ -147,6 +147,9 @@ def test_ctrl_c_leaves_no_half_file_and_the_next_replay_ends_it(standing, tmp_pa
         "recording.rrd",
         "report.html",
         "kinematics.json",
+        "scaled_model.osim",
+        "model_markers.trc",
+        "marker_errors.sto",
         "manifest.json",
     } == {p.name for p in tmp_path.iterdir()}
 
