@@ -27,6 +27,7 @@ from legsim.kinematics.marker_sites import MarkerSites
 from legsim.kinematics.moving_leg import MarkerFit, MovingLeg
 from legsim.kinematics.osim_leg import OsimLeg
 from legsim.kinematics.scaling import Scaling
+from legsim.kinematics.skeleton import SegmentScales
 from legsim.mocap import cleaning as mocap_cleaning
 from legsim.mocap import files as mocap_files
 from legsim.mocap import marker_sets, opensim
@@ -86,10 +87,8 @@ def files_read(
     """
     path = find_recording(recording)
     files = [path, _scaling_source(path, scale_from)]
-    for given, what in ((model, "an OpenSim model (.osim)"), (scale_file, "a scale file (.xml)")):
-        if given and not Path(given).is_file():
-            raise file_error(given, "no such file", f"give {what}")
-        files += [Path(given)] if given else []
+    _check_there(model, scale_file)
+    files += [Path(given) for given in (model, scale_file) if given]
     if str(marker_map).endswith(".toml") and Path(marker_map).is_file():
         files.append(Path(marker_map))
     return tuple(files)
@@ -141,8 +140,8 @@ def solve_kinematics(
     reading = _Reading(marker_map, unit, up, filter_hz, longest_gap, marker_noise)
     _check_one_size(path, scale_from, model, scale_file)
     low_pass_hz = filter_hz if filter_coordinates else 0.0
+    _check_there(model, scale_file)
     if model is not None:
-        files_read(path, model=model, scale_file=scale_file)
         return _on_model(reading, path, model, scale_file, low_pass_hz)
     if mocap_files.kind(path) in ("storage", "csv"):
         loaded = mocap_files.load_recording(path)
@@ -279,6 +278,13 @@ def _coordinates_on_model(
     )
 
 
+def _check_there(model: str | Path | None, scale_file: str | Path | None) -> None:
+    """Refuses a model or scale file that is not there."""
+    for given, what in ((model, "an OpenSim model (.osim)"), (scale_file, "a scale file (.xml)")):
+        if given and not Path(given).is_file():
+            raise file_error(given, "no such file", f"give {what}")
+
+
 def _check_one_size(
     path: Path,
     scale_from: str | Path | None,
@@ -296,13 +302,17 @@ def _check_one_size(
         )
 
 
+def _scales_of(scale_file: str | Path) -> tuple[SegmentScales, tuple[str, ...]]:
+    """Scales of legsim's own leg by a scale file, and notes."""
+    factors = osim_scaling.read(scale_file)
+    return _named(Path(scale_file), lambda: osim_scaling.segment_scales(factors))
+
+
 def _given_scales(
     scale_file: str | Path, sites: MarkerSites, measured: MarkerTrajectories
 ) -> tuple[Scaling, tuple[str, ...]]:
     """Factors of a scale file, and the recording's markers on the scaled segments."""
-    factors, notes = _named(
-        Path(scale_file), lambda: osim_scaling.segment_scales(osim_scaling.read(scale_file))
-    )
+    factors, notes = _scales_of(scale_file)
     known = sites.only([name for name in measured.marker_names if name in sites.names])
     return Scaling(factors, known.scaled(factors), ()), notes
 
@@ -382,9 +392,7 @@ def _from_coordinates(
         reference, _, _ = _cleaned(reading, scaled_from)
         leg = LegModel.load(scaling.fit(leg, reference, marker_sites.load()).scales)
     elif scale_file is not None:
-        factors, sized = _named(
-            Path(scale_file), lambda: osim_scaling.segment_scales(osim_scaling.read(scale_file))
-        )
+        factors, sized = _scales_of(scale_file)
         leg = LegModel.load(factors)
     else:
         sized = (

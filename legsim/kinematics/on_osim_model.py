@@ -43,8 +43,9 @@ def load(model: str | Path, scales: str | Path | None) -> tuple[OsimLeg, tuple[s
     read = osim_file.read(model)
     notes = [f"on the model {read.name} ({read.path.name})"]
     if scales is not None:
+        factors = osim_scaling.read(scales)
         try:
-            read = osim_scaling.scaled(read, osim_scaling.read(scales))
+            read = osim_scaling.scaled(read, factors)
         except LegsimError as error:
             raise LegsimError(f"{scales}: {error}") from error
         notes[0] += f", scaled by {Path(scales).name}"

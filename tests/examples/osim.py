@@ -24,6 +24,24 @@ class J:
 
 LINEAR = "<LinearFunction name='function'><coefficients>1 0</coefficients></LinearFunction>"
 FREE = (0.0, -10.0, 10.0, False, False)
+PLACES = {
+    "pelvis": ("0 0.02 0.12", "0 0.02 -0.12", "-0.16 0.03 0.04", "-0.15 0.02 -0.05"),
+    "femur_r": ("0.05 -0.15 0.06", "0.02 -0.25 0.07", "0 -0.4 0.05"),
+    "tibia_r": ("0.03 -0.1 0.04", "0 -0.2 0.05", "0 -0.39 0.05"),
+    "talus_r": ("0.15 -0.03 0.03", "-0.05 -0.04 0", "0.1 -0.03 -0.04"),
+}
+PLACES |= {
+    f"{body[:-1]}l": tuple(" ".join([*p.split()[:2], f"{-float(p.split()[2])}"]) for p in places)
+    for body, places in PLACES.items()
+    if body.endswith("_r")
+}
+MARKERS = "".join(
+    f"<Marker name='{body}_M{k}'><socket_parent_frame>/bodyset/{body}</socket_parent_frame>"
+    f"<location>{place}</location></Marker>"
+    for body, places in PLACES.items()
+    for k, place in enumerate(places)
+)
+"""Three to four on each body of two_legs()"""
 
 
 def pelvis(kind="CustomJoint") -> J:
