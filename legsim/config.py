@@ -48,6 +48,10 @@ class MotionConfig(ConfigSection):
     """recording that the model is scaled from; empty: the person's active squats for legsim's own
     recordings, else the same one
     """
+    model: str = ""
+    """OpenSim model (.osim) to use, with its markers and of its size; empty: legsim's own leg"""
+    scale_file: str = ""
+    """OpenSim's scale factors (.xml), for legsim's own leg or for the model; empty: none"""
 
 
 class SensorConfig(ConfigSection):

@@ -64,6 +64,19 @@ def replay(
         ),
     ],
     out: OutFolder = Path("replay"),
+    model: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="MODEL.osim",
+            help="OpenSim model to use, with its markers and of its size. Default: legsim's leg.",
+        ),
+    ] = None,
+    scale_file: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="SCALES.xml", help="OpenSim's scale factors, for legsim's leg or the model."
+        ),
+    ] = None,
     filter_hz: Annotated[
         float | None,
         typer.Option(
@@ -88,6 +101,8 @@ def replay(
     from legsim.run.replay import replay as replay_recording
 
     overrides = [f"motion.file={motion}", *(settings or ())]
+    overrides += [f"motion.model={model}"] if model else []
+    overrides += [f"motion.scale_file={scale_file}"] if scale_file else []
     if filter_hz is not None:
         overrides.append(f"motion.filter_hz={filter_hz}")
     with progress.of_stages(console.err) as on_progress:

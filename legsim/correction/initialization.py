@@ -33,7 +33,7 @@ from legsim.imu.sensors import Sensor
 from legsim.imu.signals import ImuSignals, SensorStart
 from legsim.imu.strapdown import Scheme
 from legsim.kinematics.joint_splines import JointSplines
-from legsim.kinematics.leg_model import LegModel
+from legsim.kinematics.leg import Leg
 from legsim.kinematics.skeleton import SegmentPoses
 from legsim.opencl.device import Device
 from legsim.phantom.leg_phantom import LegPhantom
@@ -53,9 +53,7 @@ class Starts:
     notes: tuple[str, ...]
 
 
-def from_truth(
-    leg: LegModel, splines: JointSplines, placed: Sequence[Sensor], time: float
-) -> Starts:
+def from_truth(leg: Leg, splines: JointSplines, placed: Sequence[Sensor], time: float) -> Starts:
     """Exact pose and velocity of each sensor at the first view."""
     return Starts(
         tuple(simulation.true_start(leg, splines, sensor, time) for sensor in placed),

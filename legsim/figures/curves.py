@@ -20,15 +20,9 @@ _TITLE = 0.18
 """inches of a line of title"""
 
 
-def joint_angles(trajectories: JointTrajectories, names: Sequence[str] = ()) -> Figure:
-    """Coordinates in degrees over time, right and left of a kind in one plot; all rotations, or
-    ``names`` of them.
-    """
-    chosen = [
-        n
-        for n in (names or trajectories.coordinate_names)
-        if not n.startswith("pelvis_t") or n == "pelvis_tilt"
-    ]
+def joint_angles(trajectories: JointTrajectories, names: Sequence[str]) -> Figure:
+    """Coordinates ``names`` in degrees over time, right and left of a kind in one plot."""
+    chosen = list(names)
     kinds = list(dict.fromkeys(_kind(name) for name in chosen))
     columns = 2 if len(kinds) > 3 else 1
     rows = -(-len(kinds) // columns)

@@ -18,7 +18,8 @@ from legsim.imu.sensors import Sensor, default_sensors
 from legsim.imu.signals import ImuSignals, SensorStart
 from legsim.imu.skin_mount import SkinMount
 from legsim.kinematics.joint_splines import JointSplines
-from legsim.kinematics.leg_model import LegModel, SensorMotion
+from legsim.kinematics.leg import Leg
+from legsim.kinematics.leg_model import SensorMotion
 from legsim.kinematics.marker_sites import MarkerSites
 from legsim.kinematics.moving_leg import MovingLeg
 from legsim.kinematics.skeleton import SegmentPoses
@@ -63,7 +64,7 @@ def simulate_imu(
 
 
 def simulate(
-    leg: LegModel, splines: JointSplines, sensors: Sequence[Sensor], times: ArrayLike
+    leg: Leg, splines: JointSplines, sensors: Sequence[Sensor], times: ArrayLike
 ) -> ImuSignals:
     """What noise-free sensors read at ``times`` (n,) s, exact for the splines.
 
@@ -80,7 +81,7 @@ def simulate(
 
 
 def sensor_poses(
-    leg: LegModel, splines: JointSplines, sensors: Sequence[Sensor], times: ArrayLike
+    leg: Leg, splines: JointSplines, sensors: Sequence[Sensor], times: ArrayLike
 ) -> SegmentPoses:
     """True poses of the sensors, as segments under the sensors' names: world_from_sensor (n, k, 4,
     4).
@@ -92,7 +93,7 @@ def sensor_poses(
     return SegmentPoses(times, tuple(sensor.name for sensor in sensors), poses)
 
 
-def true_start(leg: LegModel, splines: JointSplines, sensor: Sensor, time: float) -> SensorStart:
+def true_start(leg: Leg, splines: JointSplines, sensor: Sensor, time: float) -> SensorStart:
     """True pose and velocity of a sensor at one time: what initialization from the projections has
     to find.
 
@@ -107,9 +108,7 @@ def true_start(leg: LegModel, splines: JointSplines, sensor: Sensor, time: float
     return SensorStart(pose, leg.marker_jacobians(values, site)[0, 0] @ rates[0])
 
 
-def _motion(
-    leg: LegModel, splines: JointSplines, sensor: Sensor, times: FloatArray
-) -> SensorMotion:
+def _motion(leg: Leg, splines: JointSplines, sensor: Sensor, times: FloatArray) -> SensorMotion:
     state = splines.at(times, leg.coordinate_names)
     return leg.attached_motion(
         *state, segment=sensor.segment, segment_from_sensor=sensor.segment_from_sensor

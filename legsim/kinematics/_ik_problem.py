@@ -8,7 +8,8 @@ import numpy as np
 from legsim.core import transforms
 from legsim.core.errors import LegsimError
 from legsim.core.values import FloatArray
-from legsim.kinematics.leg_model import COORDINATES, Kinematics, LegModel, marker_rows
+from legsim.kinematics.leg import Leg
+from legsim.kinematics.leg_model import Kinematics, marker_rows
 from legsim.kinematics.marker_sites import MarkerSites
 from legsim.kinematics.skeleton import segment_index
 
@@ -71,7 +72,7 @@ class State(NamedTuple):
 class Problem:
     """The least-squares problem of one leg and marker set."""
 
-    def __init__(self, leg: LegModel, sites: MarkerSites, config: ReplayConfig) -> None:
+    def __init__(self, leg: Leg, sites: MarkerSites, config: ReplayConfig) -> None:
         self.leg, self.sites, self.config = leg, sites, config
         for side, word in (("r", "right"), ("l", "left")):
             if not any(s.endswith(f"_{side}") for s in sites.segments):
@@ -83,20 +84,23 @@ class Problem:
         self._related = np.triu(related).astype(float)
         # the pelvis translates along the world's axes, whatever its turn
         self._turning = self._related.copy()
-        self._turning[:3, 3:6] = 0
-        self._diagonal = np.arange(len(COORDINATES))
+        names = leg.coordinate_names
+        pelvis = names[: leg.pelvis_coordinates]
+        self._turning[:, [k for k, name in enumerate(pelvis) if name in leg.shifts]] = 0
+        self._pelvis_turns = [k for k, name in enumerate(pelvis) if name not in leg.shifts]
+        self._diagonal = np.arange(len(names))
         self._feet = [segment_index(f"calcn_{side}") for side in "rl"]
-        self._prior_weights, self._prior_values = np.zeros((2, len(COORDINATES)))
+        self._prior_weights, self._prior_values = np.zeros((2, len(names)))
         for prior in config.priors:
-            if prior.coordinate not in COORDINATES:
+            if prior.coordinate not in names:
                 raise LegsimError(
                     f"no coordinate named {prior.coordinate!r} for a prior; there are: "
-                    f"{', '.join(COORDINATES)}"
+                    f"{', '.join(names)}"
                 )
-            column = COORDINATES.index(prior.coordinate)
+            column = names.index(prior.coordinate)
             self._prior_weights[column], self._prior_values[column] = prior.weight, prior.value
         limits = leg.coordinate_ranges.copy()
-        limits[:6] = -np.inf, np.inf
+        limits[: leg.pelvis_coordinates] = -np.inf, np.inf
         self.low, self.high = limits.T
 
     def at(
@@ -194,18 +198,18 @@ class Problem:
         return cost
 
     def pelvis_starts(self, measured: FloatArray) -> FloatArray:
-        """Pelvis coordinates (n, 6) from its own markers (n, m, 3), three seen at least; angles run
+        """Pelvis coordinates (n, p) from its own markers (n, m, 3), three seen at least; angles run
         on past half a turn.
         """
         rows = np.array(self.pelvis_rows)
-        found = np.empty((len(measured), 6))
+        poses = np.empty((len(measured), 4, 4))
         for i, frame in enumerate(measured[:, rows]):
             use = np.isfinite(frame[:, 0])
-            pose = transforms.best_rigid(
+            poses[i] = transforms.best_rigid(
                 self.sites.positions[rows[use]], frame[use], self.sites.weights[rows[use]]
             )
-            found[i] = *_pelvis_angles(pose[:3, :3]), *pose[:3, 3]
-        found[:, :3] = np.unwrap(found[:, :3], axis=0)
+        found = self.leg.pelvis_values(poses)
+        found[:, self._pelvis_turns] = np.unwrap(found[:, self._pelvis_turns], axis=0)
         return found
 
 
@@ -220,13 +224,3 @@ def _traced(matrices: FloatArray, vectors: FloatArray) -> FloatArray:
     """(trace(M) - M) v."""
     trace = matrices[..., 0, 0] + matrices[..., 1, 1] + matrices[..., 2, 2]
     return trace[..., None] * vectors - np.einsum("ncij,ncj->nci", matrices, vectors)
-
-
-def _pelvis_angles(rotation: FloatArray) -> tuple[float, float, float]:
-    """Tilt (z), list (x), rotation (y) of a pelvis whose rotation is Rz Rx Ry."""
-    r = rotation
-    return (
-        float(np.arctan2(-r[0, 1], r[1, 1])),
-        float(np.arcsin(np.clip(r[2, 1], -1, 1))),
-        float(np.arctan2(-r[2, 0], r[2, 2])),
-    )

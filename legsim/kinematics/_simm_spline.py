@@ -17,8 +17,8 @@ from legsim.core.values import FloatArray, frozen
 
 
 class SimmSpline:
-    """A function of one variable given by at least four knots ``x`` (k,), strictly increasing, and
-    values ``y`` (k,).
+    """A function of one variable given by at least two knots ``x`` (k,), strictly increasing, and
+    values ``y`` (k,): a straight line through two, a parabola through three.
     """
 
     __slots__ = ("_coefficients", "x", "y")
@@ -26,9 +26,9 @@ class SimmSpline:
     def __init__(self, x: Sequence[float] | FloatArray, y: Sequence[float] | FloatArray) -> None:
         self.x = frozen("SimmSpline.x", x, (None,))
         self.y = frozen("SimmSpline.y", y, (len(self.x),))
-        if len(self.x) < 4 or (np.diff(self.x) <= 0).any():
+        if len(self.x) < 2 or (np.diff(self.x) <= 0).any():
             raise LegsimError(
-                "a SimmSpline needs at least four knots with x strictly increasing; got x = "
+                "a SimmSpline needs at least two knots with x strictly increasing; got x = "
                 f"{list(self.x)}"
             )
         self._coefficients = _cubics(self.x, self.y)
@@ -57,13 +57,17 @@ def _cubics(x: FloatArray, y: FloatArray) -> FloatArray:
     """
     n, h = len(x), np.diff(x)
     divided = (y[1:] - y[:-1]) / h
+    if n == 2:
+        return np.array([[y[0]], [divided[0]], [0.0], [0.0]])
     # unknowns s_i = S''(x_i) / 6
     system, right = np.zeros((n, n)), np.zeros(n)
     for i in range(1, n - 1):
         system[i, i - 1 : i + 2] = h[i - 1], 2 * (h[i - 1] + h[i]), h[i]
         right[i] = divided[i] - divided[i - 1]
-    system[0, :2], right[0] = (-1 / h[0], 1 / h[0]), _third_divided_difference(x[:4], y[:4])
-    system[-1, -2:], right[-1] = (-1 / h[-1], 1 / h[-1]), _third_divided_difference(x[-4:], y[-4:])
+    system[0, :2], system[-1, -2:] = (-1 / h[0], 1 / h[0]), (-1 / h[-1], 1 / h[-1])
+    if n > 3:
+        right[0] = _third_divided_difference(x[:4], y[:4])
+        right[-1] = _third_divided_difference(x[-4:], y[-4:])
     s = np.asarray(np.linalg.solve(system, right), np.float64)
     return np.stack([y[:-1], divided - h * (2 * s[:-1] + s[1:]), 3 * s[:-1], np.diff(s) / h])
 

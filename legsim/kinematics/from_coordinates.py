@@ -55,13 +55,13 @@ def moving_leg(
     completed, filled = _completed(loaded, path, leg)
     values, turned = _with_our_knee_sign(leg.values_of(completed), loaded.coordinate_names)
     if low_pass_hz > 0:
-        values = _low_passed(path, values, loaded.times, low_pass_hz)
+        values = low_passed(path, values, loaded.times, low_pass_hz)
     return MovingLeg(
         printable(path.name),
         leg,
         JointTrajectories(loaded.times, leg.coordinate_names, values),
         None,
-        (*recording.notes, *filled, *turned, *_gap_note(loaded.times)),
+        (*recording.notes, *filled, *turned, *gap_note(loaded.times)),
     )
 
 
@@ -101,9 +101,8 @@ def _is_patella(name: str) -> bool:
     return name.endswith("_beta")
 
 
-def _low_passed(
-    path: Path, values: FloatArray, times: FloatArray, low_pass_hz: float
-) -> FloatArray:
+def low_passed(path: Path, values: FloatArray, times: FloatArray, low_pass_hz: float) -> FloatArray:
+    """Coordinates (n, c) after a zero-phase low-pass; refused where times are not even."""
     steps = np.diff(times)
     if len(steps) == 0 or np.ptp(steps) > 0.01 * np.median(steps):
         raise file_error(
@@ -114,7 +113,7 @@ def _low_passed(
     return named(path, lambda: low_pass(values, 1 / float(steps.mean()), low_pass_hz))
 
 
-def _gap_note(times: FloatArray) -> tuple[str, ...]:
+def gap_note(times: FloatArray) -> tuple[str, ...]:
     """A word on samples left out, across which the curves are only guessed."""
     steps = np.diff(times)
     if len(steps) == 0 or steps.max() <= 2.5 * np.median(steps):

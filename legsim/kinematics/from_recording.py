@@ -3,24 +3,36 @@ a report on each.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from legsim.core import resources
 from legsim.core.errors import LegsimError, file_error, printable
-from legsim.kinematics import inverse_kinematics, marker_sites, scaling, smoothing
-from legsim.kinematics.from_coordinates import moving_leg, named
+from legsim.kinematics import (
+    inverse_kinematics,
+    marker_sites,
+    on_osim_model,
+    osim_scaling,
+    scaling,
+    smoothing,
+)
+from legsim.kinematics.from_coordinates import gap_note, low_passed, moving_leg, named
+from legsim.kinematics.inverse_kinematics import Solution
+from legsim.kinematics.leg import Leg
 from legsim.kinematics.leg_model import LegModel
+from legsim.kinematics.marker_sites import MarkerSites
 from legsim.kinematics.moving_leg import MarkerFit, MovingLeg
+from legsim.kinematics.scaling import Scaling
+from legsim.kinematics.skeleton import SegmentScales
 from legsim.mocap import cleaning as mocap_cleaning
 from legsim.mocap import files as mocap_files
 from legsim.mocap import marker_sets
 from legsim.mocap.cleaning import CleaningReport
 from legsim.mocap.coordinates import RawCoordinates
 from legsim.mocap.labels import PAPER_ROLES
-from legsim.mocap.trajectories import MarkerTrajectories
+from legsim.mocap.trajectories import JointTrajectories, MarkerTrajectories
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,6 +44,7 @@ class _Reading:
     up: str | None
     filter_hz: float
     longest_gap: float
+    marker_noise: float
 
 
 def find_recording(file: str | Path) -> Path:
@@ -53,11 +66,23 @@ def find_recording(file: str | Path) -> Path:
 
 
 def files_read(
-    recording: str | Path, *, marker_map: str | Path = "auto", scale_from: str | Path | None = None
+    recording: str | Path,
+    *,
+    marker_map: str | Path = "auto",
+    scale_from: str | Path | None = None,
+    model: str | Path | None = None,
+    scale_file: str | Path | None = None,
 ) -> tuple[Path, ...]:
-    """The files that :func:`solve_kinematics` reads: recording, scaling trial, own marker map."""
+    """The files that :func:`solve_kinematics` reads: recording, scaling trial, own marker map,
+    model, scale file.
+
+    Raises:
+        LegsimError: one of them is not there.
+    """
     path = find_recording(recording)
     files = [path, _scaling_source(path, scale_from)]
+    _check_there(model, scale_file)
+    files += [Path(given) for given in (model, scale_file) if given]
     if str(marker_map).endswith(".toml") and Path(marker_map).is_file():
         files.append(Path(marker_map))
     return tuple(files)
@@ -73,6 +98,8 @@ def solve_kinematics(
     longest_gap: float = 2.0,
     marker_noise: float = 0.2e-3,
     scale_from: str | Path | None = None,
+    model: str | Path | None = None,
+    scale_file: str | Path | None = None,
     filter_coordinates: bool = False,
     in_degrees: bool | None = None,
 ) -> MovingLeg:
@@ -93,6 +120,9 @@ def solve_kinematics(
             as low as that hides.
         scale_from: recording that the model is scaled from. None: the person's active squats for
             legsim's own recordings, else ``recording`` itself.
+        model: an OpenSim model (.osim) whose legs are used instead of legsim's own, with its
+            markers and as large as it is.
+        scale_file: OpenSim's scale factors (.xml) for the generic leg, or for ``model``.
         filter_coordinates: low-pass joint coordinates of a .mot, .sto or .csv too.
         in_degrees: whether the angles of a .mot or .sto are in degrees; None believes the header
             as far as the angles bear it out.
@@ -105,30 +135,70 @@ def solve_kinematics(
     ('squat_60.trc', 2400)
     """
     path = find_recording(recording)
-    reading = _Reading(marker_map, unit, up, filter_hz, longest_gap)
+    reading = _Reading(marker_map, unit, up, filter_hz, longest_gap, marker_noise)
+    _check_one_size(path, scale_from, model, scale_file)
+    _check_there(model, scale_file)
+    low_pass_hz = filter_hz if filter_coordinates else 0.0
     raw = mocap_files.read_raw(path)
     if isinstance(raw, RawCoordinates):
         scaled = None if scale_from is None else find_recording(scale_from)
         if scaled is None:
             _refuse_marker_options(path, reading, filter_coordinates)
+        if model is not None:
+            return _coordinates_on_model(
+                path, raw, model, scale_file, low_pass_hz, unit=unit, in_degrees=in_degrees
+            )
         found = mocap_files.resolve(
             path, raw, unit=unit, up=None if scaled else up, in_degrees=in_degrees
         )
-        low_pass_hz = filter_hz if filter_coordinates else 0.0
-        return moving_leg(found, path, _scaled(reading, scaled), low_pass_hz=low_pass_hz)
+        leg, sized = _sized_leg(reading, scaled, scale_file)
+        found = replace(found, notes=(*sized, *found.notes))
+        return moving_leg(found, path, leg, low_pass_hz=low_pass_hz)
     mocap_files.refuse_options(path, {"angles": in_degrees}, "markers, not joint coordinates")
+    if model is not None:
+        return _markers_on_model(reading, path, model, scale_file)
     # a trial that is scaled from another may go without the landmarks that only scaling needs
-    measured, cleaning, notes = _cleaned(reading, path, required=() if scale_from else PAPER_ROLES)
-    scaled_from = _scaling_source(path, scale_from)
-    reference = measured if scaled_from == path else _cleaned(reading, scaled_from)[0]
+    given = scale_from or scale_file
+    measured, cleaning, notes = _cleaned(reading, path, required=() if given else PAPER_ROLES)
+    scaled_from = Path(scale_file) if scale_file else _scaling_source(path, scale_from)
+    same = scale_file or scaled_from == path
+    reference = measured if same else _cleaned(reading, scaled_from)[0]
     sites = marker_sites.load()
-    fitted = named(path, lambda: scaling.fit(LegModel.load(), reference, sites))
+    if scale_file:
+        fitted, said = _given_scales(scale_file, sites, measured)
+        notes = (*notes, *said)
+    else:
+        fitted = named(path, lambda: scaling.fit(LegModel.load(), reference, sites))
     leg = LegModel.load(fitted.scales)
     placed = fitted.sites
     loose = marker_sites.calibrated_roles() & set(measured.marker_names)
     if loose:
         placed = inverse_kinematics.calibrate(leg, reference, placed, loose)
     solution = named(path, lambda: inverse_kinematics.solve(leg, measured, placed))
+    how = _Fitting(fitted, scaled_from.name, notes)
+    return _solved(reading, path, leg, solution, measured, placed, cleaning, how)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Fitting:
+    """How the person's size was found."""
+
+    scaling: Scaling
+    source: str
+    notes: tuple[str, ...]
+
+
+def _solved(
+    reading: _Reading,
+    path: Path,
+    leg: Leg,
+    solution: Solution,
+    measured: MarkerTrajectories,
+    placed: MarkerSites,
+    cleaning: CleaningReport,
+    how: _Fitting,
+) -> MovingLeg:
+    """The moving person of a solution, its coordinates filtered as low as marker noise hides."""
     names = solution.modelled.marker_names
     shown = MarkerTrajectories(
         measured.times, names, np.stack([measured.marker(n) for n in names], 1)
@@ -137,19 +207,117 @@ def solve_kinematics(
         leg,
         solution.trajectories,
         placed.only(names),
-        noise=marker_noise,
-        filter_hz=filter_hz,
+        noise=reading.marker_noise,
+        filter_hz=reading.filter_hz,
     )
     fit = MarkerFit(
         shown,
         solution.modelled,
+        placed.only(names),
         cleaning,
-        fitted,
+        how.scaling,
         solution.report,
-        printable(scaled_from.name),
+        printable(how.source),
         settled_hz,
     )
-    return MovingLeg(printable(path.name), leg, settled, fit, notes)
+    return MovingLeg(printable(path.name), leg, settled, fit, how.notes)
+
+
+def _markers_on_model(
+    reading: _Reading, path: Path, model: str | Path, scale_file: str | Path | None
+) -> MovingLeg:
+    """A recording of markers on the user's own OpenSim model."""
+    leg, notes = on_osim_model.load(model, scale_file)
+    raw, read_notes = mocap_files.read_markers(path, unit=reading.unit, up=reading.up)
+    own, sites, said = named(path, lambda: on_osim_model.marker_map(leg, raw.marker_names))
+    measured, cleaning = named(
+        path,
+        lambda: mocap_cleaning.clean(
+            raw,
+            own,
+            filter_hz=reading.filter_hz,
+            longest_gap_s=reading.longest_gap,
+            required=(),
+        ),
+    )
+    sites = sites.only([name for name in sites.names if name in measured.marker_names])
+    size = named(path, lambda: on_osim_model.size_note(sites, measured))
+    leg, locked = on_osim_model.held_leg(leg)
+    config = on_osim_model.replay_config(leg, sites)
+    solution = named(path, lambda: inverse_kinematics.solve(leg, measured, sites, config))
+    known = _Fitting(
+        Scaling(leg.scales, sites, ()),
+        leg.model.path.name,
+        (*read_notes, *cleaning.notes, *notes, *said, *size, *locked),
+    )
+    return _solved(reading, path, leg, solution, measured, sites, cleaning, known)
+
+
+def _coordinates_on_model(
+    path: Path,
+    raw: RawCoordinates,
+    model: str | Path,
+    scale_file: str | Path | None,
+    low_pass_hz: float,
+    *,
+    unit: str | None,
+    in_degrees: bool | None,
+) -> MovingLeg:
+    """Coordinates of a file on the user's own model, as they are."""
+    leg, notes = on_osim_model.load(model, scale_file)
+    loaded, read_notes = raw.to_plausible_motion(
+        in_degrees=in_degrees, unit=unit, rotations=leg.rotations()
+    )
+    leg, moved, said = named(path, lambda: on_osim_model.coordinates(leg, loaded))
+    values = moved.values
+    if low_pass_hz > 0:
+        values = low_passed(path, values, loaded.times, low_pass_hz)
+    return MovingLeg(
+        printable(path.name),
+        leg,
+        JointTrajectories(loaded.times, leg.coordinate_names, values),
+        None,
+        (*read_notes, *notes, *said, *gap_note(loaded.times)),
+    )
+
+
+def _check_there(model: str | Path | None, scale_file: str | Path | None) -> None:
+    """Refuses a model or scale file that is not there."""
+    for given, what in ((model, "an OpenSim model (.osim)"), (scale_file, "a scale file (.xml)")):
+        if given and not Path(given).is_file():
+            raise file_error(given, "no such file", f"give {what}")
+
+
+def _check_one_size(
+    path: Path,
+    scale_from: str | Path | None,
+    model: str | Path | None,
+    scale_file: str | Path | None,
+) -> None:
+    """Refuses a size that is given twice."""
+    if scale_from and (model or scale_file):
+        other = "motion.model" if model else "motion.scale_file"
+        raise file_error(
+            path,
+            f"its person's size is given twice, by motion.scaling_file and {other}",
+            "leave motion.scaling_file out",
+            place="settings",
+        )
+
+
+def _scales_of(scale_file: str | Path) -> tuple[SegmentScales, tuple[str, ...]]:
+    """Scales of legsim's own leg by a scale file, and notes."""
+    factors = osim_scaling.read(scale_file)
+    return named(Path(scale_file), lambda: osim_scaling.segment_scales(factors))
+
+
+def _given_scales(
+    scale_file: str | Path, sites: MarkerSites, measured: MarkerTrajectories
+) -> tuple[Scaling, tuple[str, ...]]:
+    """Factors of a scale file, and the recording's markers on the scaled segments."""
+    factors, notes = _scales_of(scale_file)
+    known = sites.only([name for name in measured.marker_names if name in sites.names])
+    return Scaling(factors, known.scaled(factors), ()), notes
 
 
 def _scaling_source(path: Path, scale_from: str | Path | None) -> Path:
@@ -194,7 +362,7 @@ def _cleaned(
 
 def _refuse_marker_options(path: Path, reading: _Reading, filter_coordinates: bool) -> None:
     """Refuses what is said about markers where the file holds none, and no other is read."""
-    usual = _Reading("auto", reading.unit, None, 6.0, 2.0)
+    usual = _Reading("auto", reading.unit, None, 6.0, 2.0, reading.marker_noise)
     filtered = filter_coordinates or reading.filter_hz in (0.0, usual.filter_hz)
     given = {
         "marker_map": reading.marker_map if reading.marker_map != usual.marker_map else None,
@@ -205,10 +373,19 @@ def _refuse_marker_options(path: Path, reading: _Reading, filter_coordinates: bo
     mocap_files.refuse_options(path, given, "joint coordinates, not markers")
 
 
-def _scaled(reading: _Reading, reference: Path | None) -> LegModel:
-    """The model at the size of the person in another recording; as it comes without one."""
+def _sized_leg(
+    reading: _Reading, reference: Path | None, scale_file: str | Path | None
+) -> tuple[LegModel, tuple[str, ...]]:
+    """The model at the size of the person, and a note where nothing says that size."""
     leg = LegModel.load()
-    if reference is None:
-        return leg
-    markers, _, _ = _cleaned(reading, reference)
-    return LegModel.load(scaling.fit(leg, markers, marker_sites.load()).scales)
+    if reference is not None:
+        markers, _, _ = _cleaned(reading, reference)
+        return LegModel.load(scaling.fit(leg, markers, marker_sites.load()).scales), ()
+    if scale_file is not None:
+        factors, notes = _scales_of(scale_file)
+        return LegModel.load(factors), notes
+    thigh, shank = (1e2 * length("r") for length in (leg.thigh_length, leg.shank_length))
+    return leg, (
+        f"put on legsim's generic leg, thigh {thigh:.1f} cm and shank {shank:.1f} cm: "
+        "give --model, --scale-file or motion.scaling_file for the person's own",
+    )

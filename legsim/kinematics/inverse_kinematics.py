@@ -20,7 +20,7 @@ from legsim.core import transforms
 from legsim.core.errors import LegsimError
 from legsim.core.values import FloatArray, frozen, frozen_owned
 from legsim.kinematics._ik_problem import Problem, ReplayConfig, State
-from legsim.kinematics.leg_model import COORDINATES, LegModel
+from legsim.kinematics.leg import Leg
 from legsim.kinematics.marker_sites import MarkerSites
 from legsim.mocap.trajectories import JointTrajectories, MarkerTrajectories
 
@@ -97,7 +97,7 @@ class Solution(NamedTuple):
 
 
 def solve(
-    leg: LegModel,
+    leg: Leg,
     motion: MarkerTrajectories,
     sites: MarkerSites,
     config: ReplayConfig | None = None,
@@ -138,7 +138,7 @@ def solve(
 
 
 def calibrate(
-    leg: LegModel,
+    leg: Leg,
     motion: MarkerTrajectories,
     sites: MarkerSites,
     roles: Collection[str],
@@ -179,7 +179,7 @@ def _solve_all(
     upright = seen[:, problem.pelvis_rows].sum(1) >= 3
     if not upright.any():
         raise LegsimError("no frame shows three markers of the pelvis; the motion cannot be solved")
-    pelvis = np.full((n, 6), np.nan)
+    pelvis = np.full((n, problem.leg.pelvis_coordinates), np.nan)
     pelvis[upright] = problem.pelvis_starts(measured[upright])
     usable = np.flatnonzero(_all_segments_shown(problem, seen, upright))
     first, *finer = problem.config.strides
@@ -188,7 +188,7 @@ def _solve_all(
     for stride in finer:
         frames = _every(usable, stride)
         values = _starts(frames, solved, values)
-        _turn_along(values, pelvis[frames])
+        _turn_along(problem, values, pelvis[frames])
         for chunk in np.array_split(np.arange(len(frames)), max(1, len(frames) // _CHUNK)):
             rows = frames[chunk]
             state, iterations, converged = _minimize(
@@ -251,7 +251,7 @@ def _march(
         reach = max(_REACH, int(away.min()))
         rows, source = frames[away <= reach], nearest[away <= reach]
         starts = values[source] + line[rows] - line[source]
-        _turn_along(starts, pelvis[rows])
+        _turn_along(problem, starts, pelvis[rows])
         state, iterations, converged = _minimize(problem, starts, measured[rows], weights[rows])
         values[rows], trace.iterations[rows], trace.converged[rows] = (
             state.values,
@@ -280,12 +280,14 @@ def _starts(frames: np.ndarray, solved: np.ndarray, values: FloatArray) -> Float
     return np.where(close[:, None], CubicSpline(solved, values)(frames), straight)
 
 
-def _turn_along(values: FloatArray, pelvis: FloatArray) -> None:
-    """Puts the pelvis of starts (n, 20) where its own markers have it (n, 6; NaN: unseen), if it
+def _turn_along(problem: Problem, values: FloatArray, pelvis: FloatArray) -> None:
+    """Puts the pelvis of starts (n, c) where its own markers have it (n, p; NaN: unseen), if it
     turned too far meanwhile.
     """
-    astray = np.abs(values[:, 2] - pelvis[:, 2]) > _ASTRAY
-    values[astray, :6] = pelvis[astray]
+    heading = problem.leg.heading
+    if heading is not None:
+        astray = np.abs(values[:, heading] - pelvis[:, heading]) > _ASTRAY
+        values[astray, : pelvis.shape[1]] = pelvis[astray]
 
 
 def _between(frames: np.ndarray, solved: np.ndarray, values: FloatArray) -> FloatArray:
@@ -299,13 +301,8 @@ def _from_scratch(
     """Best solution (n, 20) over the starting postures."""
     best: State | None = None
     for posture in _STARTS_DEG:
-        start = np.zeros((len(pelvis), len(COORDINATES)))
-        start[:, :6] = pelvis
-        for name, angle in zip(
-            ("hip_flexion", "knee_angle", "ankle_angle"), np.radians(posture), strict=True
-        ):
-            for side in "rl":
-                start[:, COORDINATES.index(f"{name}_{side}")] = angle
+        start = np.tile(problem.leg.posture(*np.radians(posture)), (len(pelvis), 1))
+        start[:, : pelvis.shape[1]] = pelvis
         state, _, _ = _minimize(problem, start, measured, weights)
         if best is None:
             best = state
@@ -407,7 +404,7 @@ def _report(
         marker_worst=frozen("marker_worst", np.where(count > 0, shown.max(0), np.nan), (None,)),
         marker_worst_frame=frozen_owned(shown.argmax(0)),
         marker_seen=frozen_owned(count),
-        coordinate_names=COORDINATES,
+        coordinate_names=problem.leg.coordinate_names,
         coordinate_share=_marker_share(problem, values, seen),
         coordinate_at_limit=frozen_owned(at_limit.sum(0)),
         frames=len(values),
@@ -426,8 +423,7 @@ def _marker_share(problem: Problem, values: FloatArray, seen: np.ndarray) -> Flo
     whole = problem.at(values[some], measured, weights, plain).curvature
     priors = problem.at(values[some], measured, 0 * weights, plain).curvature
     # what neither markers nor priors see belongs to nobody
-    whole = whole + 1e-12 * np.eye(len(COORDINATES))
-    share = 1 - np.einsum(
-        "nij,nji->ni", np.linalg.inv(whole), priors + 1e-12 * np.eye(len(COORDINATES))
-    )
+    unseen = 1e-12 * np.eye(whole.shape[1])
+    whole = whole + unseen
+    share = 1 - np.einsum("nij,nji->ni", np.linalg.inv(whole), priors + unseen)
     return frozen("share", np.mean(np.clip(share, 0, 1), axis=0), (None,))

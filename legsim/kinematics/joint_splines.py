@@ -9,7 +9,7 @@ from scipy.interpolate import BSpline, make_interp_spline
 
 from legsim.core.errors import LegsimError
 from legsim.core.values import FloatArray, increasing_times
-from legsim.kinematics.leg_model import LegModel
+from legsim.kinematics.leg import Leg
 from legsim.kinematics.skeleton import SegmentPoses
 from legsim.mocap.trajectories import JointTrajectories
 
@@ -81,7 +81,7 @@ class JointSplines:
         )
 
 
-def segment_poses_at(leg: LegModel, splines: JointSplines, times: ArrayLike) -> SegmentPoses:
+def segment_poses_at(leg: Leg, splines: JointSplines, times: ArrayLike) -> SegmentPoses:
     """Poses of all segments at any times of the recording, such as those of the views; no pose is
     interpolated.
     """

@@ -22,10 +22,10 @@ from legsim.core import resources
 from legsim.core.constants import GRAVITY_WORLD
 from legsim.core.errors import LegsimError
 from legsim.core.values import FloatArray, frozen
+from legsim.kinematics._leg_scaling import scale_masses, scale_offsets
 from legsim.kinematics._simm_spline import SimmSpline
 from legsim.kinematics.marker_sites import MarkerSites
 from legsim.kinematics.skeleton import (
-    JOINT_CENTERS,
     SEGMENTS,
     JointCenters,
     SegmentPoses,
@@ -44,13 +44,13 @@ _SIDE = (
     "mtp_angle",
 )
 
+_SHIFTS = ("pelvis_tx", "pelvis_ty", "pelvis_tz")
+
 COORDINATES = (
-    *("pelvis_tilt", "pelvis_list", "pelvis_rotation", "pelvis_tx", "pelvis_ty", "pelvis_tz"),
+    *("pelvis_tilt", "pelvis_list", "pelvis_rotation", *_SHIFTS),
     *(f"{name}_{side}" for side in "rl" for name in _SIDE),
 )
 """The 20 independent coordinates in the order of every (n, 20) array, under OpenSim's names."""
-
-_CENTER_SEGMENT = {"hip": "femur", "knee": "tibia", "ankle": "talus"}
 
 
 class SensorMotion(NamedTuple):
@@ -77,6 +77,38 @@ class Kinematics(NamedTuple):
     """(n, 20, 3) shift per unit of each coordinate of the point at the world's origin: dp/dq =
     linear + angular x p
     """
+
+
+class LegJoint(NamedTuple):
+    """One degree of freedom of a body on its parent."""
+
+    name: str
+    """the coordinate's, or that of a joint which follows the knee angle"""
+    axis: FloatArray
+    """(3,)"""
+    slides: bool
+    """along the axis; else it turns about it"""
+    low: float
+    high: float
+    default: float
+    spline: SimmSpline | None
+    """of the same side's knee angle, where it follows that; None for a free coordinate"""
+
+
+class LegBody(NamedTuple):
+    """One body: its inertia, and how it sits on its parent."""
+
+    name: str
+    parent: str
+    """``world`` for the pelvis"""
+    offset: FloatArray
+    """(3,) m, its origin in the parent with all slides at zero"""
+    mass: float
+    mass_center: FloatArray
+    inertia: FloatArray
+    """(3,) kg m^2 about the mass center"""
+    joints: tuple[LegJoint, ...]
+    """slides first"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -116,6 +148,9 @@ class LegModel:
     )
 
     coordinate_names = COORDINATES
+    shifts = _SHIFTS
+    pelvis_coordinates = 6
+    heading = COORDINATES.index("pelvis_rotation")
 
     def __init__(
         self, model: mujoco.MjModel, couplings: list[_Coupling], scales: SegmentScales
@@ -152,8 +187,8 @@ class LegModel:
         model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONSTRAINT
         model.opt.gravity[:] = GRAVITY_WORLD
         couplings = _load_couplings(model, scales)
-        _scale_offsets(model, scales)
-        _scale_masses(model, scales)
+        scale_offsets(model, scales)
+        scale_masses(model, scales)
         mujoco.mj_setConst(model, mujoco.MjData(model))
         return cls(model, couplings, scales)
 
@@ -190,9 +225,7 @@ class LegModel:
 
     def joint_centers(self, poses: SegmentPoses) -> JointCenters:
         """Hip, knee and ankle centers: the origins of femur, tibia and talus."""
-        names = [name.rsplit("_", 1) for name in JOINT_CENTERS]
-        origins = [poses.of(f"{_CENTER_SEGMENT[joint]}_{side}")[:, :3, 3] for joint, side in names]
-        return JointCenters(poses.times, np.stack(origins, 1))
+        return JointCenters.of_segments(poses)
 
     def thigh_length(self, side: str) -> float:
         """m, from hip center to knee center with the knee straight; ``side`` is "r" or "l"."""
@@ -213,6 +246,32 @@ class LegModel:
     def inertia_of(self, segment: str) -> FloatArray:
         """Moments of inertia (3,) kg m^2 of one segment about its mass center, along its axes."""
         return frozen("inertia", self._model.body(SEGMENTS[segment_index(segment)]).inertia, (3,))
+
+    def posture(self, hip: float, knee: float, ankle: float) -> FloatArray:
+        """Coordinates (20,) with both legs bent: turns (rad) of each joint about the axis to the
+        right.
+        """
+        values = np.zeros(len(COORDINATES))
+        for name, angle in (("hip_flexion", hip), ("knee_angle", knee), ("ankle_angle", ankle)):
+            for side in "rl":
+                values[COORDINATES.index(f"{name}_{side}")] = angle
+        return values
+
+    def pelvis_values(self, world_from_pelvis: FloatArray) -> FloatArray:
+        """The pelvis' coordinates (n, 6) at poses (n, 4, 4), whose rotations are Rz Rx Ry."""
+        r = np.asarray(world_from_pelvis, float)
+        tilt = np.arctan2(-r[:, 0, 1], r[:, 1, 1])
+        lean = np.arcsin(np.clip(r[:, 2, 1], -1, 1))
+        turn = np.arctan2(-r[:, 2, 0], r[:, 2, 2])
+        return np.column_stack([tilt, lean, turn, r[:, :3, 3]])
+
+    def complete(self, trajectories: JointTrajectories) -> JointTrajectories:
+        """The motion itself: gait2392 has no coordinate beside the 20."""
+        return trajectories
+
+    def bodies(self) -> tuple[LegBody, ...]:
+        """All bodies, parents first; the torso, which does not move on the pelvis, among them."""
+        return tuple(self._body(k) for k in range(1, self._model.nbody))
 
     def kinematics(self, values: ArrayLike) -> Kinematics:
         """Poses and coordinate screws for values (n, 20)."""
@@ -282,6 +341,30 @@ class LegModel:
         lever, turn = segment_from_sensor[:3, 3], segment_from_sensor[:3, :3]
         force = forces[:, 3:] + np.cross(alpha, lever) + np.cross(omega, np.cross(omega, lever))
         return SensorMotion(poses @ segment_from_sensor, omega @ turn, force @ turn)
+
+    def _body(self, index: int) -> LegBody:
+        model, body = self._model, self._model.body(index)
+        joints = [self._joint(body.jntadr[0] + k) for k in range(body.jntnum[0])]
+        offset = body.pos.copy()
+        for k, joint in enumerate(joints):
+            if joint.slides:
+                offset -= joint.axis * model.qpos0[body.jntadr[0] + k]
+        parent = model.body(body.parentid[0]).name
+        held = (float(body.mass[0]), body.ipos.copy(), body.inertia.copy())
+        return LegBody(body.name, parent, offset, *held, tuple(joints))
+
+    def _joint(self, index: int) -> LegJoint:
+        joint = self._model.joint(index)
+        spline = None
+        for c in self._couplings:
+            if index in c.joints:
+                y = c.sizes[list(c.joints).index(index)] * c.spline.y
+                order = slice(None, None, int(c.sign))
+                spline = SimmSpline(c.sign * c.spline.x[order], y[order])
+        slides = self._model.jnt_type[index] == mujoco.mjtJoint.mjJNT_SLIDE
+        low, high = map(float, joint.range)
+        start = float(self._model.qpos0[index])
+        return LegJoint(joint.name, joint.axis.copy(), bool(slides), low, high, start, spline)
 
     def _checked(self, values: ArrayLike) -> FloatArray:
         array = np.ascontiguousarray(values, float)
@@ -414,53 +497,3 @@ def _load_couplings(model: mujoco.MjModel, scales: SegmentScales) -> list[_Coupl
             _Coupling(ids, t["sign"], np.array(sizes), spline, t["joint"].startswith("knee"))
         )
     return couplings
-
-
-def _scale_offsets(model: mujoco.MjModel, scales: SegmentScales) -> None:
-    """Body offsets (with the slides' reference values, which are part of them) by the parent's
-    factors; mass centers by their own.
-    """
-    for name in SEGMENTS:
-        body = model.body(name)
-        parent = model.body(body.parentid[0]).name
-        body.ipos[:] *= scales.of(name)
-        if parent in SEGMENTS:
-            body.pos[:] *= scales.of(parent)
-            for j in range(body.jntadr[0], body.jntadr[0] + body.jntnum[0]):
-                if model.jnt_type[j] == mujoco.mjtJoint.mjJNT_SLIDE:
-                    model.qpos0[j] *= np.abs(model.jnt_axis[j]) @ scales.of(parent)
-
-
-def _scale_masses(model: mujoco.MjModel, scales: SegmentScales) -> None:
-    """Masses and inertias as OpenSim scales them, with or without a given mass of the whole
-    body.
-    """
-    common = None if scales.mass is None else scales.mass / float(model.body_mass.sum())
-    for name in SEGMENTS:
-        body = model.body(name)
-        factors = scales.of(name)
-        body.inertia[:] = _scaled_inertia(float(body.mass[0]), body.inertia.copy(), factors)
-        by = float(np.prod(factors)) if common is None else common
-        body.mass[:], body.inertia[:] = body.mass * by, body.inertia * by
-    if common is not None:
-        model.body("torso").mass[:] *= common
-        model.body("torso").inertia[:] *= common
-
-
-def _scaled_inertia(mass: float, inertia: FloatArray, factors: FloatArray) -> FloatArray:
-    """Moments of inertia (3,) of a segment of unchanged mass after its size changed.
-
-    OpenSim's rule (checked against its Body.scaleInertialProperties): exact for equal factors;
-    otherwise the segment becomes a solid cylinder along its axis of least inertia, with the radius
-    of that inertia and the length of the next one.
-    """
-    if np.ptp(factors) == 0:
-        return inertia * factors[0] ** 2
-    axis = int(np.argmin(inertia))
-    first, second = (k for k in range(3) if k != axis)
-    radius2 = 2 * inertia[axis] / mass
-    length2 = max(12 * (inertia[first] / mass - radius2 / 4), 0.0)
-    radius2, length2 = radius2 * factors[first] * factors[second], length2 * factors[axis] ** 2
-    scaled = np.full(3, mass * (length2 / 12 + radius2 / 4))
-    scaled[axis] = mass * radius2 / 2
-    return scaled

@@ -10,7 +10,8 @@ import numpy as np
 
 from legsim.kinematics.inverse_kinematics import IkReport
 from legsim.kinematics.joint_splines import JointSplines
-from legsim.kinematics.leg_model import LegModel
+from legsim.kinematics.leg import Leg
+from legsim.kinematics.marker_sites import MarkerSites
 from legsim.kinematics.scaling import Scaling
 from legsim.mocap.cleaning import CleaningReport
 from legsim.mocap.trajectories import JointTrajectories, MarkerTrajectories
@@ -31,6 +32,8 @@ class MarkerFit:
     """cleaned, by role"""
     modelled: MarkerTrajectories
     """where the solved model has them"""
+    sites: MarkerSites
+    """where they sit on the model's segments"""
     cleaning: CleaningReport
     scaling: Scaling
     ik: IkReport
@@ -62,7 +65,7 @@ class MovingLeg:
     """A person's leg model and how it moves."""
 
     name: str
-    leg: LegModel
+    leg: Leg
     trajectories: JointTrajectories
     fit: MarkerFit | None
     """None where the file held coordinates"""
@@ -85,11 +88,7 @@ class MovingLeg:
         """Mean, spread and extremes of every coordinate."""
         rows, times = [], self.trajectories.times
         for name in self.trajectories.coordinate_names:
-            unit, factor = (
-                ("mm", 1e3)
-                if name in ("pelvis_tx", "pelvis_ty", "pelvis_tz")
-                else ("deg", np.degrees(1.0))
-            )
+            unit, factor = ("mm", 1e3) if name in self.leg.shifts else ("deg", np.degrees(1.0))
             values = factor * self.trajectories.coordinate(name)
             rates = np.abs(np.diff(values) / np.diff(times)) if len(values) > 1 else np.zeros(1)
             extremes = (

@@ -22,6 +22,8 @@ SEGMENTS = (
 JOINT_CENTERS = ("hip_l", "knee_l", "ankle_l", "hip_r", "knee_r", "ankle_r")
 """Names and order of the joint centers."""
 
+_CENTER_SEGMENT = {"hip": "femur", "knee": "tibia", "ankle": "talus"}
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SegmentScales:
@@ -75,6 +77,13 @@ class JointCenters:
             frozen("JointCenters.positions_world", self.positions_world, shape),
         )
 
+    @classmethod
+    def of_segments(cls, poses: "SegmentPoses") -> "JointCenters":
+        """The origins of femur, tibia and talus."""
+        names = [name.rsplit("_", 1) for name in JOINT_CENTERS]
+        origins = [poses.of(f"{_CENTER_SEGMENT[joint]}_{side}")[:, :3, 3] for joint, side in names]
+        return cls(poses.times, np.stack(origins, 1))
+
     @property
     def names(self) -> tuple[str, ...]:
         """The six names, in order."""
@@ -126,6 +135,12 @@ class SegmentPoses:
     def of(self, segment: str) -> FloatArray:
         """world_from_segment (n, 4, 4) of one segment."""
         return self.world_from_segment[:, index_of("segment", self.segment_names, segment)]
+
+    def knee_flexion(self, side: str) -> FloatArray:
+        """(n,) rad by which the knee of ``side`` ("r" or "l") is bent, whatever a model's sign."""
+        femur, tibia = (self.of(f"{part}_{side}")[:, :3, :3] for part in ("femur", "tibia"))
+        turn = np.swapaxes(femur, 1, 2) @ tibia
+        return -np.arctan2(turn[:, 1, 0], turn[:, 0, 0])
 
     def held_at(self, index: int) -> "SegmentPoses":
         """The motion-free counterpart: the pose of sample ``index`` at every time."""

@@ -12,7 +12,7 @@ their noise could.
 
 import numpy as np
 
-from legsim.kinematics.leg_model import LegModel
+from legsim.kinematics.leg import Leg
 from legsim.kinematics.marker_sites import MarkerSites
 from legsim.mocap.low_pass import low_pass
 from legsim.mocap.trajectories import JointTrajectories
@@ -40,7 +40,7 @@ def left_by_filter(noise: float, filter_hz: float, rate_hz: float) -> tuple[floa
 
 
 def smooth_below_noise(
-    leg: LegModel,
+    leg: Leg,
     trajectories: JointTrajectories,
     sites: MarkerSites,
     *,

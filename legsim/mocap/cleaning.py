@@ -14,7 +14,7 @@ from legsim.core.errors import LegsimError
 from legsim.core.values import FloatArray
 from legsim.mocap import gap_filling, outliers
 from legsim.mocap.held import find_held
-from legsim.mocap.labels import PAPER_ROLES, MarkerMap, check_covered, check_distinct, segment_of
+from legsim.mocap.labels import PAPER_ROLES, MarkerMap, check_covered, check_distinct
 from legsim.mocap.low_pass import low_pass, runs
 from legsim.mocap.trajectories import MarkerTrajectories
 
@@ -138,7 +138,8 @@ def clean(
     times, source = _even(motion, sorted({name for names in found.values() for name in names}))
     dt = float(times[-1] - times[0]) / (len(times) - 1)
     _check_filter(filter_hz, 1 / dt)
-    stages = _cleaned(source, found, times, longest_gap_s)
+    segments = {name: marker_map.segment(r) for r, names in found.items() for name in names}
+    stages = _cleaned(source, segments, times, longest_gap_s)
     means = {
         role: np.mean([stages.bridged[name] for name in names], axis=0)
         for role, names in found.items()
@@ -286,7 +287,7 @@ class _Stages:
 
 def _cleaned(
     source: dict[str, FloatArray],
-    found: dict[str, tuple[str, ...]],
+    segments: dict[str, str],
     times: FloatArray,
     longest_gap_s: float,
 ) -> _Stages:
@@ -295,7 +296,7 @@ def _cleaned(
         name: np.where(outliers.find_jumps(x, dt)[:, None], np.nan, x) for name, x in source.items()
     }
     smooth = {name: _bridge(x, times, min(longest_gap_s, SPLINE_S)) for name, x in without.items()}
-    rebuilt = _rebuilt(smooth, found)
+    rebuilt = _rebuilt(smooth, segments)
     return _Stages(
         source,
         without,
@@ -321,12 +322,9 @@ def _bridge(positions: FloatArray, times: FloatArray, longest_gap_s: float) -> F
     return result
 
 
-def _rebuilt(
-    smooth: dict[str, FloatArray], found: dict[str, tuple[str, ...]]
-) -> dict[str, FloatArray]:
+def _rebuilt(smooth: dict[str, FloatArray], segments: dict[str, str]) -> dict[str, FloatArray]:
     """Every label's gaps filled from the labels on the same segment."""
     result = {}
-    segments = {name: segment_of(role) for role, names in found.items() for name in names}
     for name, positions in smooth.items():
         mates = [
             smooth[other] for other in smooth if other != name and segments[other] == segments[name]

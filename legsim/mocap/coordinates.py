@@ -6,7 +6,7 @@ one explanation only (angles that wrap) is put right and noted.
 """
 
 import re
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -88,7 +88,11 @@ class RawCoordinates:
     """what a careful reader noticed, one line each"""
 
     def to_motion(
-        self, *, in_degrees: bool | None = None, unit: str | None = None
+        self,
+        *,
+        in_degrees: bool | None = None,
+        unit: str | None = None,
+        rotations: Collection[str] | None = None,
     ) -> JointTrajectories:
         """The coordinates in radians and meters, whatever they then are.
 
@@ -98,6 +102,8 @@ class RawCoordinates:
         Args:
             in_degrees: overrides what the file says.
             unit: of the translations, a key of ``UNITS_PER_METER``; meters by default.
+            rotations: names of the coordinates that are in degrees in such a file; None tells by
+                name.
 
         Raises:
             LegsimError: the file does not say whether angles are in degrees, or times repeat.
@@ -113,7 +119,11 @@ class RawCoordinates:
             )
         values = np.array(self.values, float)
         if degrees:
-            turning = [k for k, name in enumerate(self.names) if is_rotation(name)]
+            turning = [
+                k
+                for k, name in enumerate(self.names)
+                if (is_rotation(name) if rotations is None else name in rotations)
+            ]
             values[:, turning] = np.deg2rad(values[:, turning])
         if unit is not None:
             sliding = [k for k, name in enumerate(self.names) if _TRANSLATION.fullmatch(name)]
@@ -121,19 +131,24 @@ class RawCoordinates:
         return JointTrajectories(self.times, self.names, values)
 
     def to_plausible_motion(
-        self, *, in_degrees: bool | None = None, unit: str | None = None
+        self,
+        *,
+        in_degrees: bool | None = None,
+        unit: str | None = None,
+        rotations: Collection[str] | None = None,
     ) -> tuple[JointTrajectories, tuple[str, ...]]:
         """The coordinates in radians and meters, without wraps, and notes on what was put right and
         on what no body does.
 
-        What is given by ``in_degrees`` and ``unit`` is believed.
+        What is given by ``in_degrees`` and ``unit`` is believed; ``rotations`` as of
+        :meth:`to_motion`.
 
         Raises:
             LegsimError: as :meth:`to_motion`; or the times are not in seconds, the angles not in
                 the unit that the file says, or the positions not in meters.
         """
         raw, notes = _without_repeats(self)
-        motion = raw.to_motion(in_degrees=in_degrees, unit=unit)
+        motion = raw.to_motion(in_degrees=in_degrees, unit=unit, rotations=rotations)
         _check_seconds(raw)
         if in_degrees is None:
             _check_degrees(raw)

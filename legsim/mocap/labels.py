@@ -59,6 +59,8 @@ class MarkerMap:
     roles: tuple[str, ...]
     alternatives: tuple[tuple[tuple[str, ...], ...], ...]
     """for each role, in order of preference: labels whose mean plays it"""
+    segments: tuple[str, ...] = ()
+    """of each role, for roles of a user's own model; empty: :func:`segment_of` knows them"""
 
     def __post_init__(self) -> None:
         if len(self.roles) != len(self.alternatives):
@@ -72,12 +74,22 @@ class MarkerMap:
                 f"marker map {self.name!r}: role {doubles[0]} is there twice; keep one"
             )
         for role in self.roles:
-            segment_of(role)
+            self.segment(role)
 
     @classmethod
-    def one_to_one(cls, name: str, roles: Sequence[str], labels: Sequence[str]) -> "MarkerMap":
+    def one_to_one(
+        cls, name: str, roles: Sequence[str], labels: Sequence[str], segments: Sequence[str] = ()
+    ) -> "MarkerMap":
         """The plain case: each role is played by one label."""
-        return cls(name, tuple(roles), tuple(((label,),) for label in labels))
+        return cls(name, tuple(roles), tuple(((label,),) for label in labels), tuple(segments))
+
+    def segment(self, role: str) -> str:
+        """Body of the leg model that carries a role.
+
+        Raises:
+            LegsimError: no such role is known.
+        """
+        return self.segments[self.roles.index(role)] if self.segments else segment_of(role)
 
     def found_in(self, marker_names: Sequence[str]) -> dict[str, tuple[str, ...]]:
         """Role to the recording's own labels whose mean plays it, for the roles that the recording

@@ -15,7 +15,7 @@ from legsim.imu import simulation, skin_mount
 from legsim.imu.sensors import Sensor
 from legsim.imu.skin_mount import SkinMount
 from legsim.kinematics.joint_splines import JointSplines
-from legsim.kinematics.leg_model import LegModel
+from legsim.kinematics.leg import Leg
 from legsim.kinematics.skeleton import SegmentPoses
 from legsim.phantom.skinning import FARTHEST_SWING, swing_of
 
@@ -23,7 +23,7 @@ _LEAST_RATE_HZ, _SAMPLES_A_PERIOD = 120.0, 12.0
 
 
 def with_swing(
-    poses: SegmentPoses, leg: LegModel, splines: JointSplines, tissue: SkinMount
+    poses: SegmentPoses, leg: Leg, splines: JointSplines, tissue: SkinMount
 ) -> SegmentPoses:
     """``poses`` and, as further segments named by :func:`legsim.phantom.skinning.swing_of`, the
     shift (m, in world) of each bone's soft tissue.

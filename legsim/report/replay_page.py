@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from legsim import figures
+from legsim.kinematics.leg_model import LegModel
 from legsim.kinematics.moving_leg import MarkerFit, MovingLeg
 from legsim.mocap.cleaning import CleaningReport
 from legsim.report.page import FileNote, PageSection, Picture, ReportContent, Table
@@ -26,6 +27,9 @@ REPLAY_FILES = (
     FileNote("joint_centres.csv", "hip, knee and ankle centers in world, m"),
     FileNote("poses.npz", "segment poses"),
     FileNote("imu.csv", "what the sensors read, in their own frames"),
+    FileNote("scaled_model.osim", "legsim's leg in this person's size, with markers, for OpenSim"),
+    FileNote("model_markers.trc", "where the model has the markers"),
+    FileNote("marker_errors.sto", "distances of measured from modelled markers, by frame, m"),
 )
 """of a replay, and among those of a run"""
 
@@ -35,8 +39,8 @@ def replay_figures(scene: ReplayScene) -> tuple[tuple[str, str, Figure], ...]:
     pictures = [
         (
             "joint-angles",
-            "Joint angles over the recording; knee flexion is negative, as in gait2392.",
-            figures.joint_angles(scene.trajectories),
+            "Joint angles over the recording, by the model's signs.",
+            figures.joint_angles(scene.trajectories, scene.angles()),
         ),
         (
             "sway",
@@ -55,9 +59,18 @@ def replay_figures(scene: ReplayScene) -> tuple[tuple[str, str, Figure], ...]:
     return tuple(pictures)
 
 
+def replay_files(recovered: MovingLeg) -> tuple[FileNote, ...]:
+    """The files that a replay leaves of this person: of a user's own model no scaled one, and
+    nothing about markers where there were none.
+    """
+    left_out = set() if isinstance(recovered.leg, LegModel) else {"scaled_model.osim"}
+    left_out |= {"model_markers.trc", "marker_errors.sto"} if recovered.fit is None else set()
+    return tuple(note for note in REPLAY_FILES if note.name not in left_out)
+
+
 def replay_report_lines(recovered: MovingLeg, out: Path) -> list[str]:
     """What `legsim replay` prints."""
-    files = ", ".join(note.name for note in REPLAY_FILES)
+    files = ", ".join(note.name for note in replay_files(recovered))
     return [
         *recovered.lines(),
         f"report: {out / 'report.html'}",
@@ -98,7 +111,7 @@ def content(
         ),
         provenance=tuple(provenance),
         files=(
-            *REPLAY_FILES,
+            *replay_files(recovered),
             FileNote("kinematics.json", "the numbers of this page"),
             FileNote("manifest.json", "versions, seconds and sha256 of every file"),
         ),
@@ -189,7 +202,8 @@ def coordinate_table(recovered: MovingLeg) -> Table:
         "fastest (per s)",
         "at frame",
     )
-    note = "Knee flexion is negative, as in gait2392."
+    own = isinstance(recovered.leg, LegModel)
+    note = "Knee flexion is negative, as in gait2392." if own else "By the signs of the model."
     if fit is None:
         return Table("Joint coordinates", heads, tuple(rows), note)
     told = " Decided by markers: 1 where the markers alone decide it, 0 where the stated priors do."
@@ -245,7 +259,7 @@ def _marker_tables(fit: MarkerFit) -> tuple[Table, ...]:
         ("length", "measured (mm)"),
         scales,
     )
-    return marker_table(fit), lengths
+    return (marker_table(fit), lengths) if scales else (marker_table(fit),)
 
 
 def _drawn(pictures: Sequence[tuple[str, str, Figure]]) -> tuple[Picture, ...]:

@@ -18,7 +18,7 @@ from legsim.evaluation.scores import MethodResult, spread
 from legsim.kinematics.moving_leg import MovingLeg
 from legsim.report import published_tables
 from legsim.report.page import FileNote, PageSection, Picture, ReportContent, Table
-from legsim.report.replay_page import REPLAY_FILES, replay_figures
+from legsim.report.replay_page import replay_figures, replay_files
 from legsim.scene.values import ScanScene
 
 if TYPE_CHECKING:
@@ -128,7 +128,7 @@ def scan_report(
         ),
         provenance=tuple(provenance),
         files=(
-            *REPLAY_FILES,
+            *replay_files(recovered),
             FileNote("config.toml", "every setting of this run"),
             FileNote("manifest.json", "versions, device, seconds and sha256 of every file"),
             FileNote("geometry.json", "a 3x4 matrix a view, mm to pixels"),
@@ -175,8 +175,8 @@ def _condition(recovered: MovingLeg, side: str) -> str:
     """Which block of the published table to show beside ours: by the mean bend of the scanned
     knee.
     """
-    knee = recovered.trajectories.coordinate(f"knee_angle_{side[0]}")
-    bend = -float(np.degrees(knee.mean()))
+    poses = recovered.leg.segment_poses(recovered.trajectories)
+    bend = float(np.degrees(poses.knee_flexion(side[0]).mean()))
     return "30" if 15 <= bend < 45 else "60" if 45 <= bend <= 75 else "all"
 
 

@@ -12,6 +12,7 @@ from legsim.core.files import save_npz, write_text
 from legsim.core.values import FloatArray
 from legsim.imu.signals import ImuSignals
 from legsim.kinematics.skeleton import SegmentPoses
+from legsim.mocap.trajectories import MarkerTrajectories
 
 
 def _csv_text(header: Sequence[str], rows: FloatArray) -> str:
@@ -28,6 +29,35 @@ def save_joint_centers(
     """``time_s, hip_l_x_m, …`` in world; positions (n, j, 3)."""
     header = ["time_s", *(f"{name}_{axis}_m" for name in names for axis in "xyz")]
     write_text(path, _csv_text(header, np.column_stack([times, positions.reshape(len(times), -1)])))
+
+
+def save_marker_errors(
+    path: Path, measured: MarkerTrajectories, modelled: MarkerTrajectories
+) -> None:
+    """OpenSim's storage of inverse kinematics' errors, frame by frame: total squared error (m^2),
+    RMS and largest (m) over the markers seen, then each marker's distance; NaN where it is not
+    seen.
+    """
+    away = np.linalg.norm(measured.positions_world - modelled.positions_world, axis=-1)
+    seen = np.isfinite(away)
+    square = np.where(seen, away, 0.0) ** 2
+    total, count = square.sum(1), seen.sum(1)
+    rms = np.sqrt(total / np.where(count > 0, count, np.nan))
+    largest = np.where(count > 0, np.where(seen, away, -1.0).max(1), np.nan)
+    columns = ("total_squared_error", "marker_error_RMS", "marker_error_max")
+    names = ("time", *columns, *measured.marker_names)
+    rows = np.column_stack([measured.times, total, rms, largest, away]).tolist()
+    lines = [
+        "Model Marker Errors from IK",
+        "version=1",
+        f"nRows={len(rows)}",
+        f"nColumns={len(names)}",
+        "inDegrees=no",
+        "endheader",
+        "\t".join(names),
+        *("\t".join("NaN" if v != v else repr(v) for v in row) for row in rows),
+    ]
+    write_text(path, "\n".join(lines) + "\n")
 
 
 _IMU_COLUMNS = ("ax_m_s2", "ay_m_s2", "az_m_s2", "gx_rad_s", "gy_rad_s", "gz_rad_s")

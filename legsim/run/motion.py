@@ -20,6 +20,8 @@ def solve(motion: MotionConfig, *, filter_coordinates: bool = False) -> MovingLe
         longest_gap=motion.longest_gap_s,
         marker_noise=1e-3 * motion.marker_noise_mm,
         scale_from=motion.scaling_file or None,
+        model=motion.model or None,
+        scale_file=motion.scale_file or None,
         filter_coordinates=filter_coordinates,
         in_degrees=None if motion.angles == "file" else motion.angles == "degrees",
     )
@@ -28,7 +30,11 @@ def solve(motion: MotionConfig, *, filter_coordinates: bool = False) -> MovingLe
 def fingerprint(motion: MotionConfig) -> list[str]:
     """Hashes of the files that :func:`solve` reads."""
     read = files_read(
-        motion.file, marker_map=motion.marker_map, scale_from=motion.scaling_file or None
+        motion.file,
+        marker_map=motion.marker_map,
+        scale_from=motion.scaling_file or None,
+        model=motion.model or None,
+        scale_file=motion.scale_file or None,
     )
     return [_hash(path, path.stat().st_mtime_ns, path.stat().st_size) for path in read]
 

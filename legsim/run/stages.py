@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 
@@ -17,13 +18,21 @@ from legsim.geometry import image_files
 from legsim.geometry.cone_beam import Projections
 from legsim.imu import simulation
 from legsim.imu.signals import ImuSignals
+from legsim.kinematics import osim_export
+from legsim.kinematics.leg_model import LegModel
 from legsim.kinematics.moving_leg import MovingLeg
-from legsim.mocap import opensim
+from legsim.mocap import opensim, trc
 from legsim.opencl.device import Device
 from legsim.run import c_arm as run_c_arm
 from legsim.run import motion as run_motion
 from legsim.run import sensors as run_sensors
-from legsim.run.files import load_imu, save_imu, save_joint_centers, save_poses
+from legsim.run.files import (
+    load_imu,
+    save_imu,
+    save_joint_centers,
+    save_marker_errors,
+    save_poses,
+)
 from legsim.run.folder import RunFolder
 from legsim.simulation.setup import PhantomOptions, ScanSetup, prepare_scan
 from legsim.simulation.simulated_scan import expose
@@ -61,22 +70,31 @@ def motion_key(settings: RunConfig) -> str:
 
 
 def write_kinematics(person: MovingLeg, folder: RunFolder, key: str) -> None:
-    """Coordinates, joint centers, segment poses, and how well the markers are followed."""
+    """Coordinates, joint centers, segment poses, how well the markers are followed, and legsim's
+    own leg as an OpenSim model.
+    """
 
     def write() -> tuple[str, ...]:
+        path = folder.path
         poses = person.leg.segment_poses(person.trajectories)
         centers = person.leg.joint_centers(poses)
-        opensim.save(folder.path / "coordinates.mot", person.trajectories)
+        opensim.save(path / "coordinates.mot", person.leg.complete(person.trajectories))
         save_joint_centers(
-            folder.path / "joint_centres.csv",
-            centers.times,
-            centers.names,
-            centers.positions_world,
+            path / "joint_centres.csv", centers.times, centers.names, centers.positions_world
         )
-        save_poses(folder.path / "poses.npz", poses)
-        summary = json.dumps(person.summary(), indent=1) + "\n"
-        write_text(folder.path / "kinematics.json", summary)
-        return "coordinates.mot", "joint_centres.csv", "poses.npz", "kinematics.json"
+        save_poses(path / "poses.npz", poses)
+        write_text(path / "kinematics.json", json.dumps(person.summary(), indent=1) + "\n")
+        more: list[str] = []
+        if isinstance(person.leg, LegModel):
+            sites = None if person.fit is None else person.fit.sites
+            model = osim_export.text(person.leg, sites, name=Path(person.name).stem)
+            write_text(path / "scaled_model.osim", model)
+            more.append("scaled_model.osim")
+        if person.fit is not None:
+            trc.save(path / "model_markers.trc", person.fit.modelled)
+            save_marker_errors(path / "marker_errors.sto", person.fit.measured, person.fit.modelled)
+            more += ["model_markers.trc", "marker_errors.sto"]
+        return "coordinates.mot", "joint_centres.csv", "poses.npz", "kinematics.json", *more
 
     folder.cached("kinematics", key, write)
 

@@ -35,6 +35,7 @@ def replay_scene(
     return ReplayScene(
         name=person.name,
         trajectories=person.trajectories,
+        shifts=person.leg.shifts,
         poses=poses,
         joint_centers=person.leg.joint_centers(poses),
         imu=signals,

@@ -104,6 +104,8 @@ class ReplayScene:
     """where the solved model has the same markers at the same times"""
     segment_meshes: tuple[SegmentMesh, ...] = ()
     bones: tuple[tuple[str, str], ...] = BONES
+    shifts: tuple[str, ...] = ("pelvis_tx", "pelvis_ty", "pelvis_tz")
+    """names of the coordinates in m; all others are angles"""
     floor_height: float = 0.0
     """m, world y of the floor"""
 
@@ -125,6 +127,10 @@ class ReplayScene:
             or not np.array_equal(self.modelled.times, self.measured.times)
         ):
             raise LegsimError("modelled markers need measured ones with the same names and times")
+
+    def angles(self) -> tuple[str, ...]:
+        """Names of the coordinates in rad."""
+        return tuple(n for n in self.trajectories.coordinate_names if n not in self.shifts)
 
     def bone_lines(self) -> FloatArray:
         """(n, b, 2, 3) m in world: both ends of each bone, at the times of the joint centers."""

@@ -4,7 +4,6 @@ import numpy as np
 import rerun as rr
 
 from legsim.imu.signals import ImuSignals
-from legsim.mocap.trajectories import JointTrajectories
 from legsim.scene.values import ReplayScene
 from legsim.view.stream import Recorder
 
@@ -18,16 +17,16 @@ HUES = (
     (130, 220, 220),
     (220, 160, 130),
 )
-TRANSLATIONS = ("pelvis_tx", "pelvis_ty", "pelvis_tz")
 
 
-def log_coordinates(recorder: Recorder, trajectories: JointTrajectories) -> None:
+def log_coordinates(recorder: Recorder, scene: ReplayScene) -> None:
     """Angles in degrees under `angles/`, the pelvis's way in millimeters from its start under
     `translations/`.
     """
+    trajectories = scene.trajectories
     for name in trajectories.coordinate_names:
         values = trajectories.coordinate(name)
-        if name in TRANSLATIONS:
+        if name in scene.shifts:
             entity, values = f"translations/{name}", 1e3 * (values - values[0])
         else:
             entity, values = f"angles/{name}", np.rad2deg(values)
@@ -46,9 +45,8 @@ def _color(name: str) -> tuple[int, ...]:
         "subtalar_angle",
         "mtp_angle",
     )
-    places = {kind: k for k, kind in enumerate(kinds)} | {
-        name: k for k, name in enumerate(TRANSLATIONS)
-    }
+    shifts = ("pelvis_tx", "pelvis_ty", "pelvis_tz")
+    places = {name: k for some in (kinds, shifts) for k, name in enumerate(some)}
     hue = HUES[places.get(name.removesuffix("_l").removesuffix("_r"), len(name) % len(HUES))]
     return tuple(c * 6 // 10 for c in hue) if name.endswith("_l") else hue
 

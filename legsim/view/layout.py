@@ -4,7 +4,6 @@ import numpy as np
 import rerun.blueprint as rrb
 
 from legsim.scene.values import ReplayScene, ScanScene
-from legsim.view.curves import TRANSLATIONS
 
 
 def replay(scene: ReplayScene) -> rrb.Blueprint:
@@ -77,7 +76,7 @@ def _angles(scene: ReplayScene) -> rrb.Tabs:
         else []
     )
     tabs.append(rrb.TimeSeriesView(origin="angles", name="All angles (deg)"))
-    if set(names) & set(TRANSLATIONS):
+    if set(names) & set(scene.shifts):
         tabs.append(rrb.TimeSeriesView(origin="translations", name="Pelvis (mm from start)"))
     return rrb.Tabs(*tabs, name="Coordinates", active_tab=0)
 

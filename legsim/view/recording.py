@@ -66,7 +66,7 @@ def _record_replay(recorder: Recorder, scene: ReplayScene) -> None:
     motion.log_skeleton(recorder, scene)
     motion.log_segments(recorder, scene)
     motion.log_markers(recorder, scene)
-    curves.log_coordinates(recorder, scene.trajectories)
+    curves.log_coordinates(recorder, scene)
     curves.log_residuals(recorder, scene)
     if scene.imu is not None:
         curves.log_imu(recorder, scene.imu)

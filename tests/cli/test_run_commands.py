@@ -78,6 +78,15 @@ def test_a_given_vertical_is_believed_and_reported(standing):
     )
 
 
+def test_a_model_and_a_scale_file_are_options(standing, capsys):
+    assert "none.osim: no such file; give an OpenSim model" in refused(
+        capsys, standing, "--model", "none.osim"
+    )
+    assert "none.xml: no such file; give a scale file" in refused(
+        capsys, standing, "--scale-file", "none.xml"
+    )
+
+
 @pytest.mark.end_to_end
 def test_replay_prints_how_well_the_markers_are_followed(tmp_path, capsys):
     with pytest.raises(SystemExit) as caught:

@@ -54,7 +54,7 @@ def one_of_each(scan):
         "slices": figures.slices(scan.volumes, scan.planes),
         "overlay": figures.overlay(scan.volumes[0], scan.volumes[1:], scan.planes),
         "montage": figures.projection_montage(scan.projections, count=5),
-        "angles": figures.joint_angles(replay.trajectories),
+        "angles": figures.joint_angles(replay.trajectories, replay.angles()),
         "imu": figures.imu_curves(replay.imu),
         "sway": figures.sway(replay.joint_centers),
         "residuals": figures.marker_residuals(replay),

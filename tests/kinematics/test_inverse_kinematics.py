@@ -100,9 +100,8 @@ def test_somebody_who_turns_about_has_no_steps_in_the_angles(rate_hz, turns, sec
     pelvis = LEG.segment_poses(JointTrajectories(times, COORDINATES, values)).of("pelvis")[
         :, :3, :3
     ]
-    values[:, :3] = np.unwrap(
-        [_ik_problem._pelvis_angles(rotation) for rotation in turned @ pelvis], axis=0
-    )
+    facing = LEG.pelvis_values(transforms.rigid(turned @ pelvis, np.zeros(3)))
+    values[:, :3] = np.unwrap(facing[:, :3], axis=0)
     solution = inverse_kinematics.solve(LEG, recording(values, sites(FULL)), sites(FULL), NO_PRIOR)
     off = degrees_off(solution, values)
     assert (

@@ -75,7 +75,7 @@ def test_outside_the_knots_it_is_straight():
     assert bend[1] == 0
 
 
-@pytest.mark.parametrize(("x", "y"), [([0, 1, 2], [0, 1, 2]), ([0, 1, 1, 2], [0, 1, 2, 3])])
+@pytest.mark.parametrize(("x", "y"), [([0], [0]), ([0, 1, 1, 2], [0, 1, 2, 3])])
 def test_too_few_or_unordered_knots_are_refused(x, y):
-    with pytest.raises(LegsimError, match="four knots with x strictly increasing"):
+    with pytest.raises(LegsimError, match="two knots with x strictly increasing"):
         SimmSpline(x, y)

@@ -2,6 +2,7 @@
 each other.
 """
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,11 +12,14 @@ from scipy.spatial import cKDTree
 
 from legsim.core import transforms
 from legsim.core.errors import LegsimError
+from legsim.kinematics import osim_file
 from legsim.kinematics.leg_model import COORDINATES, LegModel
+from legsim.kinematics.osim_leg import OsimLeg
 from legsim.kinematics.skeleton import SEGMENTS, SegmentScales
 from legsim.mocap.trajectories import JointTrajectories
 from legsim.phantom import _leg_template, leg_phantom, materials
 from legsim.phantom.leg_phantom import LegPhantom
+from tests.examples import osim
 
 CARTILAGE_PENETRATION = 0.0005
 """m by which faces of a joint may cross between 0 and 110 degrees: the coarse meshes' chords, and
@@ -384,3 +388,21 @@ def test_the_fine_phantom_obeys_the_same_laws(rng):
     vertices = fine.posed(random_pose(rng), SEGMENTS)
     for part in fine.phantom.parts:
         assert_closed(mesh(fine, vertices, part.name), part.name)
+
+
+def test_its_joint_centers_are_those_of_a_users_own_model(tmp_path):
+    """Whose knee lies off the femur's axis and whose ankle off the tibia's."""
+    joints = osim.two_legs()
+    for k, z in ((2, 0.004), (5, -0.004)):
+        joints[k] = replace(joints[k], at=f"0.01 -0.45 {z}", child_at=f"-0.008 -0.004 {z / 2}")
+        joints[k + 1] = replace(joints[k + 1], at="-0.012 -0.37 0")
+    leg = OsimLeg(osim_file.read(osim.saved(tmp_path, osim.version_4(joints))))
+    rest = leg_phantom.load_leg_phantom(scales=leg.scales).reference_world_from_segment
+    straight = leg.kinematics(np.zeros((1, len(leg.coordinate_names))))
+    world = transforms.rigid(straight.rotations, straight.origins)[0]
+    for side in "rl":
+        for upper, lower in (("femur", "tibia"), ("tibia", "talus")):
+            a, b = (SEGMENTS.index(f"{part}_{side}") for part in (upper, lower))
+            theirs = (transforms.inverse(world[a]) @ world[b])[:3, 3]
+            ours = (transforms.inverse(rest[a]) @ rest[b])[:3, 3]
+            np.testing.assert_allclose(ours, theirs, atol=1e-12)

@@ -3,12 +3,14 @@
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from legsim.config import MotionConfig
 from legsim.kinematics.leg_model import COORDINATES
 from legsim.mocap import opensim
 from legsim.mocap.trajectories import JointTrajectories
 from legsim.run import motion
+from tests.examples import osim
 
 
 def recording(path: Path, bend: float) -> MotionConfig:
@@ -31,3 +33,20 @@ def test_settings_are_passed_on(tmp_path):
     plain = motion.solve(recording(tmp_path / "a.mot", -0.5))
     np.testing.assert_allclose(plain.trajectories.coordinate("knee_angle_l"), -0.5, atol=1e-12)
     assert plain.fit is None
+
+
+def test_a_model_and_scales_are_passed_on_and_known_by_their_content(tmp_path):
+    text = osim.version_4(osim.two_legs())
+    model = osim.saved(tmp_path, text)
+    scales = tmp_path / "s.xml"
+    scale = "<Scale><scales>1 {} 1</scales><segment>femur_l</segment></Scale>"
+    scales.write_text(f"<OpenSimDocument>{scale.format(1.2)}</OpenSimDocument>")
+    settings = recording(tmp_path / "a.mot", -0.5).model_copy(
+        update={"model": str(model), "scale_file": str(scales)}
+    )
+    assert motion.solve(settings).leg.thigh_length("l") == pytest.approx(1.2 * 0.41)
+    before = motion.fingerprint(settings)
+    scales.write_text(f"<OpenSimDocument>{scale.format(1.31)}</OpenSimDocument>")
+    scaled = motion.fingerprint(settings)
+    osim.saved(tmp_path, text.replace("-0.41", "-0.4155"))
+    assert len({*before, *scaled, *motion.fingerprint(settings)}) == 5

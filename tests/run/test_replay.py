@@ -10,12 +10,14 @@ import pytest
 from legsim import config
 from legsim.imu import simulation
 from legsim.imu.signals import ImuSignals
-from legsim.kinematics import from_recording
+from legsim.kinematics import from_recording, osim_file
+from legsim.kinematics.osim_leg import OsimLeg
 from legsim.mocap import opensim, trc
 from legsim.mocap.trajectories import MarkerTrajectories
 from legsim.run import files
 from legsim.run import replay as run_replay
 from legsim.run import sensors as run_sensors
+from tests.examples import osim
 
 
 def quiet(*_: object) -> None:
@@ -147,6 +149,9 @@ def test_ctrl_c_leaves_no_half_file_and_the_next_replay_ends_it(standing, tmp_pa
         "recording.rrd",
         "report.html",
         "kinematics.json",
+        "scaled_model.osim",
+        "model_markers.trc",
+        "marker_errors.sto",
         "manifest.json",
     } == {p.name for p in tmp_path.iterdir()}
 
@@ -203,3 +208,24 @@ def test_replay_of_markers_and_of_the_coordinates_it_wrote_agree(tiny_run, tmp_p
         opensim.load(folder / "coordinates.mot") for folder in (tiny_run.folder, tmp_path)
     )
     np.testing.assert_array_equal(first.values, second.values)
+
+
+def test_a_users_own_model_is_replayed_with_its_markers(tmp_path):
+    """With every file; what a model of one's own has no use for is not there."""
+    text = osim.version_4(osim.two_legs(), markers=osim.MARKERS)
+    model = osim.saved(tmp_path, text)
+    leg = OsimLeg(osim_file.read(model))
+    sites, _ = leg.marker_sites()
+    times = np.arange(60) / 60
+    bent = leg.posture(*np.radians((30, -50, 10)))
+    values = bent + 0.02 * np.sin(3 * times[:, None] + np.arange(len(bent)))
+    places = leg.marker_positions(values, sites)
+    trc.save(tmp_path / "m.trc", MarkerTrajectories(times, sites.names, places))
+    replayed(tmp_path / "m.trc", tmp_path / "o", f"motion.model={model}")
+    there = {path.name for path in (tmp_path / "o").iterdir()}
+    assert {"recording.rrd", "model_markers.trc", "marker_errors.sto", "imu.csv"} <= there
+    assert "scaled_model.osim" not in there
+    modelled = trc.load(tmp_path / "o/model_markers.trc").positions_world
+    assert np.abs(modelled - places)[5:-5].max() < 1e-3
+    again = OsimLeg(leg.model).values_of(opensim.load(tmp_path / "o/coordinates.mot"))
+    assert np.degrees(np.abs(again - values)[5:-5].max()) < 0.5

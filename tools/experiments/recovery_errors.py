@@ -18,6 +18,7 @@ from legsim.core import resources, transforms
 from legsim.core.values import FloatArray
 from legsim.kinematics import from_recording, inverse_kinematics, marker_sites
 from legsim.kinematics import scaling as kinematics_scaling
+from legsim.kinematics.leg import Leg
 from legsim.kinematics.leg_model import LegModel
 from legsim.kinematics.marker_sites import MarkerSites
 from legsim.kinematics.moving_leg import MarkerFit, MovingLeg
@@ -62,7 +63,7 @@ def truth_of(name: str) -> Truth:
     return load_truth(str(resources.motion_file(f"{name}_truth.npz")))
 
 
-def errors(truth: Truth, leg: LegModel, trajectories: JointTrajectories) -> Errors:
+def errors(truth: Truth, leg: Leg, trajectories: JointTrajectories) -> Errors:
     """Of a solved movement."""
     knees = [
         np.degrees(trajectories.coordinate(c) - truth.trajectories.coordinate(c))

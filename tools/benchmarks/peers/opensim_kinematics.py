@@ -5,6 +5,7 @@ benchmark. Needs `pip install opensim`.
 # opensim is an extra (peer)
 # pyright: reportMissingImports=false
 import time
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -58,6 +59,138 @@ def load(model_file: Path, scales: SegmentScales | None = None) -> opensim.Model
     return model
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Postures:
+    """What OpenSim makes of random postures of any model."""
+
+    coordinates: tuple[str, ...]
+    values: FloatArray
+    """(n, c) rad and m; coupled ones by OpenSim's own functions"""
+    bodies: dict[str, FloatArray]
+    """world_from_body (n, 4, 4) by name"""
+    markers: dict[str, FloatArray]
+    """(n, 3) m in world by name"""
+    centers: dict[str, FloatArray]
+    """(n, 3) m in world: the joint of each body, by the body's name"""
+
+
+def any_model(model_file: Path, factors: Mapping[str, FloatArray] | None = None) -> opensim.Model:
+    """A model without its muscles, scaled by OpenSim itself where ``factors`` (3,) by body are
+    given.
+    """
+    opensim.Logger.setLevelString("Off")
+    model = opensim.Model(str(model_file))
+    model.updForceSet().clearAndDestroy()
+    if factors is not None:
+        scales = opensim.ScaleSet()
+        for name, by in factors.items():
+            scale = opensim.Scale()
+            scale.setSegmentName(name)
+            scale.setScaleFactors(opensim.Vec3(*map(float, by)))
+            scale.setApply(True)
+            scales.cloneAndAppend(scale)
+        model.scale(model.initSystem(), scales, False)
+    return model
+
+
+def random_postures(model: opensim.Model, count: int, rng: np.random.Generator) -> Postures:
+    """Bodies and markers of a model at random values inside its ranges, couplers held."""
+    model.initSystem()
+    coordinates = [model.getCoordinateSet().get(k) for k in range(model.getNumCoordinates())]
+    for coordinate in coordinates:
+        coordinate.setDefaultLocked(False)
+    names = tuple(coordinate.getName() for coordinate in coordinates)
+    low, high = np.clip([(c.getRangeMin(), c.getRangeMax()) for c in coordinates], -2.5, 2.5).T
+    values = low + (high - low) * rng.random((count, len(names)))
+    _couple(model, names, values)
+    state = model.initSystem()
+    coordinates = [model.getCoordinateSet().get(name) for name in names]
+    frames = [model.getBodySet().get(k) for k in range(model.getNumBodies())]
+    points = [model.getMarkerSet().get(k) for k in range(model.getNumMarkers())]
+    poses = np.tile(np.eye(4), (count, len(frames), 1, 1))
+    places = np.empty((count, len(points), 3))
+    joints = [model.getJointSet().get(k) for k in range(model.getNumJoints())]
+    centers = np.empty((count, len(joints), 3))
+    for i, row in enumerate(values):
+        for coordinate, value in zip(coordinates, row, strict=True):
+            coordinate.setValue(state, float(value), False)
+        model.realizePosition(state)
+        for k, frame in enumerate(frames):
+            poses[i, k] = _matrix(frame.getTransformInGround(state))
+        for k, point in enumerate(points):
+            place = point.getLocationInGround(state)
+            places[i, k] = [place.get(a) for a in range(3)]
+        for k, joint in enumerate(joints):
+            centers[i, k] = _matrix(joint.getChildFrame().getTransformInGround(state))[:3, 3]
+    return Postures(
+        names,
+        values,
+        {frame.getName(): poses[:, k] for k, frame in enumerate(frames)},
+        {point.getName(): places[:, k] for k, point in enumerate(points)},
+        {
+            joint.getChildFrame().findBaseFrame().getName(): centers[:, k]
+            for k, joint in enumerate(joints)
+        },
+    )
+
+
+def own_markers(
+    model: opensim.Model, motion: MarkerTrajectories, names: Sequence[str], *, accuracy: float
+) -> tuple[FloatArray, FloatArray]:
+    """OpenSim's inverse kinematics by a model's own markers, all of weight 1: values (n, c) of the
+    coordinates ``names``, markers (n, m, 3).
+    """
+    model.initSystem()
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "markers.trc"
+        trc.save(path, motion)
+        weights = opensim.SetMarkerWeights()
+        for name in motion.marker_names:
+            weights.cloneAndAppend(opensim.MarkerWeight(name, 1.0))
+        reference = opensim.MarkersReference(str(path), weights)
+    solver = opensim.InverseKinematicsSolver(
+        model, reference, opensim.SimTKArrayCoordinateReference()
+    )
+    solver.setAccuracy(accuracy)
+    state = model.initSystem()
+    state.setTime(float(motion.times[0]))
+    solver.assemble(state)
+    coordinates = [model.getCoordinateSet().get(name) for name in names]
+    markers = [model.getMarkerSet().get(name) for name in motion.marker_names]
+    values = np.empty((len(motion.times), len(names)))
+    places = np.empty((len(motion.times), len(markers), 3))
+    for i, now in enumerate(motion.times):
+        state.setTime(float(now))
+        solver.track(state)
+        model.realizePosition(state)
+        values[i] = [coordinate.getValue(state) for coordinate in coordinates]
+        for k, marker in enumerate(markers):
+            place = marker.getLocationInGround(state)
+            places[i, k] = [place.get(a) for a in range(3)]
+    return values, places
+
+
+def _couple(model: opensim.Model, names: tuple[str, ...], values: FloatArray) -> None:
+    """Sets coupled coordinates (n, c) in place."""
+    constraints = model.getConstraintSet()
+    for k in range(constraints.getSize()):
+        coupler = opensim.CoordinateCouplerConstraint.safeDownCast(constraints.get(k))
+        if coupler is not None:
+            independent = names.index(coupler.getIndependentCoordinateNames().get(0))
+            dependent = names.index(coupler.getDependentCoordinateName())
+            function = coupler.getFunction()
+            values[:, dependent] = [
+                function.calcValue(opensim.Vector(1, float(v))) for v in values[:, independent]
+            ]
+
+
+def _matrix(transform: opensim.Transform) -> FloatArray:
+    rotation, origin, matrix = transform.R(), transform.p(), np.eye(4)
+    matrix[:3, 3] = [origin.get(a) for a in range(3)]
+    matrix[:3, :3] = [[rotation.get(a, b) for b in range(3)] for a in range(3)]
+    return matrix
+
+
 def body_poses(model: opensim.Model, values: FloatArray) -> FloatArray:
     """world_from_body (n, 11, 4, 4) of BODIES at values (n, 20)."""
     state = model.initSystem()
@@ -69,10 +202,7 @@ def body_poses(model: opensim.Model, values: FloatArray) -> FloatArray:
             coordinate.setValue(state, float(value), False)
         model.realizePosition(state)
         for k, body in enumerate(bodies):
-            transform = body.getTransformInGround(state)
-            rotation, origin = transform.R(), transform.p()
-            poses[i, k, :3, 3] = [origin.get(a) for a in range(3)]
-            poses[i, k, :3, :3] = [[rotation.get(a, b) for b in range(3)] for a in range(3)]
+            poses[i, k] = _matrix(body.getTransformInGround(state))
     return poses
 
 

@@ -1,0 +1,41 @@
+"""Where the patella sits on the femur, from the knee's flexion: Rajagopal2016's splines, for models
+that have none or another.
+"""
+
+import tomllib
+from functools import cache
+
+import numpy as np
+
+from legsim.core import resources, transforms
+from legsim.core.values import FloatArray
+from legsim.kinematics._simm_spline import SimmSpline
+from legsim.kinematics.leg_model import LegModel
+from legsim.kinematics.skeleton import segment_index
+
+
+@cache
+def _splines() -> tuple[SimmSpline, SimmSpline, SimmSpline]:
+    tables = tomllib.loads(resources.model_file("lower_body/couplings.toml").read_text("utf-8"))
+    by_joint = {t["joint"]: SimmSpline(t["x"], t["y"]) for t in tables["coupling"]}
+    return by_joint["patella_tx"], by_joint["patella_ty"], by_joint["patella_angle"]
+
+
+@cache
+def _straight() -> FloatArray:
+    """(3,) m, origin of the right patella in the generic femur, knee straight."""
+    leg = LegModel.load()
+    origins = leg.kinematics(leg.default_coordinates[None]).origins[0]
+    return origins[segment_index("patella_r")] - origins[segment_index("femur_r")]
+
+
+def in_femur(femur_from_tibia: FloatArray, factors: FloatArray, side: str) -> FloatArray:
+    """femur_from_patella (n, 4, 4), from rotations femur_from_tibia (n, 3, 3) and the femur's scale
+    factors (3,).
+    """
+    flexion = -np.arctan2(femur_from_tibia[:, 1, 0], femur_from_tibia[:, 0, 0])
+    forward, up, angle = _splines()
+    place = np.tile(_straight() * (1.0, 1.0, 1.0 if side == "r" else -1.0), (len(flexion), 1))
+    place[:, 0] += forward(flexion) - forward(0.0)
+    place[:, 1] += up(flexion) - up(0.0)
+    return transforms.rigid(transforms.axis_rotation((0, 0, 1), angle(flexion)), place * factors)

@@ -1,0 +1,239 @@
+"""A recording on the user's own OpenSim model: its coordinates as they are, or its markers solved
+for.
+"""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from legsim.core.errors import LegsimError, file_error
+from legsim.core.values import FloatArray
+from legsim.kinematics import osim_file, osim_scaling
+from legsim.kinematics._ik_problem import CoordinatePrior, ReplayConfig
+from legsim.kinematics.marker_sites import MarkerSites
+from legsim.kinematics.osim_leg import OsimLeg
+from legsim.mocap.labels import MarkerMap
+from legsim.mocap.trajectories import JointTrajectories, MarkerTrajectories
+
+_WEAK = 1e-7
+"""m^2/rad^2: decides only what no marker sees"""
+
+_HIP_ROTATION = 8e-4
+"""m^2/rad^2, toward neutral, where a thigh carries fewer than three markers"""
+
+_SAME = 1e-3
+"""rad or m: a coupled coordinate of a file may differ by this from its coupler unmentioned"""
+
+_LARGEST_EXTENSION_DEG = 25.0
+
+_LEAST_ON_PELVIS = 3
+
+_LONGEST_PAIR, _UNIT_FACTOR, _SIZE_FACTOR = 0.05, 2.0, 1.1
+"""m between two markers that tell a size; a ratio that is no person's; one worth a word"""
+
+
+def load(model: str | Path, scales: str | Path | None) -> tuple[OsimLeg, tuple[str, ...]]:
+    """The model's legs, scaled by a scale file where one is given, and what to say about them.
+
+    Raises:
+        LegsimError: as :func:`legsim.kinematics.osim_file.read`, :class:`OsimLeg` and
+            :func:`legsim.kinematics.osim_scaling.read`.
+    """
+    read = osim_file.read(model)
+    notes = [f"on the model {read.name} ({read.path.name})"]
+    if scales is not None:
+        factors = osim_scaling.read(scales)
+        try:
+            read = osim_scaling.scaled(read, factors)
+        except LegsimError as error:
+            raise LegsimError(f"{scales}: {error}") from error
+        notes[0] += f", scaled by {Path(scales).name}"
+    leg = OsimLeg(read)
+    lengths = ", ".join(
+        f"{name} {1e2 * length('r'):.1f} and {1e2 * length('l'):.1f} cm"
+        for name, length in (("thighs", leg.thigh_length), ("shanks", leg.shank_length))
+    )
+    notes.append(f"{lengths} (right, left)")
+    left_out = leg.bodies_left_out()
+    if left_out:
+        notes.append(f"left out, being no part of the legs: {', '.join(left_out)}")
+    return leg, (*notes, *leg.notes)
+
+
+def coordinates(
+    leg: OsimLeg, loaded: JointTrajectories
+) -> tuple[OsimLeg, JointTrajectories, tuple[str, ...]]:
+    """The legs and their coordinates as a file has them, and notes on what it lacks or adds.
+
+    What the file lacks stays at the model's default.
+
+    Raises:
+        LegsimError: the file has no coordinate of the legs' joints.
+    """
+    names = loaded.coordinate_names
+    missing = [name for name in leg.coordinate_names if name not in names]
+    if len(missing) == len(leg.coordinate_names):
+        raise LegsimError(
+            f"none of its columns {', '.join(names)} is a coordinate of the model's legs: "
+            f"{', '.join(leg.coordinate_names)}"
+        )
+    notes = []
+    if missing:
+        defaults = dict(zip(leg.coordinate_names, leg.default_coordinates, strict=True))
+        values = ", ".join(f"{name} = {defaults[name]:g}" for name in missing)
+        notes.append(f"not in the file, so at the model's default (rad, m): {values}")
+        leg = leg.with_held(missing)
+    values = leg.values_of(loaded)
+    trajectories = JointTrajectories(loaded.times, leg.coordinate_names, values)
+    _check_knees(leg, trajectories)
+    whole = leg.complete(trajectories)
+    extra = [name for name in names if name not in whole.coordinate_names]
+    if extra:
+        notes.append(f"columns that are no coordinates of the legs are left out: {_short(extra)}")
+    return leg, trajectories, (*notes, *_coupled_notes(whole, loaded), *_bound_notes(leg, values))
+
+
+def marker_map(
+    leg: OsimLeg, labels: Sequence[str]
+) -> tuple[MarkerMap, MarkerSites, tuple[str, ...]]:
+    """The model's own markers that a recording has, by name, and how many these are.
+
+    Raises:
+        LegsimError: too few for the pelvis and both legs.
+    """
+    sites, elsewhere = leg.marker_sites()
+    if not sites.names:
+        raise file_error(
+            leg.model.path,
+            "the model has no markers on its legs",
+            "load its marker set in OpenSim and save the model with it",
+            place="MarkerSet",
+        )
+    every = MarkerMap.one_to_one(leg.model.path.stem, sites.names, sites.names, sites.segments)
+    found = every.found_in(labels)
+    known = sites.only([name for name in sites.names if name in found])
+    on_pelvis = known.segments.count("pelvis")
+    bare = [s for s in "rl" if not any(k.endswith(f"_{s}") for k in known.segments)]
+    if on_pelvis < _LEAST_ON_PELVIS or bare:
+        lacks = ["three on the pelvis"] if on_pelvis < _LEAST_ON_PELVIS else []
+        lacks += [f"one on the {'right' if s == 'r' else 'left'} leg" for s in bare]
+        raise LegsimError(
+            f"{len(found)} of the {len(sites.names)} markers on the model's legs are in the "
+            f"recording ({', '.join(found) or 'none'}); needed are at least {' and '.join(lacks)}; "
+            f"the model has {', '.join(sites.names)}, the recording {', '.join(labels)}: give "
+            "markers of equal names"
+        )
+    notes = [
+        f"{len(found)} of the {len(sites.names)} markers on the model's legs are in the recording"
+    ]
+    absent = [name for name in sites.names if name not in found]
+    if absent:
+        notes[0] += f"; not there: {_short(absent)}"
+    if elsewhere:
+        notes.append(f"markers on other bodies are not used: {_short(elsewhere)}")
+    used = MarkerMap.one_to_one(every.name, known.names, known.names, known.segments)
+    return used, known, tuple(notes)
+
+
+def size_note(sites: MarkerSites, measured: MarkerTrajectories) -> tuple[str, ...]:
+    """A word where the person is larger or smaller than the model, by markers of one segment.
+
+    Raises:
+        LegsimError: by so much that a unit is wrong.
+    """
+    ratios = []
+    for k, name in enumerate(sites.names):
+        for j in range(k):
+            apart = float(np.linalg.norm(sites.positions[k] - sites.positions[j]))
+            if sites.segments[j] == sites.segments[k] and apart > _LONGEST_PAIR:
+                seen = np.linalg.norm(
+                    measured.marker(name) - measured.marker(sites.names[j]), axis=1
+                )
+                if np.isfinite(seen).any():
+                    ratios.append(float(np.nanmedian(seen)) / apart)
+    if not ratios:
+        return ()
+    ratio = float(np.median(ratios))
+    if not 1 / _UNIT_FACTOR < ratio < _UNIT_FACTOR:
+        raise LegsimError(
+            f"markers of one segment are {ratio:.3g} times as far apart as on the model: the unit "
+            "of length is wrong; give the unit, as in --set motion.unit=mm (in Python: unit='mm')"
+        )
+    if 1 / _SIZE_FACTOR < ratio < _SIZE_FACTOR:
+        return ()
+    return (
+        f"warning: markers of one segment are {ratio:.2f} times as far apart as on the model: it "
+        "is not this person's size; scale it in OpenSim, or give a scale file",
+    )
+
+
+def held_leg(leg: OsimLeg) -> tuple[OsimLeg, tuple[str, ...]]:
+    """The legs with the coordinates that the model locks held, and a word on them."""
+    if not leg.locked:
+        return leg, ()
+    return leg.with_held(leg.locked), (
+        f"locked in the model, so held at its default: {', '.join(leg.locked)}",
+    )
+
+
+def replay_config(leg: OsimLeg, sites: MarkerSites) -> ReplayConfig:
+    """Priors for this model: the markers decide, as in OpenSim, and what they do not see stays at
+    the model's default. Hip rotation is drawn toward neutral where a thigh carries fewer than three
+    markers, as on legsim's own leg.
+    """
+    weights = {}
+    for k, name in enumerate(leg.coordinate_names):
+        if k >= leg.pelvis_coordinates:
+            weights[name] = _WEAK
+    for side in "rl":
+        rotation = f"hip_rotation_{side}"
+        if rotation in weights and sites.segments.count(f"femur_{side}") < 3:
+            weights[rotation] = _HIP_ROTATION
+    defaults = dict(zip(leg.coordinate_names, leg.default_coordinates, strict=True))
+    priors = tuple(CoordinatePrior(n, w, float(defaults[n])) for n, w in weights.items())
+    return ReplayConfig(priors=priors)
+
+
+def _check_knees(leg: OsimLeg, trajectories: JointTrajectories) -> None:
+    """Refuses knees that bend forwards: the file counts flexion the other way."""
+    poses = leg.segment_poses(trajectories)
+    for side, word in (("r", "right"), ("l", "left")):
+        flexion = np.degrees(poses.knee_flexion(side))
+        worst = int(flexion.argmin())
+        if flexion[worst] < -_LARGEST_EXTENSION_DEG:
+            raise LegsimError(
+                f"on this model the {word} knee bends forwards by {-flexion[worst]:.0f} degrees at "
+                f"{trajectories.times[worst]:g} s: the file counts flexion the other way; give the "
+                "file of this model"
+            )
+
+
+def _coupled_notes(whole: JointTrajectories, loaded: JointTrajectories) -> list[str]:
+    """A word on coordinates that the file has and the model sets by a coupler, where they
+    differ.
+    """
+    notes = []
+    for name in whole.coordinate_names:
+        if name in loaded.coordinate_names:
+            away = float(np.abs(whole.coordinate(name) - loaded.coordinate(name)).max())
+            if away > _SAME:
+                notes.append(
+                    f"warning: {name} in the file differs from its coupler by up to {away:.3g} "
+                    "(rad or m); the coupler's is taken"
+                )
+    return notes
+
+
+def _bound_notes(leg: OsimLeg, values: FloatArray) -> list[str]:
+    """A word on clamped coordinates that go beyond their range."""
+    low, high = leg.coordinate_ranges.T
+    beyond = np.maximum(low - values, values - high).max(0)
+    beyond[: leg.pelvis_coordinates] = 0
+    names = [n for n, b in zip(leg.coordinate_names, beyond, strict=True) if b > _SAME]
+    return [f"beyond the model's range, and taken as it is: {', '.join(names)}"] if names else []
+
+
+def _short(names: Sequence[str], limit: int = 12) -> str:
+    more = f" and {len(names) - limit} more" if len(names) > limit else ""
+    return ", ".join(names[:limit]) + more

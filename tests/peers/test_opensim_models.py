@@ -1,0 +1,138 @@
+"""Legs read from OpenSim models move as OpenSim moves them (pip install opensim; python -m pytest
+-m peer).
+"""
+
+import numpy as np
+import pytest
+
+from legsim.core import transforms
+from legsim.kinematics import (
+    from_recording,
+    inverse_kinematics,
+    marker_sites,
+    on_osim_model,
+    osim_export,
+    osim_file,
+    osim_scaling,
+)
+from legsim.kinematics._ik_problem import ReplayConfig
+from legsim.kinematics.leg_model import COORDINATES, LegModel
+from legsim.kinematics.osim_leg import OsimLeg
+from legsim.kinematics.skeleton import JOINT_CENTERS, SEGMENTS, SegmentScales
+from legsim.mocap.trajectories import JointTrajectories, MarkerTrajectories
+
+pytestmark = [pytest.mark.peer, pytest.mark.filterwarnings("ignore::DeprecationWarning")]
+POSTURES = 500
+MODELS = (
+    "gait2392_thelen2003muscle",
+    "gait2392_subject01_scaled",
+    "gait10dof18musc",
+    "FullBodyModel_Hamner2010_v2_0",
+    "Rajagopal2016",
+)
+CENTER_OF = {"hip": "femur", "knee": "tibia", "ankle": "talus"}
+
+
+@pytest.fixture(scope="session")
+def opensim_peer():
+    pytest.importorskip("opensim", reason="pip install opensim")
+    from tools.benchmarks.peers import opensim_kinematics as opensim_peer
+
+    return opensim_peer
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_bodies_markers_and_centers_agree_in_random_postures(opensim_peer, shared_data, rng, name):
+    path = shared_data / f"opensim/{name}.osim"
+    check(opensim_peer.any_model(path), OsimLeg(osim_file.read(path)), opensim_peer, rng)
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_scaled_models_agree_with_opensims_scaling(opensim_peer, shared_data, rng, name):
+    path = shared_data / f"opensim/{name}.osim"
+    read = osim_file.read(path)
+    factors = {body: rng.uniform(0.8, 1.2, 3) for body in read.bodies}
+    leg = OsimLeg(osim_scaling.scaled(read, factors))
+    check(opensim_peer.any_model(path, factors), leg, opensim_peer, rng)
+
+
+def check(model, leg, opensim_peer, rng):
+    """Bodies, joint centers and markers of both within 0.05 mm and 0.01 degrees."""
+    theirs = opensim_peer.random_postures(model, POSTURES, rng)
+    columns = [theirs.coordinates.index(n) for n in leg.coordinate_names]
+    values = theirs.values[:, columns]
+    ours = leg.body_poses(values)
+    assert set(ours) >= {"pelvis", "femur_r", "tibia_l", "talus_r", "calcn_l", "toes_r"}
+    for body, pose in ours.items():
+        away = pose[:, :3, 3] - theirs.bodies[body][:, :3, 3]
+        assert np.linalg.norm(away, axis=-1).max() < 0.05e-3
+        turned = np.swapaxes(pose[:, :3, :3], 1, 2) @ theirs.bodies[body][:, :3, :3]
+        assert np.degrees(transforms.rotation_angle(turned).max()) < 0.01
+    times = np.arange(POSTURES, dtype=float)
+    poses = leg.segment_poses(JointTrajectories(times, leg.coordinate_names, values))
+    centers = leg.joint_centers(poses)
+    for center in JOINT_CENTERS:
+        joint, side = center.split("_")
+        true = theirs.centers[f"{CENTER_OF[joint]}_{side}"]
+        assert np.linalg.norm(centers.of(center) - true, axis=-1).max() < 0.05e-3
+    sites, _ = leg.marker_sites()
+    for k, marker in enumerate(sites.names):
+        away = leg.marker_positions(values, sites)[:, k] - theirs.markers[marker]
+        assert np.abs(away).max() < 0.05e-3
+
+
+@pytest.mark.parametrize("name", ["gait2392_subject01_scaled", "Rajagopal2016"])
+def test_inverse_kinematics_by_the_models_own_markers_agrees(opensim_peer, shared_data, rng, name):
+    """The walking trial of that subject; of the other model a walk of its own with 5 mm of noise."""
+    path = shared_data / f"opensim/{name}.osim"
+    leg, _ = on_osim_model.held_leg(OsimLeg(osim_file.read(path)))
+    walk = shared_data / "mocap/walk_opensim/subject01_walk1.trc"
+    scaled = shared_data / "opensim/gait2392_subject01_scaled.osim"
+    person = from_recording.solve_kinematics(walk, model=scaled, filter_hz=0, marker_noise=0)
+    if name == "gait2392_subject01_scaled":
+        measured = person.fit.measured
+        sites = leg.marker_sites()[0].only(measured.marker_names)
+    else:
+        sites, _ = leg.marker_sites()
+        sites = sites.only([n for n in sites.names if not n.endswith("JC")])
+        values = np.tile(leg.default_coordinates, (len(person.trajectories.times), 1))
+        for k, coordinate in enumerate(leg.coordinate_names):
+            sign = -1 if coordinate.startswith("knee_angle") else 1
+            values[:, k] = sign * person.trajectories.coordinate(coordinate)
+        places = leg.marker_positions(values, sites)
+        measured = MarkerTrajectories(
+            person.trajectories.times, sites.names, places + rng.normal(0, 5e-3, places.shape)
+        )
+    plain = ReplayConfig(priors=(), flat_foot_weight=0.0)
+    ours = inverse_kinematics.solve(leg, measured, sites, plain)
+    values, places = opensim_peer.own_markers(
+        opensim_peer.any_model(path), measured, leg.coordinate_names, accuracy=1e-10
+    )
+    assert len(ours.report.frames_unconverged) == 0
+    costs = [
+        np.nansum((p - measured.positions_world) ** 2, axis=(1, 2))
+        for p in (ours.modelled.positions_world, places)
+    ]
+    assert (costs[0] <= costs[1] * (1 + 1e-6)).all()
+    assert np.degrees(np.abs(ours.trajectories.values - values).max()) < 0.01
+
+
+def test_the_scaled_leg_opens_in_opensim_to_the_same_bodies_and_masses(opensim_peer, tmp_path, rng):
+    scales = SegmentScales(rng.uniform(0.8, 1.2, (len(SEGMENTS), 3)), 62.0)
+    leg, path = LegModel.load(scales), tmp_path / "scaled_model.osim"
+    path.write_text(osim_export.text(leg, marker_sites.load(), name="person"))
+    model = opensim_peer.any_model(path)
+    theirs = opensim_peer.random_postures(model, POSTURES, rng)
+    values = theirs.values[:, [theirs.coordinates.index(n) for n in COORDINATES]]
+    times = np.arange(POSTURES, dtype=float)
+    ours = leg.segment_poses(JointTrajectories(times, COORDINATES, values))
+    for body in SEGMENTS:
+        away = ours.of(body)[:, :3, 3] - theirs.bodies[body][:, :3, 3]
+        assert np.linalg.norm(away, axis=-1).max() < 0.05e-3
+        assert model.getBodySet().get(body).getMass() == pytest.approx(leg.mass_of(body))
+    places = leg.marker_positions(values, marker_sites.load())
+    for k, marker in enumerate(marker_sites.load().names):
+        assert np.abs(places[:, k] - theirs.markers[marker]).max() < 0.05e-3
+    assert sum(
+        model.getBodySet().get(k).getMass() for k in range(model.getNumBodies())
+    ) == pytest.approx(62.0)
