@@ -67,10 +67,10 @@ def test_a_wrong_unit_is_one_line_whose_cure_works(standing, tmp_path, capsys):
 def test_a_given_vertical_is_believed_and_reported(standing):
     """Somebody who stands, taken as lying: gravity acts along the lab's x."""
     turned = run_motion.solve(
-        config.load(overrides=(f"motion.file={standing}", "motion.up=x")).motion
+        config.load_settings(overrides=(f"motion.file={standing}", "motion.up=x")).motion
     )
     assert any(note.endswith("x up (as given)") for note in turned.notes)
-    upright = run_motion.solve(config.load(overrides=(f"motion.file={standing}",)).motion)
+    upright = run_motion.solve(config.load_settings(overrides=(f"motion.file={standing}",)).motion)
     np.testing.assert_allclose(
         turned.trajectories.coordinate("knee_angle_l"),
         upright.trajectories.coordinate("knee_angle_l"),
