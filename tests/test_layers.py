@@ -1,6 +1,7 @@
 """The shape of the code: imports go one way, one heavy dependency has one home, no file is long."""
 
 import ast
+import re
 import subprocess
 import sys
 from itertools import pairwise
@@ -199,3 +200,10 @@ def test_every_test_file_has_its_module():
     """A private module's tests are in the file of its name without the underscore."""
     private = {f"{p.parent.name}/{p.stem.removeprefix('_')}" for p in PACKAGE.glob("*/_[a-z]*.py")}
     assert not names_of_tests() - module_names() - private
+
+
+def test_test_files_that_documents_name_are_there():
+    pages = [*(ROOT / "docs").rglob("*.md"), *ROOT.glob("*.md")]
+    named = {name for p in pages for name in re.findall(r"tests/[\w/]+\.py", p.read_text("utf-8"))}
+    assert named
+    assert not [name for name in sorted(named) if not (ROOT / name).is_file()]
