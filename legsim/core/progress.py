@@ -1,6 +1,6 @@
-"""How a stage reports its progress: name of the work, steps done, steps in all."""
+"""How a stage reports its progress: name of the work, steps done, total steps."""
 
 from collections.abc import Callable
 
 OnProgress = Callable[[str, int, int], None]
-"""name of the stage, how much of it is done, how much there is"""
+"""name of the stage, steps done, total steps"""
