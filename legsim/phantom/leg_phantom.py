@@ -142,17 +142,6 @@ class LegPhantom:
         weights, swing = self._weights(straight, side)
         return np.stack([self._soft(straight, weights, swing, pose, side) for pose in after])
 
-    def shank_share(
-        self, points_world: ArrayLike, side: str, *, pose: ArrayLike, segment_names: Sequence[str]
-    ) -> FloatArray:
-        """(p,) 0 where soft tissue at world points (p, 3) goes with the thigh, 1 where it goes with
-        the shank, between about the knee.
-        """
-        straight = self._straightened(
-            np.asarray(points_world, float), _Poses.of(pose, segment_names), side
-        )
-        return SoftWeights.at(straight, self._axes[SIDES.index(side)]).knee_share
-
     def skin_points(self, side: str, *, heights: ArrayLike, directions: ArrayLike) -> FloatArray:
         """(n, 3) places on the skin of the reference pose, in world, for beads and the like.
 

@@ -9,11 +9,6 @@ from ours, and "all scans" is not always between its parts: the third digit mean
 
 from dataclasses import dataclass
 
-CONDITIONS = ("30", "60", "all")
-"""degrees of the squat"""
-
-METHODS = ("uncorrected", "marker-based", "rigid", "nonrigid-2d", "nonrigid-3d")
-
 REGIONS = ("leg", "shank", "thigh")
 
 EXPONENTS = (0.0, 1.0, 2.0, 3.0, 4.0, 5.0, None)

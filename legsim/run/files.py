@@ -77,11 +77,3 @@ def save_poses(path: Path, poses: SegmentPoses) -> None:
         segment_names=np.array(poses.segment_names),
         world_from_segment=poses.world_from_segment,
     )
-
-
-def load_poses(path: Path) -> SegmentPoses:
-    """The inverse of :func:`save_poses`."""
-    with np.load(path, allow_pickle=False) as data:
-        return SegmentPoses(
-            data["times"], tuple(data["segment_names"].tolist()), data["world_from_segment"]
-        )

@@ -274,16 +274,6 @@ def test_rigid_motion_of_everything_is_carried_exactly(legs, rng):
         np.testing.assert_allclose(transforms.apply(motion, a), b, atol=1e-12)
 
 
-def test_shares_tell_thigh_from_shank(legs):
-    start = pose(50)
-    skin = legs.posed(start, SEGMENTS)[legs.part_index("skin_r")]
-    reference = legs.phantom.parts[legs.part_index("skin_r")].vertices
-    knee = legs.reference_world_from_segment[SEGMENTS.index("tibia_r"), 1, 3]
-    share = legs.shank_share(skin[::20], "r", pose=start, segment_names=SEGMENTS)
-    assert (share[reference[::20, 1] > knee + 0.25] == 0).all()
-    assert (share[reference[::20, 1] < knee - 0.25] == 1).all()
-
-
 def test_beads_stay_on_the_skin_and_fiducials_on_their_segment(legs):
     places = legs.skin_points("l", heights=[0.05, 0.0, -0.05], directions=[1.0, -1.2, 0.4])
     beads = legs.with_spheres("bead", places, segment="soft_l", radius=0.0005)
