@@ -1,8 +1,6 @@
 """Text files from any system, whole writes, and hashes of content.
 
 A file is written under a partial name next to its place and then renamed.
-
-A file is written under a partial name beside its place and then renamed.
 """
 
 import codecs

@@ -137,9 +137,8 @@ def best_rigid(
 ) -> FloatArray:
     """Rigid a_from_b (4, 4) of least weighted squared distance between points (p, 3).
 
-    Minimizes the weighted sum of |points_a - a_from_b points_b|^2.
-
-    Kabsch's method with the determinant fixed to +1 (Arun 1987; Umeyama 1991).
+    Minimizes the weighted sum of |points_a - a_from_b points_b|^2. Kabsch's method with the
+    determinant fixed to +1 (Arun 1987; Umeyama 1991).
     """
     b, a = np.asarray(points_b, float), np.asarray(points_a, float)
     w = np.ones(len(b)) if weights is None else np.asarray(weights, float)

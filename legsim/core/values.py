@@ -17,9 +17,7 @@ def frozen(
 ) -> NDArray:
     """Returns ``values`` as a C-ordered, read-only array of ``dtype``.
 
-    Copies unless it already is one.
-
-    ``shape`` lists the expected lengths, None for any.
+    Copies unless it already is one. ``shape`` lists the expected lengths, None for any.
 
     Raises:
         LegsimError: the number of axes or a length differs.

@@ -4,11 +4,6 @@ Maier et al. 2022, Section 3.2: the motion estimated from noisy signals is compa
 noise-free estimate. The RMSE over the views is taken per axis, for translations and for rotations,
 and averaged over the three axes and over repeated draws of the noise. The translation compared here
 is the sensor's own, which does not depend on the world's origin.
-
-Maier et al. 2022, Section 3.2: the motion estimated from noisy signals is compared with the
-noise-free estimate, the RMSE over the views is taken an axis and averaged over the three axes, for
-translations and for rotations, and over repeated draws of the noise. The translation compared here
-is the sensor's own, which does not hang on where the world's origin lies.
 """
 
 from collections.abc import Sequence

@@ -25,7 +25,7 @@ class Sensor:
     offset: FloatArray
     """(3,) m further, in the segment's axes: how far out on the skin it is
 
-    X points forward, z to the subject's right.
+    The x axis points forward, z to the subject's right.
     """
     segment_from_sensor_rotation: FloatArray
     """(3, 3); the identity where the sensor is aligned with the segment"""

@@ -3,10 +3,6 @@
 Nothing is differentiated numerically. Splines give rates and accelerations of the coordinates. The
 leg's kinematics turns them into angular velocity and specific force of a frame on a segment (van
 den Bogert et al. 1996).
-
-Nothing is differentiated numerically: splines give rates and accelerations of the coordinates, the
-leg's kinematics turns them into angular velocity and specific force of a frame on a segment (van
-den Bogert et al. 1996).
 """
 
 from collections.abc import Sequence

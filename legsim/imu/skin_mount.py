@@ -5,12 +5,6 @@ on it, driven by the specific force of the point of the bone below it. Only the 
 The sensor does not tilt, so the gyroscope reads the bone's rotation. The shift's own Coriolis terms
 (twice the angular rate times its speed, 1 % of the swing in a held squat) are left out. The truth
 stays the rigid sensor's: this changes signals only.
-
-The tissue below a strap is a spring and a damper between bone and sensor, and the sensor's mass
-hangs on it, driven by the specific force of the point of the bone below it. Only the shift is
-modelled: the sensor does not tilt, so the gyroscope reads the bone's turn; and the shift's own
-Coriolis terms (twice the angular rate times its speed, 1 % of the swing in a held squat) are left
-out. The truth stays the rigid sensor's: this changes signals only.
 """
 
 from dataclasses import dataclass, replace

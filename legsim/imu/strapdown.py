@@ -4,11 +4,6 @@ The accurate scheme integrates at the sensor's own rate, with splines through th
 fourth-order rotation, and ends exactly on the wanted times. The paper's scheme is the recursion of
 Maier et al. (2020; 2022, section 2.3) as published: signals resampled to the wanted times,
 everything counted per sample, the acceleration one sample late. It is kept to show the difference.
-
-The accurate scheme integrates at the sensor's own rate, with splines through the samples and a
-fourth-order rotation, and lands exactly on the wanted times. The paper's scheme is the recursion of
-Maier et al. (2020; 2022, section 2.3) to the letter: signals resampled to the wanted times,
-everything counted per sample, the acceleration one sample late. It is kept to show the difference.
 """
 
 from collections.abc import Callable
@@ -134,9 +129,8 @@ def _turn(
 ) -> FloatArray:
     """Rotation (n, 3, 3) accumulated from ``begin`` over ``length``.
 
-    Fourth-order Magnus with two Gauss nodes (Iserles et al. 2000).
-
-    For R' = R [w]x the commutator term is + sqrt(3)/12 h^2 (w1 x w2): the coning correction.
+    Fourth-order Magnus with two Gauss nodes (Iserles et al. 2000). For R' = R [w]x the commutator
+    term is + sqrt(3)/12 h^2 (w1 x w2): the coning correction.
     """
     first, second = (rate(begin + node * length) for node in _GAUSS2)
     span = length[:, None]
