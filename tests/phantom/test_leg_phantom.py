@@ -329,9 +329,9 @@ def test_refusals_name_the_cure(legs):
         legs.posed(legs.reference_world_from_segment[:2], SEGMENTS[:2])
     with pytest.raises(LegsimError, match=r"13 segments are named: expected \(s, 4, 4\)"):
         legs.posed(legs.reference_world_from_segment[:2], SEGMENTS)
-    with pytest.raises(LegsimError, match="no part named 'bone'; there are: skin_l"):
+    with pytest.raises(LegsimError, match="unknown part 'bone'; known: skin_l"):
         legs.part_index("bone")
-    with pytest.raises(LegsimError, match="no segment named 'arm'; there are: soft_l"):
+    with pytest.raises(LegsimError, match="unknown segment 'arm'; known: soft_l"):
         legs.with_spheres("bead", [[0, 0, 0]], segment="arm", radius=0.001)
     with pytest.raises(LegsimError, match="positive radius"):
         legs.with_spheres("bead", [[0, 0, 0]], segment="tibia_l", radius=0.0)
