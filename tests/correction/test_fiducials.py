@@ -192,7 +192,7 @@ def test_hidden_and_lost_fiducials_are_named():
     pixels[2] = np.nan
     with pytest.raises(LegsimError, match="fiducial y is hidden"):
         pose_from_fiducials(geometry, 0, pixels, fiducials)
-    with pytest.raises(LegsimError, match="no view 248"):
+    with pytest.raises(LegsimError, match="unknown view 248"):
         pose_from_fiducials(geometry, 248, pixels, fiducials)
     with pytest.raises(LegsimError, match="one line"):
         pose_from_fiducials(geometry, 0, np.full((4, 2), 50.0), fiducials)

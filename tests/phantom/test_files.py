@@ -1,6 +1,4 @@
-"""PHANTOM.toml: every kind of mesh loads to the same surface, and each fault is reported with the file it
-is in.
-"""
+"""PHANTOM.toml: every kind of mesh loads to the same surface, and each fault names its file."""
 
 import re
 from pathlib import Path
