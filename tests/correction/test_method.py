@@ -104,7 +104,9 @@ def _counts(scan: Scan, /) -> Correction:
         (lambda: None, "method mine failed in .*: TypeError: .*takes 0 positional arguments"),
     ],
 )
-def test_troubles_of_a_users_method_are_reported_in_one_line(method: CorrectionMethod, message: str):
+def test_troubles_of_a_users_method_are_reported_in_one_line(
+    method: CorrectionMethod, message: str
+):
     with pytest.raises(LegsimError, match=message) as caught:
         correction_method.checked("mine", method)(scan())
     assert "\n" not in str(caught.value)
