@@ -1,5 +1,6 @@
-"""What a run is told: one frozen tree, read strictly from TOML. Lengths in mm, angles in degrees,
-with the unit in the name.
+"""The settings of a run: one frozen tree, read strictly from TOML.
+
+Lengths are in mm, angles in degrees, with the unit in the name.
 """
 
 import tomllib
@@ -14,7 +15,7 @@ from legsim.core.errors import LegsimError, file_error
 
 
 class ConfigSection(BaseModel):
-    """A part of a configuration: frozen, and strict about its keys."""
+    """A part of the configuration: frozen, and strict about its keys."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
@@ -23,10 +24,11 @@ class MotionConfig(ConfigSection):
     """The recording and how it is cleaned."""
 
     file: str = "subject01/squat_60.trc"
-    """a path, or one of the project's own recordings by its name under motions/"""
+    """a path, or the name of one of the shipped recordings under motions/"""
     marker_map: str = "auto"
-    """a TOML file, the name of a shipped marker set, or "auto" for the shipped one that covers the
-    file
+    """a TOML file, the name of a shipped marker set, or "auto"
+
+    "auto" takes the shipped one that covers the file.
     """
     unit: Literal["file", "m", "cm", "mm"] = "file"
     """"file" believes the header"""
@@ -37,16 +39,19 @@ class MotionConfig(ConfigSection):
     filter_hz: float = Field(default=6.0, ge=0)
     """cut-off of the 2nd-order zero-phase Butterworth filter; 0 leaves the markers as they are"""
     longest_gap_s: float = Field(default=2.0, ge=0)
-    """gaps up to this long are bridged in time; in longer ones the marker stays unseen and is
-    reported
+    """longest gap that is interpolated in time
+
+    In longer ones the marker stays unseen and is reported.
     """
     marker_noise_mm: float = Field(default=0.2, ge=0)
-    """RMS of a marker's white noise per axis: joint angles are filtered further, as low as that
-    hides; 0 leaves them as the filter does
+    """RMS of a marker's white noise per axis; 0 leaves the joint angles as the filter does
+
+    Joint angles are filtered further, as low as that noise hides.
     """
     scaling_file: str = ""
-    """recording that the model is scaled from; empty: the person's active squats for legsim's own
-    recordings, else the same one
+    """recording that the model is scaled from
+
+    Empty: the person's active squats for legsim's own recordings, else the same one.
     """
     model: str = ""
     """OpenSim model (.osim) to use, with its markers and of its size; empty: legsim's own leg"""
@@ -68,8 +73,9 @@ class SensorConfig(ConfigSection):
 
 
 class NoiseConfig(ConfigSection):
-    """Noise of the sensors, drawn from the run's seed. Each kind reads its own numbers; defaults
-    are the BMI160's.
+    """Noise of the sensors, drawn from the run's seed.
+
+    Each kind reads its own numbers; defaults are the BMI160's.
     """
 
     kind: Literal["none", "density", "rms", "paper"] = "none"
@@ -82,27 +88,23 @@ class NoiseConfig(ConfigSection):
     angular_velocity_deg_per_s: float = Field(default=0.07, ge=0)
     """rms"""
     bandwidth_hz: float = Field(default=100.0, gt=0)
-    """rms: that the RMS was measured in"""
+    """bandwidth in which the RMS was measured"""
     f_a: float | Literal["none"] = 0.0
-    """paper: the accelerometer's RMS is divided by 10^f_a; "none" leaves it clean"""
+    """paper: the accelerometer's RMS is divided by 10^f_a; "none" is no noise"""
     f_g: float | Literal["none"] = 0.0
     """paper: the same for the gyroscope"""
     convention: Literal["SI", "per-sample"] = "SI"
-    """paper: "per-sample" leaves out the time steps, which is what reproduces the published
-    numbers
-    """
+    """paper: "per-sample" leaves out the time steps, which reproduces the published numbers"""
     acceleration_bias_mg: float = Field(default=0.0, ge=0)
-    """standard deviation between sensors, of every kind but none"""
+    """standard deviation between sensors; applies to every kind except none"""
     angular_velocity_bias_deg_per_s: float = Field(default=0.0, ge=0)
 
 
 class SoftTissueConfig(ConfigSection):
-    """A damped oscillator between a bone and what rides on it."""
+    """A damped oscillator between a bone and what is attached to it."""
 
     amplitude: float = Field(default=0.0, ge=0)
-    """part of the oscillator's swing that is made: 0 is fixed to the bone, 1 hangs on the spring
-    alone
-    """
+    """share of the oscillator's swing: 0 is fixed to the bone, 1 is the full swing"""
     frequency_hz: float = Field(default=10.0, gt=0)
     damping: float = Field(default=0.25, gt=0)
     """of critical"""
@@ -113,11 +115,12 @@ class ImuConfig(ConfigSection):
 
     rate_hz: float = Field(default=120.0, gt=0)
     clock_offset_s: float = 0.0
-    """the sensors' clock less the C-arm's: what happens at t is stamped t plus this; no method is
-    told
+    """the sensors' clock minus the C-arm's: what happens at t is stamped t plus this
+
+    No method knows it.
     """
     soft_tissue: SoftTissueConfig = SoftTissueConfig()
-    """how the sensors swing on the skin; the truth stays that of sensors fixed to the bone"""
+    """how the sensors swing on the skin; the truth is that of sensors fixed to the bone"""
     noise: NoiseConfig = NoiseConfig()
     sensors: tuple[SensorConfig, ...] = Field(
         default=(
@@ -132,14 +135,16 @@ class PhantomConfig(ConfigSection):
     """The scanned legs."""
 
     legs: Literal["both", "scanned"] = "both"
-    """scanned: that one alone, as if the other stood far off; the other one's edges leave
-    streaks wherever the views are few
+    """scanned: the scanned leg alone
+
+    The other leg's edges leave streaks wherever the views are few.
     """
     detail: Literal["coarse", "fine"] = "coarse"
     energy_kev: float = Field(default=60.0, gt=10, le=500)
     tissue_swing: SoftTissueConfig = SoftTissueConfig()
-    """how its soft tissue swings on its bones; images and truth both show it, the sensors have
-    imu.soft_tissue
+    """how its soft tissue swings on its bones; the sensors have imu.soft_tissue
+
+    Images and truth both show it.
     """
 
 
@@ -152,9 +157,9 @@ class SpectrumConfig(ConfigSection):
     anode_deg: float = Field(default=12.0, gt=0, lt=90)
     """tube: slope of the anode"""
     aluminum_mm: float = Field(default=3.0, ge=0)
-    """tube: filter, the tube's own included"""
+    """tube: filter, including the tube's own"""
     copper_mm: float = Field(default=0.1, ge=0)
-    """tube: further filter"""
+    """tube: additional filter"""
     response: Literal["energy", "count"] = "energy"
     """tube: whether the detector weighs a photon by its energy, as flat panels do"""
     file: str = ""
@@ -167,15 +172,15 @@ class DetectorConfig(ConfigSection):
     """What the detector adds to the projections; the defaults add nothing."""
 
     photons: float = Field(default=0.0, ge=0)
-    """of the unattenuated beam in one pixel and view; 0: no noise"""
+    """per pixel and view of the unattenuated beam; 0: no noise"""
     electronic_noise_photons: float = Field(default=0.0, ge=0)
     """RMS of one reading; needs photons"""
     blur_fwhm_mm: float = Field(default=0.0, ge=0)
     """on the detector"""
     lag_fractions: tuple[float, ...] = ()
-    """parts of the signal that traps hold back, an exponential each"""
+    """parts of the signal that traps hold back, one exponential each"""
     lag_times_s: tuple[float, ...] = ()
-    """in which each falls to 1/e"""
+    """time in which each falls to 1/e"""
     scatter_to_primary: float = Field(default=0.0, ge=0)
     """mean scatter over mean primary within the shadow, the same in every view"""
     scatter_fwhm_mm: float = Field(default=100.0, gt=0)
@@ -186,24 +191,25 @@ class ScanConfig(ConfigSection):
     """The C-arm; defaults are the paper's."""
 
     side: Literal["left", "right"] = "left"
-    """of the leg in the isocenter; regions, markers, beads and default sensors follow"""
+    """side of the leg in the isocenter; regions, markers, beads and default sensors follow it"""
     center: Literal["knee"] | tuple[float, float, float] = "knee"
-    """of the rotation: the scanned knee at the first view, or a point of the world in mm"""
+    """center of the rotation: the scanned knee at the first view, or a world point in mm"""
     start_s: float | None = None
-    """time of the first view in the recording; none: the scan sits in the recording's middle"""
+    """time of the first view in the recording; none: the scan is in the recording's middle"""
     views: int = Field(default=248, ge=2)
     increment_deg: float = 0.8
     rate_hz: float = Field(default=31.0, gt=0)
     first_angle_deg: float = -8.8
-    """of the source about the vertical; 0 is the subject's right (+z), 90 the front (+x)"""
+    """angle of the source about the vertical; 0 is the subject's right (+z), 90 the front (+x)"""
     source_detector_mm: float = Field(default=1198.0, gt=0)
     source_isocenter_mm: float = Field(default=780.0, gt=0)
     columns: int = Field(default=620, ge=8)
     rows: int = Field(default=480, ge=8)
     pixel_mm: float = Field(default=0.616, gt=0)
     rays_per_pixel: int = Field(default=2, ge=1, le=8)
-    """along each axis: a pixel is the mean of so many rays squared, as its area would see them; 1
-    is a line through its middle
+    """rays along each axis of a pixel
+
+    A pixel is the mean of this number squared; 1 is a single ray through its center.
     """
     spectrum: SpectrumConfig = SpectrumConfig()
     detector: DetectorConfig = DetectorConfig()
@@ -222,28 +228,27 @@ class ReconstructionConfig(ConfigSection):
     algorithm: Literal["fdk", "cgls"] = "fdk"
     """filtered back-projection, or conjugate gradients for few views, gaps and wide cones"""
     window: Literal["ram-lak", "shepp-logan", "hann"] = "shepp-logan"
-    """fdk: of the ramp filter, from sharp to smooth; the paper's is shepp-logan"""
+    """fdk: the ramp filter, from sharp to smooth; the paper's is shepp-logan"""
     water_attenuation_per_mm: float = Field(default=0.02, ge=0)
-    """fdk: of the cylinder that continues a cut-off object; 0 leaves rows cut off"""
+    """fdk: width of the cylinder that continues a truncated object; 0 leaves rows truncated"""
     redundancy: Literal["parker", "none"] = "parker"
     """fdk: weights of lines measured more than once; "none" counts every view half"""
     iterations: int = Field(default=15, ge=1)
-    """cgls: steps; fewer are smoother"""
+    """cgls: iterations; fewer are smoother"""
     nonnegative: bool = False
     """cgls: whether attenuation is kept at 0 or above"""
 
 
 class FiducialsConfig(ConfigSection):
-    """Four metal points in each sensor, from which its start is found where methods.start is
-    "fiducials".
-    """
+    """Four metal points in each sensor, which give its start where methods.start is "fiducials"."""
 
     axis_length_mm: float = Field(default=10.0, gt=0)
     views: int = Field(default=2, ge=2)
-    """the first ones; 2 is the paper's way, more average the errors of detection"""
+    """number of first views used; 2 is as published, more average the errors of detection"""
     detector: Literal["bounded", "unbounded"] = "bounded"
-    """"unbounded": the paper's virtual detector, which also sees what lies above and below the real
-    one
+    """"unbounded": the paper's virtual detector
+
+    It also sees what is above and below the real one.
     """
     found: Literal["exact", "images"] = "exact"
     """"exact" projects the points; "images" renders them as beads and finds their shadows"""
@@ -254,8 +259,9 @@ class FiducialsConfig(ConfigSection):
 
 
 class BeadsConfig(ConfigSection):
-    """Metal beads on the skin around the knee, for the marker-based method; they are in no
-    reconstruction.
+    """Metal beads on the skin around the knee, for the marker-based method.
+
+    They are in no reconstruction.
     """
 
     count: int = Field(default=12, ge=4)
@@ -263,11 +269,11 @@ class BeadsConfig(ConfigSection):
     reach_mm: float = Field(default=70.0, gt=0)
     """farthest above and below the knee"""
     guess_error_mm: float = Field(default=2.0, ge=0)
-    """standard deviation of the places that the search starts from, along each axis"""
+    """standard deviation per axis of the positions from which the search starts"""
 
 
 class MethodsConfig(ConfigSection):
-    """Which corrections are compared, and from what."""
+    """Which corrections are compared, and their inputs."""
 
     run: tuple[str, ...] = (
         *("static", "uncorrected", "marker-based", "rigid", "nonrigid-2d", "nonrigid-3d"),
@@ -280,11 +286,11 @@ class MethodsConfig(ConfigSection):
     start: Literal["truth", "fiducials"] = "truth"
     """where each sensor's integration starts from at the first view"""
     legs: Literal["scanned", "both"] = "scanned"
-    """whose joints the non-rigid methods follow; the other leg's need sensors of their own"""
+    """legs whose joints the non-rigid methods follow; the other leg needs its own sensors"""
     points_per_segment: int = Field(default=0, ge=0)
-    """further control points of the non-rigid methods, evenly between the joints of a segment"""
+    """additional control points of the non-rigid methods, evenly between a segment's joints"""
     node_mm: float = Field(default=8.0, gt=0)
-    """spacing of displacement fields: of oracle-nonrigid, and of more control points than three"""
+    """spacing of displacement fields: of oracle-nonrigid, and of more than three control points"""
     fiducials: FiducialsConfig = FiducialsConfig()
     beads: BeadsConfig = BeadsConfig()
 
@@ -297,7 +303,7 @@ class EvaluationConfig(ConfigSection):
 
 
 class RunConfig(ConfigSection):
-    """One scan, whole."""
+    """The settings of one scan."""
 
     motion: MotionConfig = MotionConfig()
     imu: ImuConfig = ImuConfig()
@@ -312,7 +318,7 @@ class RunConfig(ConfigSection):
     @model_validator(mode="before")
     @classmethod
     def _on_the_scanned_side(cls, tree: Any) -> Any:
-        """Sensors that nobody names sit on the scanned leg."""
+        """Puts sensors that are not configured on the scanned leg."""
         if not isinstance(tree, dict):
             return tree
         scan, imu, methods = (_section(tree, name) for name in ("scan", "imu", "methods"))
@@ -330,7 +336,7 @@ class RunConfig(ConfigSection):
 
 
 def _section(tree: dict[str, Any], name: str) -> dict[str, Any] | None:
-    """The keys that were given of a section in an unvalidated tree; None where it is no table."""
+    """The given keys of a section in an unvalidated tree; None where it is not a table."""
     found = tree.get(name, {})
     if isinstance(found, ConfigSection):
         return found.model_dump(exclude_unset=True)
@@ -353,12 +359,13 @@ PRESETS: dict[str, dict[str, dict[str, Any]]] = {
 def load_settings(
     path: Path | None = None, *, preset: str = "paper", overrides: tuple[str, ...] = ()
 ) -> RunConfig:
-    """The preset, overlaid by the TOML file, overlaid by ``section.key=value`` overrides (values in
-    TOML's notation, or bare text).
+    """Reads the preset, overlaid by the TOML file, overlaid by ``section.key=value`` overrides.
+
+    Values of overrides are in TOML's notation, or bare text.
 
     Raises:
-        LegsimError: no such preset or file, not TOML, or a key or value that is not allowed; the
-            line names the key.
+        LegsimError: unknown preset, missing file, not TOML, or a key or value that is not allowed;
+            the line names the key.
     """
     trees = [] if path is None else [read(path)]
     return from_trees(
@@ -367,11 +374,12 @@ def load_settings(
 
 
 def from_trees(preset: str, *trees: dict[str, Any], where: Path | None = None) -> RunConfig:
-    """The preset, overlaid by ``trees`` one after the other; ``where`` they come from is named in
-    errors.
+    """Overlays the preset by ``trees``, one after the other.
+
+    Errors name ``where`` they come from.
 
     Raises:
-        LegsimError: no such preset, or a key or value that is not allowed; the line names the key.
+        LegsimError: unknown preset, or a key or value that is not allowed; the line names the key.
     """
     if preset not in PRESETS:
         raise LegsimError(f"--preset {preset}: unknown preset; choose one of {', '.join(PRESETS)}")
@@ -385,7 +393,7 @@ _Model = TypeVar("_Model", bound=ConfigSection)
 
 
 def validated(model: type[_Model], tree: dict[str, Any], where: Path | None) -> _Model:
-    """The tree as a configuration of that kind.
+    """Validates the tree as a configuration of type ``model``.
 
     Raises:
         LegsimError: a key or value that is not allowed; the line names file and key.
@@ -402,10 +410,10 @@ def dump(config: RunConfig) -> str:
 
 
 def read(path: Path) -> dict[str, Any]:
-    """A TOML file as it is.
+    """Reads a TOML file without validation.
 
     Raises:
-        LegsimError: no such file, or not TOML.
+        LegsimError: missing file, or not TOML.
     """
     try:
         return tomllib.loads(path.read_text("utf-8"))
@@ -420,7 +428,7 @@ def read(path: Path) -> dict[str, Any]:
 
 
 def parse_override(text: str) -> dict[str, Any]:
-    """``section.key=value`` as a tree."""
+    """Parses ``section.key=value`` as a tree."""
     key, separator, value = text.partition("=")
     parts = key.strip().split(".")
     if not separator or not all(parts):
@@ -435,7 +443,7 @@ def parse_override(text: str) -> dict[str, Any]:
 
 
 def merged(base: dict[str, Any], over: dict[str, Any]) -> dict[str, Any]:
-    """``base`` overlaid by ``over``, section by section."""
+    """Overlays ``base`` by ``over``, section by section."""
     result = dict(base)
     for key, value in over.items():
         nested = isinstance(value, dict) and isinstance(result.get(key), dict)
@@ -444,7 +452,7 @@ def merged(base: dict[str, Any], over: dict[str, Any]) -> dict[str, Any]:
 
 
 def _explain(error: ValidationError, model: type[ConfigSection], path: Path | None) -> str:
-    # a misspelt key comes with a missing one: the misspelling is what to tell
+    # a misspelled key comes with a missing one: the misspelling is what to report
     first = min(error.errors(), key=lambda e: e["type"] != "extra_forbidden")
     place = ".".join(str(part) for part in first["loc"])
     where = f"{path or 'configuration'} ({place})"
@@ -453,7 +461,7 @@ def _explain(error: ValidationError, model: type[ConfigSection], path: Path | No
     more = f" (and {error.error_count() - 1} more)" if error.error_count() > 1 else ""
     override = f" or with --set {place}=..." if model is RunConfig else ""
     return (
-        f"{where}: {first['msg']}, not {first['input']!r}{more}; mend the value in the "
+        f"{where}: {first['msg']}, not {first['input']!r}{more}; fix the value in the "
         f"file{override}"
     )
 
@@ -467,7 +475,7 @@ def _valid_keys(model: type[ConfigSection], location: tuple[int | str, ...]) -> 
 
 
 def _sections_in(annotation: Any) -> Iterator[type[ConfigSection]]:
-    """Sections that a field's type names, also inside a tuple or beside None."""
+    """Sections that a field's type names, also inside a tuple or next to None."""
     if isinstance(annotation, type) and issubclass(annotation, ConfigSection):
         yield annotation
     for part in get_args(annotation):

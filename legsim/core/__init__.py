@@ -1,4 +1,4 @@
-"""What every stage rests on: errors, read-only values, transforms, files."""
+"""Errors, read-only values, transforms and files: the base of every stage."""
 
 import lazy_loader
 

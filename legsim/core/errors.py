@@ -1,14 +1,13 @@
-"""The one exception that a user is meant to read: a single line saying where, what, and what to
-do.
-"""
+"""The exception for users: one line that names the place, the problem and the fix."""
 
 import os
 from pathlib import Path
 
 
 class LegsimError(Exception):
-    """Bad input or an unusable machine. The message is one line and names the cure; the CLI prints
-    it without a traceback.
+    """Bad input or an unusable machine.
+
+    The message is one line and names the fix. The CLI prints it without a traceback.
     """
 
 

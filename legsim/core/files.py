@@ -1,7 +1,6 @@
-"""Text files read from any system, files written whole or not at all, and the hashes that identify
-content.
+"""Text files from any system, whole writes, and hashes of content.
 
-A file is written under a partial name beside its place and then renamed.
+A file is written under a partial name next to its place and then renamed.
 """
 
 import codecs
@@ -21,13 +20,13 @@ from legsim.core.errors import file_error
 
 
 def sha256(path: Path) -> str:
-    """Hex digest of a file's content."""
+    """Returns the hex digest of a file's content."""
     with path.open("rb") as stream:
         return hashlib.file_digest(stream, "sha256").hexdigest()
 
 
 def key_of(*parts: Any) -> str:
-    """A hash of JSON-able parts: the key of a stage."""
+    """Hashes JSON-able parts: the key of a stage."""
     return hashlib.sha256(json.dumps(parts, sort_keys=True, default=str).encode()).hexdigest()
 
 
@@ -37,7 +36,9 @@ def save_npz(path: Path, **arrays: np.ndarray) -> None:
 
 
 def read(path: Path, kind: str) -> list[str]:
-    """The file's lines without their ends; the last is empty where the file ends with a line end.
+    """Reads the file's lines without their ends.
+
+    The last line is empty where the file ends with a line end.
 
     Args:
         path: the file.
@@ -74,13 +75,14 @@ def _split(text: str) -> list[str]:
 
 
 PREFIX = ".partial-"
-"""how partial names begin; what a killed process left can be told by it"""
+"""how partial names begin, by which the leftovers of a killed process are found"""
 
 
 @contextmanager
 def whole(path: Path | str) -> Iterator[Path]:
-    """Yields a partial name beside ``path`` (same ending), renamed to it at the end, or removed if
-    anything went wrong.
+    """Yields a partial name next to ``path`` that is renamed to it at the end.
+
+    The partial name has the same ending. It is removed if anything fails.
 
     Raises:
         LegsimError: the file cannot be written: no such folder, no permission, no space left.
@@ -91,12 +93,11 @@ def whole(path: Path | str) -> Iterator[Path]:
         yield partial
         os.replace(partial, path)
     except OSError as error:
-        # of a write that fails halfway no name is known; what concerns other files is not ours to
-        # explain
+        # a write that fails halfway names no file; errors of other files are passed on
         if error.filename not in (None, str(partial), partial):
             raise
         full = error.errno in (errno.ENOSPC, errno.EDQUOT)
-        cure = (
+        fix = (
             "free some space or choose another folder"
             if full
             else "check that its folder exists and is writable"
@@ -104,7 +105,7 @@ def whole(path: Path | str) -> Iterator[Path]:
         raise file_error(
             path,
             "the disk is full" if full else f"cannot be written ({error.strerror or error})",
-            cure,
+            fix,
         ) from error
     finally:
         with suppress(NotADirectoryError):  # nothing was written there

@@ -1,5 +1,6 @@
-"""How much memory there is, and the most that this process has held since it was last asked to
-begin anew; on Linux, elsewhere unknown.
+"""Available memory, and the peak memory of this process.
+
+Works on Linux; elsewhere both are unknown.
 """
 
 import contextlib
@@ -12,21 +13,19 @@ _SYSTEM = Path("/proc/meminfo")
 
 
 def begin_peak() -> None:
-    """Forgets the peak so far (proc(5): 5 in clear_refs); does nothing where the system cannot."""
+    """Resets the peak (proc(5): 5 in clear_refs); does nothing where the system cannot."""
     with contextlib.suppress(OSError):
         (_PROCESS / "clear_refs").write_text("5")
 
 
 def peak_mebibytes() -> float | None:
-    """Peak of the resident memory in MiB since :func:`begin_peak`, None where the system does not
-    tell.
-    """
+    """Peak of the resident memory in MiB since :func:`begin_peak`, None where unknown."""
     found = _kibibytes(_PROCESS / "status", "VmHWM")
     return None if found is None else found / 1024
 
 
 def available() -> int | None:
-    """Bytes that could be taken now without swapping, None where the system does not tell."""
+    """Bytes that could be used now without swapping, None where unknown."""
     found = _kibibytes(_SYSTEM, "MemAvailable")
     return None if found is None else 1024 * found
 

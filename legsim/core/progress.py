@@ -1,4 +1,4 @@
-"""How a stage reports its progress: name of the work, steps done, steps in all."""
+"""How a stage reports its progress: name of the work, steps done, total steps."""
 
 from collections.abc import Callable
 

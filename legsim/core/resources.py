@@ -1,5 +1,6 @@
-"""Where the files that ship with legsim lie: models/ and motions/, in a checkout or inside the
-installed package.
+"""Where the files that ship with legsim are: models/ and motions/.
+
+They are in a checkout or inside the installed package.
 """
 
 from pathlib import Path
@@ -10,7 +11,7 @@ _PACKAGE = Path(__file__).parents[1]
 
 
 def model_file(name: str) -> Path:
-    """Path of a file below models/, for instance ``lower_body/lower_body.xml``.
+    """Finds a file below models/, for instance ``lower_body/lower_body.xml``.
 
     Raises:
         LegsimError: the file did not come with this installation.
@@ -19,17 +20,16 @@ def model_file(name: str) -> Path:
 
 
 def motion_file(name: str) -> Path:
-    """Path of a file below motions/.
+    """Finds a file below motions/.
 
     Raises:
-        LegsimError: the file did not come with this installation; the message lists what is there.
+        LegsimError: the file did not come with this installation; the message lists the known ones.
     """
     return _find("motions", name)
 
 
 def _find(folder: str, name: str) -> Path:
-    # a wheel carries the folders inside the package; a checkout (also an editable install) has them
-    # beside it
+    # a wheel has the folders inside the package; a checkout (also an editable one) next to it
     roots = [_PACKAGE / "data" / folder, _PACKAGE.parent / folder]
     for root in roots:
         if (root / name).exists():
@@ -42,6 +42,6 @@ def _find(folder: str, name: str) -> Path:
         if not p.name.startswith(".")
     )
     raise LegsimError(
-        f"{folder}/{name} is not part of this legsim installation; there are: "
+        f"{folder}/{name} is not part of this legsim installation; known: "
         f"{', '.join(there) or 'none'}; reinstall legsim"
     )

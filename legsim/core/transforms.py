@@ -11,8 +11,9 @@ from legsim.core.values import FloatArray
 
 
 def rigid(rotation: ArrayLike, translation: ArrayLike) -> FloatArray:
-    """(..., 4, 4) from rotations (..., 3, 3) and translations (..., 3), broadcast against each
-    other.
+    """Builds (..., 4, 4) from rotations (..., 3, 3) and translations (..., 3).
+
+    Both are broadcast against each other.
     """
     rotation, translation = np.asarray(rotation, float), np.asarray(translation, float)
     lead = np.broadcast_shapes(rotation.shape[:-2], translation.shape[:-1])
@@ -22,7 +23,7 @@ def rigid(rotation: ArrayLike, translation: ArrayLike) -> FloatArray:
 
 
 def translation(offset: ArrayLike) -> FloatArray:
-    """(..., 4, 4) pure translations by ``offset`` (..., 3)."""
+    """Pure translations (..., 4, 4) by ``offset`` (..., 3)."""
     return rigid(np.eye(3), offset)
 
 
@@ -34,13 +35,13 @@ def inverse(a_from_b: ArrayLike) -> FloatArray:
 
 
 def apply(a_from_b: ArrayLike, points_b: ArrayLike) -> FloatArray:
-    """Points (..., p, 3) in b carried to a by (..., 4, 4)."""
+    """Maps points (..., p, 3) in b to a by (..., 4, 4)."""
     a_from_b, points_b = np.asarray(a_from_b, float), np.asarray(points_b, float)
     return points_b @ np.swapaxes(a_from_b[..., :3, :3], -1, -2) + a_from_b[..., None, :3, 3]
 
 
 def cross_matrix(vectors: ArrayLike) -> FloatArray:
-    """(..., 3, 3) with ``cross_matrix(a) @ b == cross(a, b)``."""
+    """Matrices (..., 3, 3) with ``cross_matrix(a) @ b == cross(a, b)``."""
     x, y, z = np.moveaxis(np.asarray(vectors, float), -1, 0)
     zero = np.zeros_like(x)
     return np.stack(
@@ -49,8 +50,9 @@ def cross_matrix(vectors: ArrayLike) -> FloatArray:
 
 
 def rotation_from_vector(rotation_vectors: ArrayLike) -> FloatArray:
-    """Rodrigues: (..., 3, 3) turning by |v| radians about v; exact to rounding at zero (half-angle
-    form).
+    """Rotations (..., 3, 3) by |v| radians about v (Rodrigues).
+
+    Exact to rounding at zero (half-angle form).
     """
     vectors = np.asarray(rotation_vectors, float)
     angle = np.linalg.norm(vectors, axis=-1)[..., None, None]
@@ -65,8 +67,9 @@ def rotation_from_vector(rotation_vectors: ArrayLike) -> FloatArray:
 
 
 def vector_from_rotation(rotations: ArrayLike) -> FloatArray:
-    """Rotation vectors (..., 3) in radians, |v| <= pi; the inverse of
-    :func:`rotation_from_vector`.
+    """Rotation vectors (..., 3) in radians, |v| <= pi.
+
+    The inverse of :func:`rotation_from_vector`.
     """
     w, x, y, z = np.moveaxis(quaternion_from_rotation(rotations), -1, 0)
     vector = np.stack([x, y, z], -1)
@@ -78,7 +81,7 @@ def vector_from_rotation(rotations: ArrayLike) -> FloatArray:
 
 
 def rotation_angle(rotations: ArrayLike) -> FloatArray:
-    """Angle (...,) of rotations (..., 3, 3) in radians, accurate near zero."""
+    """Angles (...,) of rotations (..., 3, 3) in radians, accurate near zero."""
     return np.linalg.norm(vector_from_rotation(rotations), axis=-1)
 
 
@@ -120,18 +123,10 @@ def quaternion_from_rotation(rotations: ArrayLike) -> FloatArray:
     return np.where(chosen[..., :1] < 0, -chosen, chosen)
 
 
-def rotation_from_quaternion(wxyz: ArrayLike) -> FloatArray:
-    """Rotations (..., 3, 3) of quaternions wxyz (..., 4), normalized first."""
-    q = np.asarray(wxyz, float)
-    q = q / np.linalg.norm(q, axis=-1, keepdims=True)
-    w, vector = q[..., 0, None, None], q[..., 1:]
-    skew = cross_matrix(vector)
-    return np.eye(3) + 2 * w * skew + 2 * skew @ skew
-
-
 def axis_rotation(axis: ArrayLike, angle: ArrayLike) -> FloatArray:
-    """Rotations (..., 3, 3) about a fixed ``axis`` (3,), normalized here, by ``angle`` (...,)
-    radians.
+    """Rotations (..., 3, 3) about a fixed ``axis`` (3,) by ``angle`` (...,) radians.
+
+    The axis is normalized here.
     """
     axis = np.asarray(axis, float)
     return rotation_from_vector(np.asarray(angle, float)[..., None] * (axis / np.linalg.norm(axis)))

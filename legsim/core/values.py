@@ -1,4 +1,4 @@
-"""Read-only arrays and unique names: what every value type of the package stores."""
+"""Read-only arrays and unique names, which every value type of the package stores."""
 
 from collections.abc import Sequence
 
@@ -15,10 +15,9 @@ Float32Array = NDArray[np.float32]
 def frozen(
     name: str, values: ArrayLike, shape: Sequence[int | None], dtype: DTypeLike = np.float64
 ) -> NDArray:
-    """Returns ``values`` as a C-ordered, read-only array of ``dtype``; copies unless it already is
-    one.
+    """Returns ``values`` as a C-ordered, read-only array of ``dtype``.
 
-    ``shape`` lists the expected lengths, None for any.
+    Copies unless it already is one. ``shape`` lists the expected lengths, None for any.
 
     Raises:
         LegsimError: the number of axes or a length differs.
@@ -29,7 +28,7 @@ def frozen(
     ):
         expected = tuple("any" if n is None else n for n in shape)
         raise LegsimError(f"{name} has shape {source.shape}; expected {expected}")
-    # of memory that is no array's (a file's, a buffer's) nobody knows who else writes to it
+    # memory that is not an array's (a file's, a buffer's) may be written by others
     owned = source.base is None or (
         isinstance(source.base, np.ndarray) and not source.base.flags.writeable
     )
@@ -41,18 +40,16 @@ def frozen(
 
 
 def frozen_owned(array: NDArray) -> NDArray:
-    """Marks a freshly made array read-only without copying it, for volumes and projections that are
-    large.
-    """
+    """Marks a new array read-only without a copy, for large volumes and projections."""
     array.flags.writeable = False
     return array
 
 
 def increasing_times(name: str, values: ArrayLike) -> FloatArray:
-    """Returns times (n,) in seconds, finite and strictly increasing, read-only.
+    """Returns times (n,) in seconds as a read-only array, finite and strictly increasing.
 
     Raises:
-        LegsimError: a time is not finite or does not come after the one before it.
+        LegsimError: a time is not finite or not after the one before.
     """
     times = frozen(name, values, (None,))
     if not np.isfinite(times).all():
@@ -74,11 +71,11 @@ def unique_names(kind: str, names: Sequence[str]) -> tuple[str, ...]:
     names = tuple(names)
     doubles = sorted({n for n in names if names.count(n) > 1})
     if doubles:
-        raise LegsimError(f"{kind} names must differ; twice: {', '.join(doubles)}")
+        raise LegsimError(f"{kind} names must differ; repeated: {', '.join(doubles)}")
     return names
 
 
 def index_of(kind: str, names: tuple[str, ...], name: str) -> int:
     if name not in names:
-        raise LegsimError(f"no {kind} named {name!r}; there are: {', '.join(names)}")
+        raise LegsimError(f"unknown {kind} {name!r}; known: {', '.join(names)}")
     return names.index(name)

@@ -1,4 +1,4 @@
-"""Methods that find or undo the motion of a scan, and the seam behind which one's own competes."""
+"""Methods that find or undo the motion of a scan, and the interface for a user's own."""
 
 import lazy_loader
 

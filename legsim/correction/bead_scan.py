@@ -1,6 +1,4 @@
-"""The second scan of the marker-based method: the same one with metal beads on the skin around the
-knee.
-"""
+"""The second scan of the marker-based method: with metal beads on the skin around the knee."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -21,13 +19,14 @@ _GOLDEN_ANGLE = np.pi * (3 - np.sqrt(5))
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BeadScan:
-    """What the tracking starts from."""
+    """Input of the tracking."""
 
     projections: Projections
-    """with the beads in them"""
+    """projections with the beads in them"""
     guesses: FloatArray
-    """(b, 3) m in world, roughly where the beads are at the first view, as clicks in two views
-    would give them
+    """(b, 3) m in world, approximate positions of the beads at the first view
+
+    Clicks in two views would give them.
     """
     radius: float
     """m"""
@@ -46,11 +45,14 @@ class Beads:
     reach: float = 0.070
     """m, farthest above and below the knee"""
     guess_error: float = 2e-3
-    """m, standard deviation per axis of the places that the search starts from"""
+    """m, standard deviation per axis of the positions from which the search starts"""
 
 
 def bead_positions(phantom: LegPhantom, beads: Beads, side: str = "l") -> FloatArray:
-    """(b, 3) m on the leg's skin in world of the reference pose, on a spiral around the knee."""
+    """Places beads (b, 3) m on the skin in world of the reference pose.
+
+    They lie on a spiral around the knee.
+    """
     turns = _GOLDEN_ANGLE * np.arange(beads.count)
     heights = np.linspace(-beads.reach, beads.reach, beads.count)
     return phantom.skin_points(side, heights=heights, directions=turns)
@@ -68,14 +70,14 @@ def add_beads(
     rng: np.random.Generator,
     progress: Callable[[int, int], None] | None = None,
 ) -> BeadScan:
-    """Beads that ride on the skin, added to the ``projections`` of the same poses.
+    """Adds beads that move with the skin to the ``projections`` of the same poses.
 
     A bead's whole attenuation is added, not the excess over the tissue it displaces, which is less
     than a hundredth of it.
     """
     placed = bead_positions(phantom, beads, side)
-    # what is no segment of the phantom's is a swing of its soft tissue, which rests in the
-    # reference pose
+    # poses beyond the phantom's segments are swings of its soft tissue, which is at rest
+    # in the reference pose
     start = [
         phantom.reference_world_from_segment[SEGMENTS.index(n)] if n in SEGMENTS else np.eye(4)
         for n in poses.segment_names

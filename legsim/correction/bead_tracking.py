@@ -1,13 +1,12 @@
-"""Rigid motion from metal beads on the skin, followed through all projections: the marker-based
-standard.
+"""Rigid motion from metal beads on the skin, tracked in all projections.
 
-After Choi et al., "Fiducial marker-based correction for involuntary motion in weight-bearing C-arm
-CT scanning of knees", Part I 2013, II 2014: beads are found in every projection, their 3D places
-and a rigid pose of them in every view minimize the distance between found and projected beads.
-Where a pose is free in every view, a scan that moves with it cannot be told from one of another
-size: the smallest motion that explains the shadows is taken (a weak prior on every view's motion),
-which leaves a scale error of a few thousandths. What the skin does on its own is left in the
-reprojection error.
+This is the marker-based standard. After Choi et al., "Fiducial marker-based correction for
+involuntary motion in weight-bearing C-arm CT scanning of knees", Part I 2013, II 2014: beads are
+found in every projection, their 3D places and a rigid pose of them in every view minimize the
+distance between found and projected beads. Where a pose is free in every view, a scan that moves
+with it cannot be distinguished from one of another size. The smallest motion that explains the
+shadows is taken (a weak prior on every view's motion), which leaves a scale error of a few
+thousandths. The skin's own motion remains in the reprojection error.
 """
 
 from collections.abc import Callable
@@ -24,7 +23,7 @@ from legsim.deformation.models import RigidMotion
 from legsim.geometry.cone_beam import ConeBeamGeometry, Projections
 
 FEWEST = 4
-"""beads that a view needs: three fix a pose, a fourth tells whether one of them is wrong"""
+"""beads that a view needs: three determine a pose, a fourth shows whether one is wrong"""
 
 _SEARCH_PX = 4.0
 
@@ -33,18 +32,17 @@ _LEAST_CONTRAST = 0.2
 _ROUNDS = 30
 
 _PRIOR_TURN, _PRIOR_SHIFT = np.radians(5.0), 0.02
-"""rad and m of a view's motion that count as much as one pixel of reprojection error, times
-_PRIOR_PX
-"""
+"""rad and m of a view's motion that count as _PRIOR_PX pixels of reprojection error"""
 
 _PRIOR_PX = 0.02
 
 _OUTLIER = 5.0
-"""times the typical distance, at which a shadow is taken for a wrong one"""
+"""times the typical distance, above which a shadow is rejected"""
 
 _LEAST_TYPICAL_PX = 0.1
-"""what skin and detection leave even where most shadows fit exactly: no shadow nearer than five
-times that is taken for a wrong one
+"""least typical distance, from skin and detection, even where most shadows fit exactly
+
+No shadow nearer than five times that is rejected.
 """
 
 _DOUBTING_ROUNDS = 5
@@ -59,8 +57,9 @@ def track(
     least_contrast: float = _LEAST_CONTRAST,
     progress: Callable[[int, int], None] | None = None,
 ) -> FloatArray:
-    """(v, b, 2) centers of the beads' shadows, (u, v) in pixels; NaN where a bead is off the
-    detector, lost or overlaps another.
+    """Tracks the centers (v, b, 2) of the beads' shadows, (u, v) in pixels.
+
+    NaN where a bead is off the detector, lost or overlaps another.
 
     Args:
         projections: with the beads in them.
@@ -68,8 +67,8 @@ def track(
             ``search_px`` on the detector.
         radius: m, of the beads.
         search_px: how far from its expected place a shadow may be. It is expected where the resting
-            guess would be seen, plus how far off it was last; a hidden bead is led on by what the
-            others do.
+            guess would be seen, plus how far off it was last; the others' motion predicts a hidden
+            bead.
         least_contrast: as in :func:`legsim.correction.blob_detection.locate`.
         progress: counts views.
     """
@@ -102,8 +101,9 @@ def track(
 
 
 def _alone(expected: FloatArray, clearance: float) -> NDArray[np.bool_]:
-    """(b,) whether no other bead is expected within ``clearance`` pixels: overlapping shadows pull
-    each other's centers.
+    """Whether no other bead is expected within ``clearance`` pixels, (b,).
+
+    Overlapping shadows shift each other's centers.
     """
     apart = np.linalg.norm(expected[:, None] - expected, axis=-1)
     np.fill_diagonal(apart, np.inf)
@@ -112,14 +112,14 @@ def _alone(expected: FloatArray, clearance: float) -> NDArray[np.bool_]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BeadMotion:
-    """What the shadows say."""
+    """Motion and bead positions estimated from the shadows."""
 
     motion: RigidMotion
-    """against the first view"""
+    """motion against the first view"""
     positions: FloatArray
     """(b, 3) m in world at the first view; NaN for a bead seen too seldom"""
     used: NDArray[np.bool_]
-    """(v, b) shadows that were seen and believed"""
+    """(v, b) shadows that were seen and used"""
     residual_px: float
     """RMS distance of these to the projected beads"""
 
@@ -132,8 +132,9 @@ class BeadMotion:
 
 
 def estimate(geometry: ConeBeamGeometry, pixels: ArrayLike) -> BeadMotion:
-    """Places of the beads and their rigid motion from shadows (v, b, 2), NaN where unseen: bundle
-    adjustment, outliers rejected.
+    """Estimates the beads' positions and rigid motion from shadows (v, b, 2), NaN where unseen.
+
+    Bundle adjustment with rejection of outliers.
 
     Raises:
         LegsimError: a view with fewer than four beads that are seen elsewhere too, or the shadows
@@ -148,8 +149,8 @@ def estimate(geometry: ConeBeamGeometry, pixels: ArrayLike) -> BeadMotion:
         _triangulated(geometry, pixels, used),
         RigidMotion.identity(geometry.times).moved_from_reference,
     )
-    # first by weights that wrong shadows lose step by step (Cauchy's), then with the believed ones
-    # alone
+    # first with weights that wrong shadows lose step by step (Cauchy's), then with the accepted
+    # ones only
     for doubting in [True] * _DOUBTING_ROUNDS + [False] * 2:
         positions, motion = _adjusted(geometry, pixels, weights, positions, motion)
         miss = np.linalg.norm(pixels - _projected(geometry, motion, positions), axis=-1)
@@ -171,8 +172,9 @@ def estimate(geometry: ConeBeamGeometry, pixels: ArrayLike) -> BeadMotion:
 
 
 def poses(geometry: ConeBeamGeometry, pixels: ArrayLike, positions: ArrayLike) -> RigidMotion:
-    """The motion that carries beads at known ``positions`` (b, 3) onto their shadows (v, b, 2), NaN
-    where unseen; view by view.
+    """Fits, per view, the motion of beads at known ``positions`` (b, 3) to their shadows.
+
+    Shadows (v, b, 2) are NaN where unseen.
 
     Raises:
         LegsimError: a view with fewer than four beads.
@@ -198,7 +200,7 @@ def _require_enough(used: NDArray[np.bool_]) -> None:
     counts = used.sum(-1)
     if counts.min() < FEWEST:
         raise LegsimError(
-            f"view {int(np.argmin(counts))} shows {int(counts.min())} beads that can be believed; "
+            f"view {int(np.argmin(counts))} shows {int(counts.min())} beads that can be used; "
             f"a pose needs {FEWEST}: "
             "use more or larger beads, or place them nearer to the knee"
         )
@@ -207,7 +209,10 @@ def _require_enough(used: NDArray[np.bool_]) -> None:
 def _triangulated(
     geometry: ConeBeamGeometry, pixels: FloatArray, used: NDArray[np.bool_]
 ) -> FloatArray:
-    """(b, 3) points nearest to the rays through their shadows, as if nothing had moved."""
+    """Triangulates points (b, 3) nearest to the rays through their shadows.
+
+    It assumes that nothing moved.
+    """
     sources = geometry.sources()
     positions = np.zeros((pixels.shape[1], 3))
     for bead in np.flatnonzero(used.any(0)):
@@ -233,10 +238,10 @@ def _linearized(
     positions: FloatArray,
     motion: FloatArray,
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Misses (v, b, 2), and derivatives of the projection by pose (v, b, 2, 6) and place (v, b, 2,
-    3), times the root of the weights.
+    """Residuals (v, b, 2), and derivatives of the projection by pose and position.
 
-    A pose changes by a rotation about the beads' middle, then a shift, both in world.
+    Derivatives by pose are (v, b, 2, 6), by position (v, b, 2, 3), times the root of the weights. A
+    pose changes by a rotation about the beads' middle, then a shift, both in world.
     """
     moved = transforms.apply(motion, positions)
     homogeneous = (
@@ -254,7 +259,7 @@ def _linearized(
 
 
 def _stepped(motion: FloatArray, step: FloatArray, middle: FloatArray) -> FloatArray:
-    """Poses (v, 4, 4) after changes (v, 6)."""
+    """Updates poses (v, 4, 4) by changes (v, 6)."""
     center = transforms.apply(motion, middle[None])[:, 0]
     turn = transforms.rotation_from_vector(step[:, :3])
     change = transforms.rigid(turn, center + step[:, 3:] - np.einsum("vij,vj->vi", turn, center))
@@ -262,8 +267,9 @@ def _stepped(motion: FloatArray, step: FloatArray, middle: FloatArray) -> FloatA
 
 
 def _prior(motion: FloatArray, middle: FloatArray) -> FloatArray:
-    """(v, 6) rotation vector and shift of the beads' middle of each view, in units of their
-    weight.
+    """Rotation vector and shift of the beads' middle of each view, (v, 6).
+
+    They are in units of their weight.
     """
     shift = transforms.apply(motion, middle[None])[:, 0] - middle
     return (
@@ -285,8 +291,9 @@ def _adjusted(
     positions: FloatArray,
     motion: FloatArray,
 ) -> tuple[FloatArray, FloatArray]:
-    """Places and poses of least reprojection error and prior: Levenberg and Marquardt's rule, poses
-    eliminated (Schur).
+    """Positions and poses of least reprojection error and prior.
+
+    Levenberg and Marquardt's rule, poses eliminated (Schur).
     """
     firmness = _PRIOR_PX / np.array([_PRIOR_TURN] * 3 + [_PRIOR_SHIFT] * 3)
     damping, cost = 1e-6, _cost(geometry, pixels, weights, positions, motion)
@@ -330,7 +337,7 @@ def _schur_step(
     prior: FloatArray,
     damping: float,
 ) -> tuple[FloatArray, FloatArray]:
-    """Changes of places (b, 3) and poses (v, 6)."""
+    """Changes of positions (b, 3) and poses (v, 6)."""
     views, beads = miss.shape[:2]
     of_poses = np.einsum("vbki,vbkj->vij", by_pose, by_pose) + prior
     of_poses += damping * np.eye(6) * np.diagonal(of_poses, axis1=-2, axis2=-1)[:, None]

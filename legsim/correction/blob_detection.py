@@ -1,11 +1,10 @@
-"""Small round shadows in a projection, found to a fraction of a pixel: metal beads on skin or in a
-sensor.
+"""Small round shadows in a projection, located to a fraction of a pixel.
 
-A bead's shadow is round and its background nearly a plane over a few pixels, so that the center of
-a Gaussian fitted together with a plane is the center of the shadow whatever its exact profile: to
-0.02 pixel for radii from 2 pixels on, to 0.06 for 1.2 pixels (a millimeter bead at the paper's
-resolution), where single pixels sample the shadow coarsely. Perspective shifts it by less than
-0.001.
+They are metal beads on skin or in a sensor. A bead's shadow is round and its background nearly a
+plane over a few pixels, so that the center of a Gaussian fitted together with a plane is the center
+of the shadow for any profile: to 0.02 pixel for radii from 2 pixels on, to 0.06 for 1.2 pixels (a
+millimeter bead at the paper's resolution), where single pixels sample the shadow coarsely.
+Perspective shifts it by less than 0.001.
 """
 
 import numpy as np
@@ -34,16 +33,17 @@ def locate(
     search_px: float,
     least_contrast: float,
 ) -> FloatArray:
-    """Centers (n, 2) of the shadows nearest to where they are expected, (u, v) in pixels; NaN where
-    there is none.
+    """Centers (n, 2) of the shadows nearest to where they are expected, (u, v) in pixels.
+
+    NaN where there is none.
 
     Args:
         image: (rows, columns) line integrals.
         expected: (n, 2) columns and rows.
         radius_px: of the shadows.
         search_px: how far from the expected place a center may be.
-        least_contrast: line integral in the middle of a shadow above its surroundings, below which
-            it is none: several times the noise.
+        least_contrast: least line integral in the middle of a shadow above its surroundings:
+            several times the noise.
 
     Raises:
         LegsimError: sizes that are not positive.
@@ -60,8 +60,9 @@ def locate(
 
 
 def shadow_radii(geometry: ConeBeamGeometry, centers: ArrayLike, radius: float) -> FloatArray:
-    """(v, p) radius in pixels of the shadows of spheres of ``radius`` (m) at ``centers``, (p, 3) or
-    (v, p, 3) m in world.
+    """Radii (v, p) in pixels of the shadows of spheres of ``radius`` (m) at ``centers``.
+
+    ``centers`` are (p, 3) or (v, p, 3) m in world.
     """
     return radius * geometry.focal_lengths()[:, None] / geometry.project(centers)[1]
 

@@ -1,6 +1,4 @@
-"""Points attached to sensors: where hip, knee and ankle go while the sensors that carry them
-move.
-"""
+"""Points attached to sensors: paths of hip, knee and ankle as the sensors move."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -17,9 +15,7 @@ from legsim.kinematics.skeleton import SegmentPoses
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AttachedPoint:
-    """A point that a sensor carries with it: a joint whose place relative to the sensor is
-    known.
-    """
+    """A point that a sensor carries with it: a joint whose position in the sensor is known."""
 
     sensor: str
     position_sensor: FloatArray
@@ -36,9 +32,7 @@ class AttachedPoint:
     def at_start(
         cls, sensor: str, world_from_sensor: ArrayLike, point_world: ArrayLike
     ) -> "AttachedPoint":
-        """The point (3,) of world that the sensor, at its pose (4, 4) of the same moment,
-        carries.
-        """
+        """World position (3,) of the point for the sensor's pose (4, 4)."""
         return cls(
             sensor,
             transforms.apply(
@@ -48,8 +42,9 @@ class AttachedPoint:
 
 
 def track_points(poses: SegmentPoses, points: Sequence[AttachedPoint]) -> ControlPointMotion:
-    """Where the points go as the sensors' ``poses`` (under the sensors' names) say; at rest they
-    are as in the first view.
+    """Moves the points with the sensors' ``poses`` (under the sensors' names).
+
+    The reference is the first view.
     """
     moved = np.stack(
         [
@@ -62,13 +57,13 @@ def track_points(poses: SegmentPoses, points: Sequence[AttachedPoint]) -> Contro
 
 
 def contracted(motion: ControlPointMotion, center: int, alpha: float) -> ControlPointMotion:
-    """The same motion with all points drawn to one of them, (1 - alpha) x + alpha x_center: joints
-    that lie off the detector.
+    """Contracts the motion: all points are drawn to one of them, (1 - alpha) x + alpha x_center.
 
-    The paper takes alpha = 0.8 and the knee as the center for its deformation of the projections.
+    It is for joints that lie off the detector. The paper takes alpha = 0.8 and the knee as the
+    center for its deformation of the projections.
 
     Raises:
-        LegsimError: alpha outside [0, 1), where points would fall together.
+        LegsimError: alpha outside [0, 1), where points would coincide.
     """
     if not 0 <= alpha < 1:
         raise LegsimError(

@@ -1,13 +1,12 @@
-"""Where a sensor is, and how fast it moves, at the first view: from four metal points seen in the
-projections.
+"""Pose and velocity of a sensor at the first view, from four metal points in the projections.
 
 Maier et al. 2022, section 2.4: the sensor's origin and the tips of its three axes are projected;
 each lies on a known ray, and their distances and right angles are known. Seen from far away (an
 object of centimeters at three quarters of a meter) the differences of the projected points are, up
 to one scale, two rows of the rotation matrix. Two orthonormal rows have exactly one right-handed
-completion, and their length is the scale, hence the depth: there is one root. Perspective changes
-this by the ratio of size to distance only, and is put back by iteration (DeMenthon and Davis 1995)
-and a least squares of the reprojection. The mirrored root of the constraint system, which fits to
+completion. Their length is the scale, hence the depth: there is one root. Perspective changes this
+by the ratio of size to distance only, and is corrected by iteration (DeMenthon and Davis 1995) and
+a least squares fit of the reprojection. The mirrored root of the constraint system, which fits to
 about a pixel, is left-handed, and no rotation.
 """
 
@@ -50,16 +49,18 @@ class Fiducials:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PoseFit:
-    """A pose found in one view, and how well."""
+    """A pose found in one view, and its quality."""
 
     world_from_sensor: FloatArray
     """(4, 4)"""
     residual_px: float
-    """RMS distance between seen and reprojected points; rounding only where the points are exact"""
+    """RMS distance between seen and reprojected points; rounding only for exact points"""
     covariance_per_px2: FloatArray
-    """(6, 6) for a detection error of one pixel (standard deviation along u and along v): first the
-    rotation of the sensor about its origin as a world vector (rad), then its position in world
-    (m)"""
+    """(6, 6) for a detection error of one pixel (standard deviation along u and along v)
+
+    First the rotation of the sensor about its origin as a world vector (rad), then its position in
+    world (m).
+    """
 
     def __post_init__(self) -> None:
         object.__setattr__(
@@ -74,18 +75,17 @@ class PoseFit:
         )
 
     def covariance(self, detection_error_px: float) -> FloatArray:
-        """(6, 6) rad and m, for points found with this standard deviation along each detector
-        axis.
-        """
+        """Covariance (6, 6) in rad and m, for points of this standard deviation along each axis."""
         return self.covariance_per_px2 * detection_error_px**2
 
     def position_error(self, detection_error_px: float) -> float:
-        """m: standard deviation of the distance from the true place, most of it along the ray."""
+        """Standard deviation in m of the position error, most of it along the ray."""
         return float(np.sqrt(np.diag(self.covariance(detection_error_px))[3:].sum()))
 
     def tilt_error(self, detection_error_px: float) -> float:
-        """rad: standard deviation of the sensor's tilt against the vertical. It leaks gravity: g
-        tilt t^2 / 2 of drift.
+        """Standard deviation in rad of the sensor's tilt against the vertical.
+
+        It leaks gravity: g tilt t^2 / 2 of drift.
         """
         x, _, z = np.diag(self.covariance(detection_error_px))[:3]
         return float(np.sqrt(x + z))
@@ -94,9 +94,7 @@ class PoseFit:
 def project_fiducials(
     geometry: ConeBeamGeometry, view: int, world_from_sensor: ArrayLike, fiducials: Fiducials
 ) -> FloatArray:
-    """(4, 2) pixel coordinates (u, v) of the four points in one view, on a detector without
-    bounds.
-    """
+    """Projects the four points to (4, 2) pixels (u, v) in one view, on an unbounded detector."""
     return _projected(
         _matrix(geometry, view), np.asarray(world_from_sensor, float), fiducials.points_sensor
     )
@@ -105,9 +103,7 @@ def project_fiducials(
 def on_detector(
     geometry: ConeBeamGeometry, world_from_sensor: ArrayLike, fiducials: Fiducials
 ) -> NDArray[np.bool_]:
-    """(v, 4) whether each fiducial of a sensor with poses (v, 4, 4) falls on the detector, view by
-    view.
-    """
+    """Whether each fiducial of a sensor with poses (v, 4, 4) falls on the detector, (v, 4)."""
     pixels, depth = geometry.project(transforms.apply(world_from_sensor, fiducials.points_sensor))
     return _within(pixels, geometry.shape_vu) & (depth > 0)
 
@@ -120,7 +116,9 @@ def pose_from_fiducials(
     *,
     detector: DetectorBounds = "bounded",
 ) -> PoseFit:
-    """The sensor's pose in one view from its four projected points (4, 2), NaN where one is hidden.
+    """Finds the sensor's pose in one view from its four projected points (4, 2).
+
+    Points are NaN where hidden.
 
     Args:
         geometry: of the scan, calibrated.
@@ -128,12 +126,11 @@ def pose_from_fiducials(
         pixels: (4, 2) columns and rows (u, v), in the order of FIDUCIAL_NAMES, any fraction of a
             pixel.
         fiducials: how far the points are apart.
-        detector: "unbounded" lets points lie beside the detector, as the paper does for sensors
-            that its detector cannot see.
+        detector: "unbounded" allows points off the detector, as the paper does for sensors that its
+            detector cannot see.
 
     Raises:
-        LegsimError: points hidden, beside a bounded detector, coincident, or a view that does not
-            exist.
+        LegsimError: points hidden, off a bounded detector, coincident, or an unknown view.
     """
     pixels = frozen("fiducial pixels", pixels, (4, 2))
     matrix = _matrix(geometry, view)
@@ -151,9 +148,7 @@ def _within(pixels: FloatArray, shape_vu: tuple[int, int]) -> NDArray[np.bool_]:
 
 def _matrix(geometry: ConeBeamGeometry, view: int) -> FloatArray:
     if not 0 <= view < len(geometry):
-        raise LegsimError(
-            f"there is no view {view}; the geometry has views 0 to {len(geometry) - 1}"
-        )
+        raise LegsimError(f"unknown view {view}; the geometry has views 0 to {len(geometry) - 1}")
     return geometry.matrices[view]
 
 
@@ -182,7 +177,7 @@ def _check_seen(
 
 
 def _from_far(matrix: FloatArray, pixels: FloatArray, axis_length: float) -> FloatArray:
-    """World_from_sensor (4, 4): scaled orthography, corrected for perspective round by round."""
+    """World_from_sensor (4, 4) by scaled orthography, corrected for perspective iteratively."""
     rays = np.linalg.solve(matrix[:, :3], np.concatenate([pixels.T, np.ones((1, 4))])).T
     source = -np.linalg.solve(matrix[:, :3], matrix[:, 3])
     normal = matrix[2, :3]
@@ -211,8 +206,9 @@ def _from_far(matrix: FloatArray, pixels: FloatArray, axis_length: float) -> Flo
 def _reprojected(
     matrix: FloatArray, pixels: FloatArray, start: FloatArray, points: FloatArray
 ) -> tuple[FloatArray, float]:
-    """(pose (4, 4), RMS px) of the least squares of the reprojection error that ``start`` leads to,
-    by Levenberg and Marquardt's rule.
+    """Pose (4, 4) and RMS in px of the least-squares reprojection error, starting at ``start``.
+
+    Levenberg and Marquardt's rule.
     """
     pose, damping = start, 1e-9
     miss = (pixels - _projected(matrix, pose, points)).ravel()
@@ -240,7 +236,7 @@ def _projected(matrix: FloatArray, world_from_sensor: FloatArray, points: FloatA
 
 
 def _jacobian(matrix: FloatArray, world_from_sensor: FloatArray, points: FloatArray) -> FloatArray:
-    """(8, 6) pixels by (rotation about the origin, position), both in world."""
+    """Jacobian (8, 6): pixels by (rotation about the origin, position), both in world."""
     arms = points @ world_from_sensor[:3, :3].T
     homogeneous = (arms + world_from_sensor[:3, 3]) @ matrix[:, :3].T + matrix[:, 3]
     depth = homogeneous[:, 2, None, None]
@@ -250,16 +246,16 @@ def _jacobian(matrix: FloatArray, world_from_sensor: FloatArray, points: FloatAr
 
 @dataclass(frozen=True, slots=True, eq=False)
 class VelocityFit:
-    """The velocity at the first view, and how errors of the seen positions become its own."""
+    """The velocity at the first view, and how errors of the seen positions affect it."""
 
     velocity: FloatArray
     """(3,) m/s in world"""
     start_shift: FloatArray
     """(3,) m to be added to the start position; zero from two views"""
     residual: float
-    """m, RMS of what is left at the views; zero from two views"""
+    """m, RMS of the residuals at the views; zero from two views"""
     error_per_position_error: float
-    """1/s: standard deviation of each component of the velocity for one of the seen positions"""
+    """1/s: standard deviation of a velocity component per standard deviation of a position"""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "velocity", frozen("VelocityFit.velocity", self.velocity, (3,)))
@@ -271,16 +267,15 @@ class VelocityFit:
 def velocity_from_views(
     view_times: ArrayLike, seen_positions: ArrayLike, free_positions: ArrayLike
 ) -> VelocityFit:
-    """Velocity at the first view from where the sensor is seen and where it would have gone from a
-    standstill.
+    """Velocity at the first view from seen positions and those integrated from a standstill.
 
     A wrong start velocity moves the integrated position by that velocity times the time gone by,
     and nothing else (section 2.4.2): exact in the accurate scheme for any ratio of the clocks, and
-    in the published one for even views.
+    in the published scheme for even views.
 
     Args:
-        view_times: (k,) s, two or more views; two is the paper's way, more average the errors of
-            the seen positions.
+        view_times: (k,) s, two or more views; two is as published, more average the errors of the
+            seen positions.
         seen_positions: (k, 3) m in world, of the sensor's origin.
         free_positions: (k, 3) m in world, integrated from the seen pose of the first view with zero
             velocity.

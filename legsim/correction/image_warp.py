@@ -1,10 +1,9 @@
-"""Motion undone in the projections: each image deformed so that followed points lie where they lay
-in the first view's pose.
+"""Motion undone in the projections: images deformed so that tracked points do not move.
 
 Maier et al. 2022, section 2.6.2. The control points at rest and moved are projected with each
 view's own matrix; the pixel at v of the corrected image is what the recorded image shows at f(v)
 (see :mod:`legsim.deformation.moving_least_squares` for f). Depth is lost: points along one ray that
-move differently are moved alike.
+move differently get the same shift.
 """
 
 from collections.abc import Callable
@@ -26,7 +25,7 @@ def warp_images(
     *,
     progress: Callable[[int, int], None] | None = None,
 ) -> Projections:
-    """The images as if the control points had stayed at rest, under the same geometry.
+    """Warps the images as if the control points had stayed at rest, under the same geometry.
 
     Any number of control points. Read by cubic convolution (Keys 1981); where f(v) lies outside,
     the border pixel is repeated.

@@ -1,5 +1,4 @@
-"""Where the integration of each sensor starts: from the truth, or from fiducials in the first
-views.
+"""Start of each sensor's integration: from the truth, or from fiducials in the first views.
 
 Maier et al. 2022, section 2.4: the pose from the first view, the velocity from one or more later
 ones.
@@ -47,7 +46,7 @@ _SEARCH_PX = 4.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Starts:
-    """Where each sensor's integration begins, and what is to be said of it."""
+    """Start of each sensor's integration, with notes for the report."""
 
     starts: tuple[SensorStart, ...]
     notes: tuple[str, ...]
@@ -67,24 +66,24 @@ class FiducialOptions:
 
     fiducials: Fiducials = field(default_factory=Fiducials)
     views: int = 2
-    """the first ones; 2 is the paper's way, more average the errors of detection"""
+    """number of first views used; 2 is as published, more average the errors of detection"""
     detector: DetectorBounds = "bounded"
-    """"unbounded": the paper's virtual detector, which also sees what lies beyond the real one"""
+    """"unbounded": the paper's virtual detector, which also sees points beyond the real one"""
     found: Literal["exact", "images"] = "exact"
     """"exact" projects the points; "images" renders them as beads and finds their shadows"""
     error_px: float = 0.0
     """standard deviation along u and v added to exact points"""
     bead_radius: float = 1e-3
-    """m, of the rendered beads, tantalum"""
+    """diameter in m of the rendered beads, tantalum"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FiducialScan:
-    """The first views of a scan in which the sensors' fiducials are looked for."""
+    """The first views of a scan, in which the sensors' fiducials are found."""
 
     geometry: ConeBeamGeometry
     poses: SegmentPoses
-    """of the sensors, under their names, and of the segments, at those views"""
+    """poses of the sensors, under their names, and of the segments, at those views"""
     phantom: LegPhantom
     device: Device
 
@@ -99,11 +98,10 @@ def from_fiducials(
     scheme: Scheme,
     rng: np.random.Generator,
 ) -> Starts:
-    """Starts from the fiducials in the first ``options.views`` views, as a scanner would find
-    them.
+    """Finds starts from the fiducials in the first ``options.views`` views, as a scanner would.
 
-    ``sensor_poses`` (true) say where the fiducials are to be seen; where they are found in images
-    they say where to look.
+    ``sensor_poses`` (true) are where the fiducials appear; in images they are where the search
+    starts.
 
     Raises:
         LegsimError: fiducials off a bounded detector, or hidden; the line names the sensor.
@@ -154,7 +152,7 @@ def _how(options: FiducialOptions) -> str:
 
 
 def _visible(name: str, on_detector: np.ndarray) -> str:
-    """Which fiducials of one sensor (views, 4) fall beside the real detector."""
+    """Describes which fiducials of one sensor (views, 4) fall off the real detector."""
     beside = [
         fiducial
         for fiducial, seen in zip(FIDUCIAL_NAMES, np.asarray(on_detector.all(0)), strict=True)
@@ -171,7 +169,7 @@ def _seen(
     fiducials: Fiducials,
     rng: np.random.Generator,
 ) -> FloatArray:
-    """(k, 4, 2) pixels of one sensor's fiducials in the first k views."""
+    """Pixels (k, 4, 2) of one sensor's fiducials in the first k views."""
     exact = np.stack(
         [project_fiducials(scan.geometry, k, pose, fiducials) for k, pose in enumerate(poses)]
     )
@@ -209,8 +207,9 @@ def _seen(
 
 
 def _widened(geometry: ConeBeamGeometry, pixels: FloatArray) -> tuple[ConeBeamGeometry, int]:
-    """A detector with more rows below and above, so that all ``pixels`` lie on it, and by how many
-    the rows are shifted.
+    """Widens the detector by rows below and above, so that all ``pixels`` lie on it.
+
+    Also returns by how many the rows are shifted.
     """
     rows, columns = geometry.shape_vu
     margin = 40
@@ -226,12 +225,15 @@ class FoundStart:
 
     start: SensorStart
     poses: tuple[PoseFit, ...]
-    """of each view that was used"""
+    """fit of each view that was used"""
     velocity: VelocityFit
 
 
 def _conditioning(name: str, found: FoundStart) -> str:
-    """What one pixel of detection error costs: the price of short axes and of few views."""
+    """Describes the effect of one pixel of detection error.
+
+    Short axes and few views raise it.
+    """
     pose, shift = found.poses[0], found.poses[0].position_error(1.0)
     return (
         f"Sensor {name}: a detection error of 1 px is {np.degrees(pose.tilt_error(1.0)):.2g} deg "
@@ -251,19 +253,19 @@ def start_from_fiducials(
     scheme: Scheme = "accurate",
     detector: DetectorBounds = "bounded",
 ) -> FoundStart:
-    """Pose and velocity of a sensor at the first view.
+    """Estimates pose and velocity of a sensor at the first view.
 
     Args:
-        signals: of the sensors, covering the views that are used; their clock need not meet the
-            views'.
+        signals: of the sensors, covering the views that are used; their samples need not coincide
+            with the views.
         sensor: which of them.
         geometry: of the scan.
         pixels: (k, 4, 2) the fiducials in the first k views, as
-            :func:`legsim.correction.fiducials.pose_from_fiducials` reads them. Two views are the
-            paper's way; more average what the detection left.
+            :func:`legsim.correction.fiducials.pose_from_fiducials` reads them. Two views are as
+            published; more average the errors of detection.
         fiducials: how far the points are apart.
         scheme: of the integration between the views; the one that will be used over the scan.
-        detector: "unbounded" lets points lie beside the detector.
+        detector: "unbounded" allows points off the detector.
 
     Raises:
         LegsimError: fewer than two views, more than the scan has, or fiducials that are hidden or

@@ -13,7 +13,7 @@ class MarkerBased:
     """Rigid motion from the shadows of beads (Choi et al. 2013, 2014)."""
 
     beads: BeadScan | Callable[[], BeadScan]
-    """the scan with beads, or what makes it when it is asked for"""
+    """the scan with beads, or a function that makes it when called"""
 
     def __call__(self, scan: Scan, /) -> Correction:
         beads = self.beads if isinstance(self.beads, BeadScan) else self.beads()
@@ -22,6 +22,6 @@ class MarkerBased:
         note = (
             f"{len(beads.guesses)} beads of {2e3 * beads.radius:g} mm: "
             f"{100 * found.used.mean():.0f} % of their shadows were found and "
-            f"believed, {found.residual_px:.2f} px RMS from a rigid motion."
+            f"used, {found.residual_px:.2f} px RMS from a rigid motion."
         )
         return Correction("marker-based", scan.projections, found.motion, notes=(note,))

@@ -1,8 +1,8 @@
-"""From poses over time to what the reconstruction needs: the seam behind which all correction
-methods, and a user's own, compete.
+"""From poses over time to the input of the reconstruction: the interface of all methods.
 
-A method is a function from a :class:`Scan` (everything a real scanner would have recorded) to a
-:class:`Correction` (projections and the motion that the back-projection follows).
+A user's own method uses the same interface. A method is a function from a :class:`Scan` (everything
+a real scanner would have recorded) to a :class:`Correction` (projections and the motion that the
+back-projection follows).
 """
 
 import traceback
@@ -21,8 +21,9 @@ from legsim.imu.signals import ImuSignals, SensorStart
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Scan:
-    """What a scanner with sensors records, and what is known beforehand: all that a method may look
-    at.
+    """What a scanner with sensors records, and what is known beforehand.
+
+    A method sees nothing else.
     """
 
     projections: Projections
@@ -30,8 +31,9 @@ class Scan:
     starts: tuple[SensorStart, ...]
     """pose and velocity of each sensor of ``signals`` at the first view"""
     joints: tuple[tuple[AttachedPoint, ...], ...] = ()
-    """of each followed leg hip, knee, ankle and whatever else is followed, on the sensors that
-    carry them: how those were strapped on is known; empty where it is not
+    """hip, knee, ankle and further points of each followed leg, on the sensors that carry them
+
+    Their positions in the sensors are known; empty where they are not.
     """
 
     def __post_init__(self) -> None:
@@ -55,33 +57,34 @@ class Scan:
         return self.projections.geometry.times
 
     def start(self, sensor: str) -> SensorStart:
-        """Pose and velocity of one sensor at the first view."""
+        """Finds pose and velocity of one sensor at the first view."""
         if sensor not in self.signals.sensor_names:
             raise LegsimError(
-                f"no sensor named {sensor!r}; there are: {', '.join(self.signals.sensor_names)}"
+                f"unknown sensor {sensor!r}; known: {', '.join(self.signals.sensor_names)}"
             )
         return self.starts[self.signals.sensor_names.index(sensor)]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Correction:
-    """What a method hands to the reconstruction."""
+    """Output of a method for the reconstruction."""
 
     method: str
     projections: Projections
-    """images, warped or as recorded, under the scanner's own geometry: the motion is told apart
-    from it
+    """images, warped or as recorded, under the scanner's own geometry
+
+    The motion is separate from it.
     """
     motion: Motion | None
-    """how the object moved against its reference pose, for the back-projection to follow: M(i) in
-    P(i) M(i), moving least squares, or displacements; None where voxels stay (uncorrected scans and
-    warped images)"""
-    warped_by: ControlPointMotion | None = None
-    """the points by which images were warped, so that the errors of the warp can be told; None
-    where they are as recorded
+    """motion of the object against its reference pose, which the back-projection follows
+
+    M(i) in P(i) M(i), moving least squares, or displacements. None where voxels stay (uncorrected
+    scans and warped images).
     """
+    warped_by: ControlPointMotion | None = None
+    """points by which images were warped, for the errors of the warp; None for recorded images"""
     notes: tuple[str, ...] = ()
-    """sentences on how it went, for the report"""
+    """sentences for the report"""
 
     def __repr__(self) -> str:
         motion = "no motion" if self.motion is None else repr(self.motion)
@@ -115,13 +118,16 @@ class Correction:
 
 
 class CorrectionMethod(Protocol):
-    """A whole method. The pipeline knows no more of it than this."""
+    """A whole method.
+
+    The pipeline knows no more of it than this.
+    """
 
     def __call__(self, scan: Scan, /) -> Correction: ...
 
 
 def checked(name: str, method: CorrectionMethod) -> CorrectionMethod:
-    """A user's own ``method``, whose troubles are told in one line under its ``name``.
+    """Wraps a user's own ``method`` so that its errors are one line under its ``name``.
 
     Raises (when called):
         LegsimError: the method raised anything, or what it returned is no Correction of the scan's
@@ -138,7 +144,7 @@ def checked(name: str, method: CorrectionMethod) -> CorrectionMethod:
             what = " ".join(f"{type(error).__name__}: {error}".split())
             raise LegsimError(
                 f"method {name} failed in {inner.filename}, line {inner.lineno}: {what}; "
-                "mend it and run again (--debug shows the way there), what was finished is kept"
+                "fix it and run again (--debug shows the traceback), finished stages are kept"
             ) from error
         if not isinstance(found, Correction):
             raise LegsimError(

@@ -1,4 +1,4 @@
-"""Non-rigid corrections: hip, knee and ankle followed by two sensors, space between them warped.
+"""Non-rigid corrections: hip, knee and ankle tracked by two sensors, space between them warped.
 
 In 2D the images are deformed before reconstruction, in 3D the back-projection follows moving least
 squares of the joints (Maier et al. 2022, sections 2.5.2 and 2.5.3).
@@ -20,18 +20,17 @@ from legsim.kinematics.skeleton import SegmentPoses
 from legsim.opencl.device import Device, open_device
 
 PAPER_ALPHA = 0.8
-"""How far the published study draws hip and ankle to the knee before it projects them (eq. 22, 23)
-"""
+"""Contraction of hip and ankle to the knee before projection in the study (eq. 22, 23)"""
 
 _KNEE = 1
-"""place of the knee among a leg's points"""
+"""index of the knee among a leg's points"""
 
 
 def joint_motions(scan: Scan, scheme: Scheme = "accurate") -> tuple[ControlPointMotion, ...]:
-    """Where the joints of each leg go by the signals of the sensors that carry them.
+    """Tracks the joints of each leg by the signals of the sensors that carry them.
 
     Raises:
-        LegsimError: the scan knows of no joint on a sensor.
+        LegsimError: the scan has no joint on a sensor.
     """
     if not scan.joints:
         raise LegsimError(
@@ -55,7 +54,7 @@ class NonRigid2D:
     """Images warped by moving least squares of the projected joints."""
 
     alpha: float = PAPER_ALPHA
-    """how far hip and ankle are drawn to the knee, 0 to below 1"""
+    """contraction of hip and ankle to the knee, 0 to below 1"""
     scheme: Scheme = "accurate"
     device: Device | None = None
     """None opens the fastest"""

@@ -1,11 +1,11 @@
-"""Oracles, the ceilings of all methods: a correction that was handed the true motion.
+"""Oracles: corrections that are given the true motion, the ceilings of all methods.
 
 The phantom's own motion is a displacement field, the ceiling of non-rigid methods.
 
-The field is sampled at nodes and linear between them. Material points of soft tissue go as the
-phantom's skinning carries them. So that bones stay exact, every node within one spacing of a bone
-goes with the nearest bone: soft tissue that close to a bone is then led by the bone, which is the
-price of the sampling and shrinks with it.
+The field is sampled at nodes and linear between them. Material points of soft tissue follow the
+phantom's skinning. So that bones stay exact, every node within one spacing of a bone moves with the
+nearest bone. Soft tissue that close to a bone then moves with the bone; this error of the sampling
+shrinks with the spacing.
 """
 
 from collections.abc import Callable
@@ -27,7 +27,7 @@ _FINER = 4
 """label voxels along one node spacing"""
 
 _LED_BACK = 1e-6
-"""m by which a point may miss itself when it is led to the straight leg and back"""
+"""m: greatest error of a point mapped to the straight leg and back"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,7 +35,7 @@ class Oracle:
     """The correction that knows the motion: the ceiling of all that estimate it."""
 
     motion: Motion | Callable[[], Motion]
-    """the true motion, or what computes it when it is asked for"""
+    """the true motion, or a function that computes it when called"""
     name: str = "oracle"
 
     def __call__(self, scan: Scan, /) -> Correction:
@@ -48,7 +48,7 @@ def phantom_motion(
 ) -> FieldMotion:
     """Displacements of the material points that lie at ``nodes`` in the first of ``poses``.
 
-    One leg's: nodes beyond it go as its soft tissue would, also those in the other leg.
+    They are of one leg: nodes beyond it move as its soft tissue would, also those in the other leg.
     """
     carrier = _carriers(phantom, poses, nodes, device, side)
     points = nodes.positions()
@@ -62,7 +62,7 @@ def phantom_motion(
             poses=poses.world_from_segment,
             segment_names=poses.segment_names,
         )
-        fields[:, chosen] = _mended(
+        fields[:, chosen] = _completed(
             paths - paths[0],
             np.linalg.norm(paths[0] - points[chosen], axis=-1) < _LED_BACK,
             points[chosen],
@@ -72,11 +72,11 @@ def phantom_motion(
     )
 
 
-def _mended(paths: FloatArray, known: np.ndarray, points: FloatArray) -> FloatArray:
-    """Displacements (v, p, 3) with those of the nearest known point where a point's place in the
-    straight leg was not found.
+def _completed(paths: FloatArray, known: np.ndarray, points: FloatArray) -> FloatArray:
+    """Replaces unknown displacements (v, p, 3) by those of the nearest known point.
 
-    Such points are few and lie in air, where the skinning folds space over itself.
+    They are unknown where a point's position in the straight leg was not found. Such points are few
+    and lie in air, where the skinning folds space over itself.
     """
     if known.all() or not known.any():
         return paths
@@ -88,9 +88,7 @@ def _mended(paths: FloatArray, known: np.ndarray, points: FloatArray) -> FloatAr
 def _carriers(
     phantom: LegPhantom, poses: SegmentPoses, nodes: VolumeGrid, device: Device, side: str
 ) -> FloatArray:
-    """(n,) names of what carries each node: the nearest bone within one spacing, else the soft
-    tissue.
-    """
+    """Names (n,) of the carrier of each node: a bone within one spacing, else the soft tissue."""
     soft = f"soft_{side}"
     members = [k for k, segment in enumerate(phantom.segments) if segment.endswith(f"_{side}")]
     vertices = phantom.posed(poses.world_from_segment[0], poses.segment_names)
@@ -116,7 +114,7 @@ def _carriers(
 
 
 def _finer(nodes: VolumeGrid) -> VolumeGrid:
-    """The grid whose every fourth point is a node."""
+    """Grid whose every fourth point is a node."""
     nz, ny, nx = ((n - 1) * _FINER + 1 for n in nodes.shape_zyx)
     x, y, z = (s / _FINER for s in nodes.spacing_xyz)
     return VolumeGrid((nz, ny, nx), (x, y, z), nodes.center)

@@ -1,4 +1,4 @@
-"""Rigid corrections: the motion of a body from its poses, and the method that follows a sensor."""
+"""Rigid corrections: the motion of a body from its poses, and the method that uses a sensor."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -20,7 +20,7 @@ Order = Literal["pose", "paper"]
 def rigid_motion(
     times: ArrayLike, world_from_body: ArrayLike, *, order: Order = "pose"
 ) -> RigidMotion:
-    """Motion of a body against its pose at the first time, from its poses.
+    """Computes the motion of a body against its pose at the first time, from its poses.
 
     Args:
         times: (v,) s.
@@ -40,7 +40,7 @@ def rigid_motion(
         return RigidMotion.from_poses(times, poses)
     if order == "paper":
         return RigidMotion(times, _paper_product(poses))
-    raise LegsimError(f"no order {order!r} of the rigid motion; there are: pose, paper")
+    raise LegsimError(f"unknown order {order!r} of the rigid motion; known: pose, paper")
 
 
 def _paper_product(poses: FloatArray) -> FloatArray:
@@ -53,7 +53,7 @@ def _paper_product(poses: FloatArray) -> FloatArray:
 
 
 def sensor_path(scan: Scan, sensor: str, scheme: Scheme = "accurate") -> FloatArray:
-    """world_from_sensor (v, 4, 4) at the views, from that sensor's signals and its start."""
+    """Poses world_from_sensor (v, 4, 4) at the views, from that sensor's signals and its start."""
     rate, force = scan.signals.sensor(sensor)
     return strapdown.integrate(
         scan.signals.times, rate, force, scan.start(sensor), scan.times, scheme=scheme
@@ -62,7 +62,7 @@ def sensor_path(scan: Scan, sensor: str, scheme: Scheme = "accurate") -> FloatAr
 
 @dataclass(frozen=True, slots=True)
 class Uncorrected:
-    """Everything as recorded: the floor of every comparison.
+    """Everything as recorded: the baseline of every comparison.
 
     >>> Uncorrected()(scan).motion is None
     True

@@ -1,4 +1,4 @@
-"""How well a method did: similarity by region, registration, residual motion."""
+"""Scores of a method: similarity by region, registration, residual motion."""
 
 import lazy_loader
 

@@ -22,10 +22,10 @@ else:
 SSIM_WINDOW = 7
 
 SCALING_PERCENTILES = (0.5, 99.5)
-"""of the values inside the regions, which become 0 and 1"""
+"""percentiles of the values inside the regions, which become 0 and 1"""
 
 _REACH = 0.03
-"""m around the regions that is looked at: farther than any registration shifts"""
+"""m around the regions that is used: farther than any registration shifts"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -34,7 +34,7 @@ class Region:
 
     name: str
     mask: NDArray[np.bool_]
-    """(z, y, x); taken over, not copied, and can no more be written"""
+    """(z, y, x); not copied, and made read-only"""
 
     def __repr__(self) -> str:
         return f"Region({self.name}: {int(self.mask.sum())} voxels)"
@@ -55,14 +55,15 @@ def leg_regions(
     seen: NDArray[np.bool_],
     margin: float = 0.005,
 ) -> tuple[Region, ...]:
-    """Whole leg, shank and thigh: where the leg is, plus ``margin`` (m) of air so that the skin's
-    edge counts.
+    """Regions whole leg, shank and thigh: the leg plus ``margin`` (m) of air.
+
+    The air makes the skin's edge count.
 
     Args:
         labels: (z, y, x), above 0 inside the leg (the phantom's truth at the reference pose).
         grid: where the voxels are.
-        knee_height: world y that parts shank (below) from thigh (above).
-        seen: (z, y, x), what every view sees; voxels beyond are left out, because no method can
+        knee_height: world y that separates shank (below) from thigh (above).
+        seen: (z, y, x), voxels that every view sees; others are left out, because no method can
             know them.
         margin: thickness of the air layer.
     """
@@ -76,15 +77,16 @@ def leg_regions(
 
 
 def cylinder(grid: VolumeGrid, radius: float) -> NDArray[np.bool_]:
-    """Mask (z, y, x) of the vertical cylinder of ``radius`` (m) about the grid's center."""
+    """Masks (z, y, x) the vertical cylinder of ``radius`` (m) about the grid's center."""
     x, _, z = grid.axes()
     disc = (x[None, :] - grid.center[0]) ** 2 + (z[:, None] - grid.center[2]) ** 2 <= radius**2
     return np.broadcast_to(disc[:, None, :], grid.shape_zyx)
 
 
 def bounding_box(mask: NDArray[np.bool_], grid: VolumeGrid) -> tuple[slice, slice, slice]:
-    """Of the voxels within :data:`_REACH` of those in ``mask``: what lies farther away decides
-    nothing, but takes most of the time.
+    """Bounding box of the voxels within :data:`_REACH` of those in ``mask``.
+
+    Voxels farther away have no effect, but take most of the time.
     """
     bounds = []
     for axis, spacing in enumerate(grid.spacing_xyz[::-1]):
@@ -99,7 +101,7 @@ def bounding_box(mask: NDArray[np.bool_], grid: VolumeGrid) -> tuple[slice, slic
 
 
 def normalized(attenuation: Float32Array, mask: NDArray[np.bool_], name: str) -> Float32Array:
-    """Values so scaled that their :data:`SCALING_PERCENTILES` inside ``mask`` are 0 and 1."""
+    """Scales values so that their :data:`SCALING_PERCENTILES` inside ``mask`` are 0 and 1."""
     inside = attenuation[mask]
     if not np.isfinite(inside).all():
         raise LegsimError(

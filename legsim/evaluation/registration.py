@@ -30,9 +30,7 @@ _KNOWN_SHIFT_MM, _KNOWN_TURN_DEG = (0.6, -0.5, 0.6), (0.5, 0.6, -0.6)
 
 @dataclass(frozen=True, slots=True)
 class Registration:
-    """The rigid transform that was found from the reference to the volume, and whether it was
-    used.
-    """
+    """The rigid transform from the reference to the volume, and whether it was used."""
 
     translation_mm: float
     """length of the shift at the grid's center"""
@@ -41,19 +39,18 @@ class Registration:
     correlation_before: float
     correlation_after: float
     stopped: str
-    """the optimizer's own words"""
+    """the optimizer's stop message"""
 
 
 def register(
     moving: Float32Array, fixed: Float32Array, grid: VolumeGrid, mask: NDArray[np.bool_]
 ) -> tuple[Registration, Float32Array]:
-    """Rigidly registers ``moving`` to ``fixed`` (SimpleITK, correlation, 4-2-1 pyramid, seeded
-    samples inside ``mask``).
+    """Rigidly registers ``moving`` to ``fixed``.
 
-    Returns the registration and the volume to compare: resampled by cubic B-splines where that
-    raises the correlation inside the mask, else ``moving`` as it was, so that interpolation never
-    makes a volume that needs no moving worse. NaN where the resampled volume would have to be known
-    outside the grid.
+    SimpleITK with correlation, a 4-2-1 pyramid and seeded samples inside ``mask``. Returns the
+    registration and the volume to compare: resampled by cubic B-splines where that raises the
+    correlation inside the mask, else ``moving`` as it was, so that interpolation never makes an
+    aligned volume worse. NaN where the resampled volume would need values outside the grid.
     """
     fixed_image, moving_image, mask_image = (
         _image(a, grid) for a in (fixed, moving, mask.astype(np.uint8))
@@ -78,7 +75,7 @@ def register(
 
 @dataclass(frozen=True, slots=True)
 class RegistrationError:
-    """By how much registration misses a motion that is known."""
+    """Error of the registration for a known motion."""
 
     translation_mm: float
     """at the middle of the regions"""
@@ -86,8 +83,10 @@ class RegistrationError:
 
 
 def registration_error(reference: Volume, regions: Sequence[Region]) -> RegistrationError:
-    """The registration's own error: the reference is moved by a known millimeter and degree,
-    registered back, and the two compared.
+    """Measures the registration's own error.
+
+    The reference is moved by a known millimeter and degree, registered back, and the two are
+    compared.
     """
     union = np.logical_or.reduce([region.mask for region in regions])
     box = bounding_box(union, reference.grid)
@@ -112,7 +111,7 @@ def registration_error(reference: Volume, regions: Sequence[Region]) -> Registra
 
 
 def _matrix(transform: sitk.Euler3DTransform) -> FloatArray:
-    """4x4, mm."""
+    """Matrix 4x4, mm."""
     turn = np.array(transform.GetMatrix()).reshape(3, 3)
     return transforms.rigid(turn, np.array(transform.TransformPoint((0.0, 0.0, 0.0))))
 
@@ -127,7 +126,7 @@ def _rigid_transform(
     method.SetMetricAsCorrelation()
     method.SetMetricFixedMask(mask)
     method.SetInterpolator(sitk.sitkLinear)
-    # gradients at the samples alone, not of whole images: half of the time
+    # gradients at the samples only, not of whole images: half the time
     method.MetricUseFixedImageGradientFilterOff()
     method.MetricUseMovingImageGradientFilterOff()
     method.SetMetricSamplingStrategy(method.RANDOM)
@@ -161,5 +160,5 @@ def _correlation(a: Float32Array, b: Float32Array, mask: NDArray[np.bool_]) -> f
     x, y = a[mask].astype(np.float64), b[mask].astype(np.float64)
     x -= x.mean()
     y -= y.mean()
-    # sums, not BLAS products, whose last digits hang on the number of threads
+    # sums, not BLAS products, whose last digits depend on the number of threads
     return float(np.sum(x * y) / np.sqrt(np.sum(x * x) * np.sum(y * y)))

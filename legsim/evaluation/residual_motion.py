@@ -1,10 +1,9 @@
-"""Errors of a correction in physical units: how far, by each structure of the knee, it leaves
-material points from where they were.
+"""Residual motion: errors of a correction in physical units, by structure of the knee.
 
 A correction says where the material that rests at a point is in each view; the phantom knows it.
-The distance of the two (mm) is motion that was not undone, the rotation that fits it best (degrees)
-is what a bone turned in excess, and its projection (pixels) is what the images see of it. Images
-that were deformed know no depth: of those there are pixels alone.
+The distance of the two (mm) is motion that was not undone. The rotation that fits it best (degrees)
+is a bone's excess rotation. Its projection (pixels) is what the images see of it. Deformed images
+have no depth: they have pixels only.
 """
 
 from dataclasses import dataclass, replace
@@ -20,11 +19,11 @@ from legsim.geometry.cone_beam import ConeBeamGeometry
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Structure:
-    """Material points of one bone, or of the skin, and their true way."""
+    """Material points of one bone, or of the skin, and their true paths."""
 
     name: str
     rigid: bool
-    """whether a rotation of it means something"""
+    """whether it has a rotation: a bone has one, the skin has none"""
     paths: FloatArray
     """(v, p, 3) m in world at each view; the first view is the reference"""
 
@@ -34,7 +33,7 @@ class Structure:
         )
 
     def at_rest(self) -> "Structure":
-        """The same points, none of which moves."""
+        """Returns the same points without motion."""
         return replace(self, paths=np.broadcast_to(self.paths[0], self.paths.shape))
 
 
@@ -46,14 +45,14 @@ class Residual:
     mm: float | None
     """None where images were deformed: depth is lost"""
     degrees: float | None
-    """None for what is not rigid, and where images were deformed"""
+    """None for the skin, and where images were deformed"""
     pixels: float
 
 
 def of_motion(
     motion: Motion | None, structures: tuple[Structure, ...], geometry: ConeBeamGeometry
 ) -> tuple[Residual, ...]:
-    """What is left when the back-projection follows ``motion``; None follows nothing."""
+    """Residual when the back-projection follows ``motion``; None follows nothing."""
     return tuple(_of_motion(motion, structure, geometry) for structure in structures)
 
 
@@ -80,15 +79,16 @@ def _of_motion(motion: Motion | None, structure: Structure, geometry: ConeBeamGe
 
 
 def _turn(believed: FloatArray, true: FloatArray) -> float:
-    """rad between two placements (p, 3) of the same points."""
+    """Angle in rad between two placements (p, 3) of the same points."""
     return float(transforms.rotation_angle(transforms.best_rigid(believed, true)[:3, :3]))
 
 
 def of_warp(
     motion: ControlPointMotion, structures: tuple[Structure, ...], geometry: ConeBeamGeometry
 ) -> tuple[Residual, ...]:
-    """What is left when images were deformed by followed points, as
-    :func:`legsim.correction.image_warp.warp_images` does.
+    """Residual when images were deformed by followed points.
+
+    The deformation is :func:`legsim.correction.image_warp.warp_images`.
     """
     resting, moved = models.image_points(geometry, motion)
     return tuple(_of_warp(resting, moved, structure, geometry) for structure in structures)

@@ -1,4 +1,4 @@
-"""Mean and standard deviation of a few values."""
+"""Scores of methods and their statistics."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 def scores_from(entry: dict[str, Any]) -> Scores:
-    """Scores from what ``dataclasses.asdict`` made of them."""
+    """Restores scores from the output of ``dataclasses.asdict``."""
     registration = entry["registration"]
     return Scores(
         tuple(RegionScores(**r) for r in entry["regions"]),
@@ -27,28 +27,29 @@ def scores_from(entry: dict[str, Any]) -> Scores:
 
 @dataclass(frozen=True, slots=True)
 class MethodResult:
-    """One row of the table."""
+    """One row of the score table."""
 
     method: str
     metrics: Scores
     residual_mm: float | None
-    """RMS over the views at femur and tibia of the motion that was not undone; None for the
-    motion-free scan and for warped images
+    """RMS over the views at femur and tibia of the residual motion
+
+    None for the motion-free scan and for warped images.
     """
     seconds: float
-    """estimation and reconstruction"""
+    """time of estimation and reconstruction"""
     residuals: tuple[Residual, ...] = ()
     """the same by bone and at the skin, with degrees and pixels"""
 
     @property
     def residual_px(self) -> float:
-        """RMS over the bones of where the images see them beside where the method has them."""
+        """RMS in pixels over the bones between true and corrected positions in the images."""
         bones = [r.pixels for r in self.residuals if r.structure != "skin"]
         return float(np.sqrt(np.mean(np.square(bones)))) if bones else float("nan")
 
 
 def result_from(entry: dict[str, Any]) -> MethodResult:
-    """From an entry of metrics.json."""
+    """Restores a result from an entry of metrics.json."""
     left = tuple(Residual(**r) for r in entry["residuals"])
     return MethodResult(
         entry["method"],
@@ -71,7 +72,7 @@ class MeanAndDeviation:
 
 
 def spread(values: Iterable[float]) -> MeanAndDeviation | None:
-    """Of the values; None where there are none."""
+    """Computes mean and deviation of the values; None where there are none."""
     array = np.array(tuple(values), float)
     if len(array) == 0:
         return None

@@ -1,13 +1,13 @@
-"""How close a volume is to the motion-free one: scaled to 0..1, registered, SSIM and RMSE by
-region; and how sharp it is by itself.
+"""Similarity of a volume to the motion-free one, and its sharpness alone.
 
-The protocol is Maier et al.'s ("Rigid and non-rigid motion compensation in weight-bearing cone-beam
-CT of the knee using (noisy) inertial measurements", Section 3.1): every volume is scaled to 0..1
-and registered to the motion-free reference before SSIM (Wang et al. 2004: uniform window of 7
-voxels, data range 1) and RMSE are taken. Where the paper is silent: a volume is scaled by its 0.5
-and 99.5 percentiles inside the union of the regions (air and cortical bone), because a few voxels
-of streaks would else set the scale of all others; a registration is applied only where it raises
-the correlation; and what it brings in from outside the grid counts nowhere.
+Volumes are scaled to 0..1 and registered; SSIM and RMSE are computed by region. The protocol is
+Maier et al.'s ("Rigid and non-rigid motion compensation in weight-bearing cone-beam CT of the knee
+using (noisy) inertial measurements", Section 3.1): every volume is scaled to 0..1 and registered to
+the motion-free reference before SSIM (Wang et al. 2004: uniform window of 7 voxels, data range 1)
+and RMSE are taken. Where the paper does not say: a volume is scaled by its 0.5 and 99.5 percentiles
+inside the union of the regions (air and cortical bone), because a few voxels of streaks would
+otherwise set the scale of all others; a registration is applied only where it raises the
+correlation; and values from outside the grid do not count.
 """
 
 from __future__ import annotations
@@ -37,12 +37,13 @@ else:
 
 
 PROTOCOL = 4
-"""raised with every change of what is compared and how, so that no older number is taken for one of
-today
+"""version of the comparison, raised with every change of it
+
+No older score is then taken for a current one.
 """
 
 SCORE_COLUMNS = ("region", "SSIM", "RMSE", "gradient entropy", "voxels")
-"""Heads of the rows of :class:`Scores`"""
+"""Column names of :class:`Scores`"""
 
 _SLAB = 32
 
@@ -56,8 +57,9 @@ class RegionScores:
     rmse: float
     """of volumes scaled to 0..1"""
     gradient_entropy: float
-    """nats, of the registered volume alone; needs no reference, but compares only within one region
-    of one grid
+    """nats, of the registered volume alone; needs no reference
+
+    It compares only within one region of one grid.
     """
     voxels: int
     """that were compared: those of the region that the registered volume still covers"""
@@ -72,12 +74,12 @@ class Scores:
     """None where the volume is the reference itself or registration was not asked for"""
 
     def of(self, region: str) -> RegionScores:
-        """Scores of the region of that name."""
+        """Finds the scores of a region."""
         for metrics in self.regions:
             if metrics.region == region:
                 return metrics
         raise LegsimError(
-            f"no region named {region!r}; there are: {', '.join(m.region for m in self.regions)}"
+            f"unknown region {region!r}; known: {', '.join(m.region for m in self.regions)}"
         )
 
     def rows(self) -> tuple[tuple[str, ...], ...]:
@@ -92,7 +94,7 @@ class Scores:
         return f"Scores({'; '.join(cells)})"
 
     def _repr_html_(self) -> str:
-        """A table, which notebooks show."""
+        """Formats the scores as an HTML table for notebooks."""
         head = "".join(f"<th>{name}</th>" for name in SCORE_COLUMNS)
         body = "".join(
             f"<tr>{''.join(f'<td>{escape(cell)}</td>' for cell in row)}</tr>" for row in self.rows()
@@ -103,11 +105,10 @@ class Scores:
 def evaluate(
     volume: Volume, reference: Volume, regions: Sequence[Region], *, register: bool = True
 ) -> Scores:
-    """Scores of ``volume`` against ``reference`` in every region.
+    """Scores ``volume`` against ``reference`` in every region.
 
     Raises:
-        LegsimError: the grids differ, a region is empty, or a volume holds NaN or nothing but one
-            value.
+        LegsimError: the grids differ, a region is empty, or a volume holds NaN or is constant.
     """
     if volume.grid != reference.grid:
         raise LegsimError(
@@ -155,16 +156,15 @@ def _in_region(
 
 
 def gradient_entropy(volume: Float32Array, mask: NDArray[np.bool_]) -> float:
-    """Entropy -sum(p ln p), in nats, of the gradient's magnitude so normalized that its p sum to 1
-    inside ``mask`` (z, y, x).
+    """Entropy -sum(p ln p), in nats, of the gradient's normalized magnitude p.
 
-    Low where few voxels hold all edges: blur and streaks raise it, scale and offset of the values
-    do not change it. The criterion is McGee et al.'s ("Image metric-based correction
-    (autocorrection) of motion effects: analysis of image metrics", J Magn Reson Imaging 11, 2000),
-    with the magnitude of the gradient by central differences along all three axes, per voxel. Its
-    greatest value is the logarithm of the number of voxels; 0 where one voxel has all of the
-    gradient, or none has any. Voxels that are NaN, have a NaN beside them or lie at the grid's
-    border are left out.
+    The p sum to 1 inside ``mask`` (z, y, x). Low where few voxels hold all edges: blur and streaks
+    raise it, scale and offset of the values do not change it. The criterion is McGee et al.'s
+    ("Image metric-based correction (autocorrection) of motion effects: analysis of image metrics",
+    J Magn Reson Imaging 11, 2000), with the magnitude of the gradient by central differences along
+    all three axes, per voxel. Its greatest value is the logarithm of the number of voxels. It is 0
+    where one voxel has all of the gradient, or none has any. Voxels that are NaN, have a NaN
+    neighbor or lie at the grid's border are left out.
     """
     squared = np.zeros([n - 2 for n in volume.shape], np.float32)
     inner = slice(1, -1)
@@ -180,8 +180,9 @@ def gradient_entropy(volume: Float32Array, mask: NDArray[np.bool_]) -> float:
 
 
 def ssim_map(moving: Float32Array, fixed: Float32Array) -> Float32Array:
-    """SSIM (z, y, x) at every voxel whose window lies inside the grid and holds no NaN, NaN
-    elsewhere; in slabs to bound memory.
+    """SSIM (z, y, x) at every voxel whose window lies inside the grid and holds no NaN.
+
+    NaN elsewhere. It is computed in slabs to bound memory.
     """
     reach, depth = SSIM_WINDOW // 2, fixed.shape[0]
     if min(fixed.shape) < SSIM_WINDOW:

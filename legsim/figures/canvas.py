@@ -1,4 +1,4 @@
-"""What all figures share: an empty one, its axes, and its PNG."""
+"""Common parts of all figures: an empty one, its axes, and its PNG."""
 
 import io
 from collections.abc import Sequence
@@ -8,7 +8,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 COLORS = ("#1f5fa8", "#d1661b", "#2a8a4a", "#b0307f", "#7a5bc0", "#8a6a1f", "#1d8a93", "#6b6b6b")
-"""Told apart in print and by most color-blind readers; used in this order."""
+"""Distinguishable in print and by most color-blind readers; used in this order."""
 TEXT = "#1c1c1c"
 
 
@@ -20,14 +20,14 @@ class NotebookFigure(Figure):
 
 
 def new_figure(width: float, height: float) -> Figure:
-    """An empty white figure of ``width`` x ``height`` inches, bound to Agg."""
+    """Creates an empty white figure of ``width`` x ``height`` inches, bound to Agg."""
     figure = NotebookFigure(figsize=(width, height), layout="constrained", facecolor="white")
     FigureCanvasAgg(figure)
     return figure
 
 
 def plot_axes(figure: Figure, rows: int, columns: int = 1, *, share_x: bool = True) -> list[Axes]:
-    """``rows`` x ``columns`` plots with a light grid, row by row."""
+    """Adds ``rows`` x ``columns`` plots with a light grid, row by row."""
     axes = figure.subplots(rows, columns, sharex=share_x, squeeze=False).ravel().tolist()
     for ax in axes:
         plain(ax, ticks=5)
@@ -35,8 +35,9 @@ def plot_axes(figure: Figure, rows: int, columns: int = 1, *, share_x: bool = Tr
 
 
 def plain(ax: Axes, *, ticks: int | None = None) -> None:
-    """A light grid behind the curves, no frame, small numbers; at most about ``ticks`` of them
-    along an axis, which also draws faster.
+    """Styles axes: a light grid behind the curves, no frame, small numbers.
+
+    An axis has at most about ``ticks`` numbers, which also draws faster.
     """
     if ticks is not None:
         ax.locator_params(nbins=ticks)
@@ -58,10 +59,10 @@ def spaced(
     bottom: float = 0.42,
     between: float = 0.12,
 ) -> None:
-    """Places plots of a grid by margins in inches: in one pass, where measuring all texts for them
-    takes as long as drawing.
+    """Places the plots of a grid by margins in inches.
 
-    The vertical axes' names stand in a line at the left of each column, over two lines at most.
+    It takes one pass, where measuring all texts takes as long as drawing. The vertical axes' names
+    are aligned at the left of each column, over two lines at most.
 
     Args:
         figure: their own.
@@ -70,9 +71,9 @@ def spaced(
         start: where the first column begins.
         left: of each column: room for the name and the numbers of a vertical axis.
         right: of the last column.
-        top: above all: a legend's line, or that and a title.
-        bottom: below all: numbers and name of the horizontal axis.
-        between: two rows.
+        top: above all plots: a line of a legend, or a legend and a title.
+        bottom: below all plots: numbers and name of the horizontal axis.
+        between: two rows of plots.
     """
     figure.set_layout_engine("none")
     (width, height), rows = figure.get_size_inches(), len(axes) // columns
@@ -92,7 +93,7 @@ def spaced(
 
 
 def picture_axes(figure: Figure, rows: int, columns: int) -> list[list[Axes]]:
-    """``rows`` x ``columns`` places for pictures, without ticks."""
+    """Adds ``rows`` x ``columns`` places for pictures, without ticks."""
     grid = figure.subplots(rows, columns, squeeze=False)
     for ax in grid.ravel():
         ax.set_xticks([])
@@ -101,9 +102,7 @@ def picture_axes(figure: Figure, rows: int, columns: int) -> list[list[Axes]]:
 
 
 def at_least(ax: Axes, span: float) -> None:
-    """Widens the vertical axis to ``span``, so that nothing but rounding does not look like a
-    curve.
-    """
+    """Widens the vertical axis to ``span``, so that rounding does not look like a curve."""
     low, high = ax.get_ylim()
     if high - low < span:
         middle = 0.5 * (low + high)
@@ -111,7 +110,7 @@ def at_least(ax: Axes, span: float) -> None:
 
 
 def png(figure: Figure, *, dpi: int = 130) -> bytes:
-    """The figure as a PNG; the same figure gives the same bytes."""
+    """Renders the figure as a PNG; the same figure gives the same bytes."""
     stream = io.BytesIO()
     figure.savefig(stream, format="png", dpi=dpi, metadata={"Software": None})
     return stream.getvalue()

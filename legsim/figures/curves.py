@@ -64,7 +64,7 @@ def joint_angles(trajectories: JointTrajectories, names: Sequence[str]) -> Figur
 
 
 def imu_curves(imu: ImuSignals) -> Figure:
-    """Specific force and angular velocity of each sensor, in its own axes."""
+    """Plots specific force and angular velocity of each sensor, in its own axes."""
     figure = new_figure(8.0, 0.5 + 1.6 * len(imu.sensor_names))
     axes = plot_axes(figure, len(imu.sensor_names), 2)
     for row, name in enumerate(imu.sensor_names):
@@ -91,8 +91,9 @@ def imu_curves(imu: ImuSignals) -> Figure:
 
 
 def sway(centers: JointCenters, names: Sequence[str] = ()) -> Figure:
-    """How far joint centers stray from their mean: forward, up and to the right, in mm; the way
-    seen from above beside it.
+    """Plots how far joint centers deviate from their mean: forward, up and right, in mm.
+
+    The path seen from above is next to it.
     """
     chosen = tuple(names) or tuple(
         n for n in centers.names if n.startswith(("hip", "knee", "ankle"))
@@ -126,8 +127,9 @@ def sway(centers: JointCenters, names: Sequence[str] = ()) -> Figure:
 
 
 def marker_residuals(scene: ReplayScene) -> Figure:
-    """Distance between measured and modelled markers: RMS and worst over time, and the spread of
-    each marker.
+    """Plots the distance between measured and modeled markers.
+
+    RMS and worst over time, and the spread of each marker.
     """
     figure = new_figure(8.0, 4.8)
     over_time, each = plot_axes(figure, 2, share_x=False)
@@ -167,8 +169,10 @@ def marker_residuals(scene: ReplayScene) -> Figure:
 def motion_errors(
     truth: RigidMotion, estimates: Sequence[tuple[str, RigidMotion]], point: FloatArray
 ) -> Figure:
-    """Of each (name, estimate): how far off it puts ``point`` (3,) world m, in mm, and by what
-    angle it is turned, in degrees.
+    """Plots errors of each (name, estimate) over time.
+
+    They are the position error of ``point`` (3,) world m, in mm, and the rotation error, in
+    degrees.
     """
     figure = new_figure(8.0, 3.8)
     distance, angle = plot_axes(figure, 2)
@@ -201,8 +205,9 @@ def _kind(name: str) -> str:
 
 
 def _legend(figure: Figure, entries: Sequence[tuple[Line2D, str]]) -> float:
-    """One legend for all plots, above them, where it hides no curve; returns the inches that it
-    takes.
+    """Adds one legend for all plots above them; returns its height in inches.
+
+    It hides no curve there.
     """
     lines, words = zip(*entries, strict=True) if entries else ((), ())
     figure.legend(

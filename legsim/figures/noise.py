@@ -1,4 +1,4 @@
-"""Errors against the factor by which sensor noise is divided, in double-logarithmic plots."""
+"""Errors over the factor by which sensor noise is divided, in double-logarithmic plots."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -16,13 +16,13 @@ class ErrorLine:
     """One curve."""
 
     label: str
-    """the convention behind the numbers, or whose they are"""
+    """the convention of the numbers, or their source"""
     exponents: FloatArray
-    """(n,): the noise is divided by ten to these"""
+    """(n,): the noise is divided by ten to these powers"""
     values: FloatArray
     """(n,), in the panel's unit; zeros are not drawn"""
     published: bool = False
-    """markers alone, in black"""
+    """markers only, in black"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -32,12 +32,12 @@ class ErrorPanel:
     title: str
     axis_label: str
     limit: float
-    """drawn as a level line"""
+    """drawn as a horizontal line"""
     lines: tuple[ErrorLine, ...]
 
 
 def error_lines(panels: Sequence[ErrorPanel], *, columns: int = 2) -> Figure:
-    """The panels row by row; those of equal axis label share their vertical scale."""
+    """Plots the panels row by row; those of equal axis label share their vertical scale."""
     rows = -(-len(panels) // columns)
     figure = new_figure(3.7 * columns + 0.4, 2.6 * rows + 0.5)
     axes = plot_axes(figure, rows, columns, share_x=False)

@@ -1,4 +1,4 @@
-"""Pictures of volumes and projections, with the sides of the body written beside them."""
+"""Pictures of volumes and projections, with the sides of the body written next to them."""
 
 from collections.abc import Sequence
 
@@ -31,11 +31,10 @@ def slices(
     *,
     window_per_mm: tuple[float, float] | None = None,
 ) -> Figure:
-    """Rows: axial through the shank, axial through the thigh, sagittal; one column a method; one
-    gray window for all.
+    """Draws slices of volumes: one column per method, one gray window for all.
 
-    ``window_per_mm`` is (black, white) in 1/mm; by default from 0 to the first volume's
-    :func:`legsim.scene.values.white_level`.
+    Rows: axial through the shank, axial through the thigh, sagittal. ``window_per_mm`` is (black,
+    white) in 1/mm; by default from 0 to the first volume's :func:`legsim.scene.values.white_level`.
     """
     low, high = window_per_mm or (0.0, 1e-3 * white_level(volumes[0].volume))
     figure = new_figure(1.2 + 1.9 * len(volumes), 6.6)
@@ -85,11 +84,11 @@ def overlay(
     *,
     width_mm: float = 60.0,
 ) -> Figure:
-    """The motion-free reference in red and each method in green: yellow where they agree, a red or
-    green rim where they do not.
+    """Draws the motion-free reference in red and each method in green.
 
-    Columns are methods. Rows: the whole axial slice through the thigh, then ``width_mm`` wide
-    details of it around the densest part (the femur) and around the skin in front.
+    Yellow where they agree, a red or green rim where they do not. Columns are methods. Rows: the
+    whole axial slice through the thigh, then ``width_mm`` wide details of it around the densest
+    part (the femur) and around the skin in front.
 
     Raises:
         LegsimError: a volume lies on another grid than the reference.
@@ -125,7 +124,7 @@ def overlay(
 
 
 def projection_montage(projections: Projections, *, count: int = 8) -> Figure:
-    """``count`` projections spread over the scan, upright, in one gray window."""
+    """Draws ``count`` projections spread over the scan, upright, in one gray window."""
     chosen = np.unique(np.linspace(0, len(projections.geometry) - 1, count).round().astype(int))
     columns = min(4, len(chosen))
     rows = -(-len(chosen) // columns)
@@ -151,8 +150,9 @@ def projection_montage(projections: Projections, *, count: int = 8) -> Figure:
 
 
 def _extent_axial(volume: Volume) -> tuple[float, float, float, float]:
-    """(left, right, bottom, top) in mm of the axial picture: z falls to the right, x rises
-    upwards.
+    """Extent (left, right, bottom, top) in mm of the axial picture.
+
+    The axis z falls to the right, x rises upwards.
     """
     x, _, z = volume.grid.axes()
     dx, _, dz = volume.grid.spacing_xyz
@@ -220,8 +220,9 @@ def _scale_bar(ax: Axes, length_mm: float) -> None:
 def _details(
     red: Float32Array, extent: tuple[float, float, float, float]
 ) -> list[tuple[float, float]]:
-    """Centers (horizontal, vertical) in mm of the two details: the largest dense part, and where
-    the tissue ends in front of it.
+    """Centers (horizontal, vertical) in mm of the two details.
+
+    The largest dense part, and where the tissue ends in front of it.
     """
     rows, columns = red.shape
     parts = np.asarray(measure.label(red > 0.75 * red.max()))

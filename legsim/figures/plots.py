@@ -13,11 +13,11 @@ from legsim.scene.build import slice_planes
 
 
 def plot_slices(*, window_per_mm: tuple[float, float] | None = None, **volumes: Volume) -> Figure:
-    """Axial slices 5 cm below and above the grid's center, and the sagittal one through it.
+    """Plots axial slices 5 cm below and above the grid's center, and the sagittal one through it.
 
     Args:
         window_per_mm: attenuation shown as black and as white; None takes it from the first volume.
-        volumes: one column each, under the name that it is passed by.
+        volumes: one column each, under its keyword.
 
     Raises:
         LegsimError: no volume is given.
@@ -39,5 +39,5 @@ def plot_angles(person: MovingLeg, names: Sequence[str] = ()) -> Figure:
 
 
 def plot_imu(signals: ImuSignals) -> Figure:
-    """Angular velocity and specific force of each sensor over time."""
+    """Plots angular velocity and specific force of each sensor over time."""
     return curves.imu_curves(signals)

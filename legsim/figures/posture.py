@@ -18,16 +18,18 @@ VIEWS = (
     ("from the right", (0.0, 0.0, 1.0)),
     ("from the front", (1.0, 0.0, 0.0)),
 )
-"""title and direction towards the eye: forward, up and to the right of somebody who faces along
-world x
+"""title and direction towards the eye: forward, up and to the right of the subject
+
+The subject faces along world x.
 """
 BONE, JOINT, MEASURED, MODELLED = "#e6dac0", "#d98e04", "#0a78c2", "#c2185b"
 GRID = 0.1  # m
 
 
 def still(scene: ReplayScene, time_s: float) -> Figure:
-    """The body at the frame nearest to ``time_s`` from three sides: bones, joint centers, markers
-    with residuals, sensors, floor.
+    """Draws the body at the frame nearest to ``time_s`` from three sides.
+
+    Bones, joint centers, markers with residuals, sensors, floor.
     """
     figure = new_figure(10.0, 5.0)
     figure.set_layout_engine("none")  # the places are known
@@ -54,8 +56,9 @@ def still(scene: ReplayScene, time_s: float) -> Figure:
 
 
 def _to_one_scale(axes: Sequence[Axes]) -> None:
-    """Gives all pictures the same height in meters, and side by side the share of the paper's width
-    that their widths in meters ask for.
+    """Scales all pictures to the same height in meters.
+
+    Their widths on paper are in proportion to their widths in meters.
     """
     for ax in axes:
         ax.autoscale_view()
@@ -70,7 +73,7 @@ def _to_one_scale(axes: Sequence[Axes]) -> None:
 
 
 def _facing(scene: ReplayScene, frame: int) -> FloatArray:
-    """(3, 3) turn about the vertical from facing along world x to where the pelvis faces."""
+    """Rotation (3, 3) about the vertical from facing along world x to the pelvis's direction."""
     if "pelvis" not in scene.poses.segment_names:
         return np.eye(3)
     right = scene.poses.of("pelvis")[frame, :3, 2]
@@ -78,9 +81,7 @@ def _facing(scene: ReplayScene, frame: int) -> FloatArray:
 
 
 def _camera(towards_eye: FloatArray) -> FloatArray:
-    """(3, 3) rows: right, up and towards the eye, for an orthographic picture with world y
-    upright.
-    """
+    """Rows right, up and towards the eye (3, 3), for an orthographic picture, world y upright."""
     towards = towards_eye / np.linalg.norm(towards_eye)
     right = np.cross([0.0, 1.0, 0.0], towards)
     right /= np.linalg.norm(right)
@@ -106,7 +107,7 @@ def _draw_floor(ax: Axes, scene: ReplayScene, frame: int, camera: FloatArray) ->
 
 
 def _draw_meshes(ax: Axes, scene: ReplayScene, frame: int, camera: FloatArray) -> None:
-    """All triangles from far to near, those that face the eye, shaded by how much they do."""
+    """Draws the triangles that face the eye from far to near, shaded by their angle."""
     if not scene.segment_meshes:
         return
     corners = (
@@ -126,7 +127,7 @@ def _draw_meshes(ax: Axes, scene: ReplayScene, frame: int, camera: FloatArray) -
         normals @ np.array([-0.3, 0.5, 0.81]) / np.linalg.norm(normals, axis=-1)
     ).clip(0, 1)
     colors = light[:, None] * np.array([230, 218, 192]) / 255
-    # the annotation asks for a list, but of an array the paths are made at once
+    # the annotation asks for a list, but an array is converted to paths at once
     outlines: Any = corners[nearer][..., :2]
     bones = PolyCollection(
         outlines, facecolors=colors[nearer], edgecolors=colors[nearer], linewidths=0.2, zorder=1

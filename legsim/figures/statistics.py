@@ -14,16 +14,16 @@ from legsim.figures.canvas import COLORS, new_figure, plot_axes
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BoxGroup:
-    """One box: the values that a method reached under a condition."""
+    """One box: the values of a method under a condition."""
 
     label: str
-    """the method: its place on the axis"""
+    """the method: its position on the axis"""
     series: str
     """the condition: its color"""
     values: FloatArray
     """(n,)"""
     published: float | None = None
-    """the mean that the study published, a diamond beside the dots"""
+    """the published mean, a diamond next to the dots"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -31,7 +31,7 @@ class HeatMap:
     """One table of numbers over two factors."""
 
     title: str
-    """says the convention behind the numbers"""
+    """states the convention of the numbers"""
     values: FloatArray
     """(rows, columns), NaN where there is none"""
     row_labels: tuple[str, ...]
@@ -39,7 +39,10 @@ class HeatMap:
 
 
 def box_plots(groups: Sequence[BoxGroup], *, axis_label: str) -> Figure:
-    """Median, quartiles and whiskers to the 5th and 95th percentile, with every value as a dot."""
+    """Draws median, quartiles and whiskers to the 5th and 95th percentile, and all values.
+
+    Every value is a dot.
+    """
     labels = list(dict.fromkeys(group.label for group in groups))
     series = list(dict.fromkeys(group.series for group in groups))
     figure = new_figure(1.5 + 0.8 * len(labels) * max(1.0, 0.6 * len(series)), 3.6)
@@ -86,7 +89,7 @@ def box_plots(groups: Sequence[BoxGroup], *, axis_label: str) -> Figure:
 def heat_maps(
     maps: Sequence[HeatMap], *, row_axis: str, column_axis: str, unit: str, log: bool = True
 ) -> Figure:
-    """Tables side by side in one color scale, each number written in its cell.
+    """Draws tables next to each other in one color scale, each number written in its cell.
 
     Raises:
         LegsimError: labels do not fit the numbers.

@@ -1,4 +1,4 @@
-"""What inertial sensors read, and the poses that their signals give."""
+"""Signals of inertial sensors, and the poses that the signals give."""
 
 import lazy_loader
 

@@ -1,10 +1,9 @@
-"""What white noise of a sensor does to the motion estimated from it: the cells of the paper's Table
-2.
+"""Effect of a sensor's white noise on the estimated motion: the cells of the paper's Table 2.
 
 Maier et al. 2022, Section 3.2: the motion estimated from noisy signals is compared with the
-noise-free estimate, the RMSE over the views is taken an axis and averaged over the three axes, for
-translations and for rotations, and over repeated draws of the noise. The translation compared here
-is the sensor's own, which does not hang on where the world's origin lies.
+noise-free estimate. The RMSE over the views is taken per axis, for translations and for rotations,
+and averaged over the three axes and over repeated draws of the noise. The translation compared here
+is the sensor's own, which does not depend on the world's origin.
 """
 
 from collections.abc import Sequence
@@ -31,7 +30,7 @@ class Drift:
 
 
 def deviation(found: FloatArray, clean: FloatArray) -> Drift:
-    """Of two estimates world_from_sensor (v, 4, 4) of the same views."""
+    """Compares two estimates world_from_sensor (v, 4, 4) of the same views."""
     away = found[:, :3, 3] - clean[:, :3, 3]
     turned = transforms.vector_from_rotation(
         found[:, :3, :3] @ np.swapaxes(clean[:, :3, :3], -1, -2)
@@ -47,8 +46,9 @@ def deviations(
     scheme: Scheme,
     seeds: Sequence[int | Sequence[int]],
 ) -> tuple[Drift, ...]:
-    """One draw of the noise a seed, on the first sensor's signals; the same seeds give the same
-    draws at every level of noise.
+    """Deviations for one draw of the noise per seed, on the first sensor's signals.
+
+    The same seeds give the same draws at every level of noise.
     """
     sensor = clean.sensor_names[0]
     reference = strapdown.integrate(clean.times, *clean.sensor(sensor), start, views, scheme=scheme)

@@ -1,11 +1,11 @@
 """White noise and bias of inertial sensors, in SI or as the paper's equations count it.
 
 Data sheets give a density (per square root of a hertz) and sometimes an RMS in a stated band: the
-same white noise, said twice. Maier et al. 2022 (section 2.2) take the BMI160's RMS, 1.8 mg and 0.07
-deg/s, and divide it by powers of ten, f_a and f_g. Their results are only reproduced if those
-numbers meet the recursion without the time step: degrees a sample of the IMU, and m a squared
-projection interval. Both readings are here; ``convention`` says which one a value follows, and
-belongs beside every number made with it.
+same white noise, stated twice. Maier et al. 2022 (section 2.2) take the BMI160's RMS, 1.8 mg and
+0.07 deg/s, and divide it by powers of ten, f_a and f_g. Their results are only reproduced if those
+numbers enter the recursion without the time step: degrees per sample of the IMU, and m per squared
+projection interval. Both readings are here. ``convention`` says which one a value follows, and
+belongs next to every number made with it.
 """
 
 from dataclasses import dataclass, replace
@@ -29,8 +29,9 @@ Convention = Literal["SI", "per-sample"]
 
 @dataclass(frozen=True, slots=True)
 class ImuNoise:
-    """White Gaussian noise of a sensor, one-sided densities, and constant biases drawn once a
-    recording and axis.
+    """White Gaussian noise of a sensor, and constant biases.
+
+    Densities are one-sided. Biases are drawn once per recording and axis.
     """
 
     acceleration_density: float
@@ -42,8 +43,9 @@ class ImuNoise:
     angular_velocity_bias: float = 0.0
     """rad/s, standard deviation between sensors"""
     convention: Convention = "SI"
-    """"per-sample": densities inflated by the units that the paper's equations leave out (see
-    :meth:`paper`)
+    """"per-sample": densities inflated by the units that the paper's equations leave out
+
+    See :meth:`paper`.
     """
 
     def __post_init__(self) -> None:
@@ -63,9 +65,7 @@ class ImuNoise:
     def from_density(
         cls, *, acceleration_ug_per_sqrt_hz: float, angular_velocity_deg_per_s_per_sqrt_hz: float
     ) -> "ImuNoise":
-        """The data sheet's densities, in micro-g and degrees a second per square root of a
-        hertz.
-        """
+        """Noise of the data sheet's densities, in micro-g and deg/s per square root of a hertz."""
         return cls(
             acceleration_ug_per_sqrt_hz * 1e-6 * STANDARD_GRAVITY,
             float(np.radians(angular_velocity_deg_per_s_per_sqrt_hz)),
@@ -75,7 +75,7 @@ class ImuNoise:
     def from_rms(
         cls, *, acceleration_mg: float, angular_velocity_deg_per_s: float, bandwidth_hz: float
     ) -> "ImuNoise":
-        """RMS measured in a band: density = RMS / sqrt(bandwidth).
+        """Noise of an RMS measured in a band: density = RMS / sqrt(bandwidth).
 
         Raises:
             LegsimError: the bandwidth is not positive.
@@ -100,8 +100,9 @@ class ImuNoise:
         projection_rate_hz: float = 31.0,
         convention: Convention = "SI",
     ) -> "ImuNoise":
-        """One cell of the paper's ladder: the BMI160's RMS over 10^f_a and 10^f_g on every sample;
-        None is no noise.
+        """Noise of one cell of the paper's ladder.
+
+        It is the BMI160's RMS over 10^f_a and 10^f_g on every sample; None is no noise.
 
         Args:
             acceleration_exponent: f_a.
@@ -125,7 +126,7 @@ class ImuNoise:
             if angular_velocity_exponent is None
             else turn_unit * BMI160_RMS_DEG_PER_S / 10**angular_velocity_exponent
         )
-        # the RMS is that of each sample: all of the band up to half the sampling rate
+        # the RMS is that of each sample: the whole band up to half the sampling rate
         plain = cls.from_rms(
             acceleration_mg=rms_mg,
             angular_velocity_deg_per_s=rms_deg_per_s,
@@ -138,8 +139,9 @@ class ImuNoise:
     def with_bias(
         self, *, acceleration_mg: float = 0.0, angular_velocity_deg_per_s: float = 0.0
     ) -> "ImuNoise":
-        """The same noise and constant biases of these standard deviations, the same in either
-        convention.
+        """The same noise with constant biases of these standard deviations.
+
+        Biases are the same in either convention.
         """
         bias = (
             acceleration_mg * 1e-3 * STANDARD_GRAVITY,
@@ -153,15 +155,16 @@ class ImuNoise:
         )
 
     def sample_rms(self, rate_hz: float) -> tuple[float, float]:
-        """(m/s^2, rad/s) standard deviation of single samples taken at ``rate_hz``: density x
-        sqrt(rate / 2).
+        """Standard deviation (m/s^2, rad/s) of single samples taken at ``rate_hz``.
+
+        It is density x sqrt(rate / 2).
         """
         root = float(np.sqrt(rate_hz / 2))
         return self.acceleration_density * root, self.angular_velocity_density * root
 
 
 def add_noise(signals: ImuSignals, noise: ImuNoise, rng: np.random.Generator) -> ImuSignals:
-    """The signals as an imperfect sensor reads them; every axis and sensor independent.
+    """Adds noise and bias to the signals; every axis and sensor is independent.
 
     Raises:
         LegsimError: fewer than two samples, which leave the bandwidth of the noise open.
@@ -182,7 +185,8 @@ def add_noise(signals: ImuSignals, noise: ImuNoise, rng: np.random.Generator) ->
 def _disturbance(
     clean: FloatArray, rms: float, bias: float, rng: np.random.Generator
 ) -> FloatArray:
-    """White noise (n, k, 3) and a bias (k, 3). The draws do not depend on the sizes: one seed, one
-    noise, at every level.
+    """White noise (n, k, 3) of ``rms`` plus a constant ``bias`` (k, 3) drawn per axis.
+
+    The draws do not depend on the sizes: one seed gives one noise at every level.
     """
     return rms * rng.standard_normal(clean.shape) + bias * rng.standard_normal(clean.shape[1:])

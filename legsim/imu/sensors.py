@@ -13,19 +13,19 @@ from legsim.core.values import FloatArray, frozen
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sensor:
-    """One sensor strapped to a segment. Segment frames sit at the proximal joint with y up along
-    the segment.
+    """One sensor strapped to a segment.
+
+    Segment frames are at the proximal joint with y up along the segment.
     """
 
     name: str
     segment: str
     distance: float
-    """m from the segment's proximal joint (hip for the femur, knee for the tibia) along the
-    segment, downwards
-    """
+    """m downwards along the segment from its proximal joint (hip: femur, knee: tibia)"""
     offset: FloatArray
-    """(3,) m further, in the segment's axes (x forward, z to the subject's right): how far out on
-    the skin it sits
+    """(3,) m further, in the segment's axes: how far out on the skin it is
+
+    The x axis points forward, z to the subject's right.
     """
     segment_from_sensor_rotation: FloatArray
     """(3, 3); the identity where the sensor is aligned with the segment"""
@@ -59,7 +59,7 @@ class Sensor:
         offset: ArrayLike = (0.0, 0.0, 0.0),
         rotation_vector: ArrayLike = (0.0, 0.0, 0.0),
     ) -> "Sensor":
-        """A sensor whose axes are the segment's, turned by a rotation vector (3,) in rad."""
+        """Builds a sensor whose axes are the segment's, turned by a rotation vector (3,) in rad."""
         return cls(
             name,
             segment,

@@ -11,7 +11,7 @@ from legsim.imu.sensors import Sensor
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ImuSignals:
-    """What strapped-down sensors read, each in its own frame."""
+    """Signals of strapped-down sensors, each in its own frame."""
 
     times: FloatArray
     """(n,) s"""
@@ -19,13 +19,12 @@ class ImuSignals:
     angular_velocity: FloatArray
     """(n, k, 3) rad/s in the sensor frame"""
     specific_force: FloatArray
-    """(n, k, 3) m/s^2 in the sensor frame: acceleration minus gravity, so +9.80665 upwards at
-    rest
+    """(n, k, 3) m/s^2 in the sensor frame: acceleration minus gravity
+
+    It is +9.80665 upwards at rest.
     """
     sensors: tuple[Sensor, ...] = ()
-    """where the sensors are strapped on, in the order of their names; empty where that is not
-    known
-    """
+    """where the sensors are strapped on, in the order of their names; empty where unknown"""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "times", increasing_times("ImuSignals.times", self.times))
@@ -54,7 +53,7 @@ class ImuSignals:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SensorStart:
-    """Where a sensor is, and how fast it moves, at the first view."""
+    """Pose and velocity of a sensor at the first view."""
 
     world_from_sensor: FloatArray
     """(4, 4)"""
@@ -74,8 +73,8 @@ class SensorStart:
             or np.linalg.det(rotation) < 0
         ):
             raise LegsimError(
-                "SensorStart.world_from_sensor is no rigid pose: its rotation must be orthonormal "
-                "and right-handed"
+                "SensorStart.world_from_sensor is not a rigid pose: its rotation must be "
+                "orthonormal and right-handed"
             )
         if not np.isfinite(self.world_from_sensor).all() or not np.isfinite(self.velocity).all():
             raise LegsimError(

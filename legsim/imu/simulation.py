@@ -1,6 +1,6 @@
 """Exact signals of sensors strapped to the leg, from splines of the joint coordinates.
 
-Nothing is differentiated numerically: splines give rates and accelerations of the coordinates, the
+Nothing is differentiated numerically. Splines give rates and accelerations of the coordinates. The
 leg's kinematics turns them into angular velocity and specific force of a frame on a segment (van
 den Bogert et al. 1996).
 """
@@ -33,15 +33,15 @@ def simulate_imu(
     skin_mount: SkinMount | None = None,
     clock_offset: float = 0.0,
 ) -> ImuSignals:
-    """What noise-free sensors on a person read from the first to the last sample of the recording.
+    """Simulates noise-free sensors on a person, over the whole recording.
 
     Args:
         person: who moves.
         sensors: where they are strapped on; None for the two of the published study.
         rate_hz: samples per second.
         skin_mount: how the sensors swing on soft tissue; None fixes them to the bone.
-        clock_offset: s, the sensors' clock less the recording's, which is the C-arm's. The times of
-            the signals are shifted by it; poses and views stay in the recording's time.
+        clock_offset: s, the sensors' clock minus the recording's, which is the C-arm's. The times
+            of the signals are shifted by it; poses and views stay in the recording's time.
 
     Raises:
         LegsimError: a rate that is not positive, segments that are missing, sensor names that
@@ -52,7 +52,7 @@ def simulate_imu(
     (('shank_l', 'thigh_l'), 2400)
     """
     if not rate_hz > 0:
-        raise LegsimError(f"a sensor's rate is {rate_hz:g} Hz; give a positive number")
+        raise LegsimError(f"the rate of a sensor is {rate_hz:g} Hz; give a positive number")
     placed = default_sensors() if sensors is None else tuple(sensors)
     first, last = person.trajectories.times[[0, -1]]
     count = int(np.floor((last - first) * rate_hz + 1e-6)) + 1
@@ -66,7 +66,7 @@ def simulate_imu(
 def simulate(
     leg: Leg, splines: JointSplines, sensors: Sequence[Sensor], times: ArrayLike
 ) -> ImuSignals:
-    """What noise-free sensors read at ``times`` (n,) s, exact for the splines.
+    """Simulates noise-free sensors at ``times`` (n,) s, exact for the splines.
 
     Raises:
         LegsimError: times outside the recording, coordinates or segments that are missing, sensor
@@ -83,9 +83,7 @@ def simulate(
 def sensor_poses(
     leg: Leg, splines: JointSplines, sensors: Sequence[Sensor], times: ArrayLike
 ) -> SegmentPoses:
-    """True poses of the sensors, as segments under the sensors' names: world_from_sensor (n, k, 4,
-    4).
-    """
+    """True world_from_sensor (n, k, 4, 4), as segments under the sensors' names."""
     times = increasing_times("sensor times", times)
     poses = np.stack(
         [_motion(leg, splines, sensor, times).world_from_sensor for sensor in sensors], 1

@@ -1,11 +1,10 @@
-"""A sensor that rides on soft tissue: what it reads when it swings on the skin as a damped
-oscillator.
+"""A sensor on soft tissue: its signals when it swings on the skin as a damped oscillator.
 
-The tissue below a strap is a spring and a damper between bone and sensor, and the sensor's mass
-hangs on it, driven by the specific force of the point of the bone below it. Only the shift is
-modelled: the sensor does not tilt, so the gyroscope reads the bone's turn; and the shift's own
-Coriolis terms (twice the angular rate times its speed, 1 % of the swing in a held squat) are left
-out. The truth stays the rigid sensor's: this changes signals only.
+The tissue below a strap is a spring and a damper between bone and sensor. The sensor's mass hangs
+on it, driven by the specific force of the point of the bone below it. Only the shift is modeled.
+The sensor does not tilt, so the gyroscope reads the bone's rotation. The shift's own Coriolis terms
+(twice the angular rate times its speed, 1 % of the swing in a held squat) are left out. The truth
+stays the rigid sensor's: this changes signals only.
 """
 
 from dataclasses import dataclass, replace
@@ -28,9 +27,7 @@ class SkinMount:
     damping: float
     """of critical: 1 does not overshoot"""
     amplitude: float = 1.0
-    """part of the oscillator's swing that the sensor makes: 0 is fixed to the bone, 1 hangs on the
-    spring alone
-    """
+    """share of the oscillator's swing: 0 is fixed to the bone, 1 is the full swing"""
 
     def __post_init__(self) -> None:
         if not (
@@ -51,11 +48,11 @@ class SkinMount:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TissueMotion:
-    """What swinging sensors read, and how far they swing."""
+    """Signals of swinging sensors, and how far they swing."""
 
     signals: ImuSignals
     shift: FloatArray
-    """(n, k, 3) m from where the strap holds the sensor on average, along the sensor's axes"""
+    """(n, k, 3) m from the sensor's mean position in the strap, along the sensor's axes"""
 
     def __post_init__(self) -> None:
         object.__setattr__(
@@ -73,7 +70,7 @@ def swing(signals: ImuSignals, tissue: SkinMount) -> TissueMotion:
     amplitude u''.
 
     Raises:
-        LegsimError: samples that are not even, or fewer than four a period of the resonance.
+        LegsimError: samples that are not even, or fewer than four per period of the resonance.
     """
     steps = np.diff(signals.times)
     if len(steps) < 1 or np.ptp(steps) > 1e-6:
@@ -97,19 +94,22 @@ def swing(signals: ImuSignals, tissue: SkinMount) -> TissueMotion:
 
 
 def shift(acceleration: FloatArray, rate_hz: float, tissue: SkinMount) -> FloatArray:
-    """How far (n, ...) m what hangs on the tissue is from where it rests, its holder accelerating
-    by ``acceleration`` (n, ...) m/s^2, linear between samples at ``rate_hz``; it starts settled
-    under the first sample."""
+    """Shift (n, ...) in m of a mass on the tissue from its rest position.
+
+    Its holder accelerates by ``acceleration`` (n, ...) m/s^2, linear between samples at
+    ``rate_hz``. The mass starts settled under the first sample.
+    """
     w = 2 * np.pi * tissue.frequency_hz
     # in units of 1/w, so that no coefficient is tiny
     return tissue.amplitude * (_response([1.0], tissue.damping, w / rate_hz, -acceleration) / w**2)
 
 
 def _response(numerator: list[float], damping: float, step: float, drive: FloatArray) -> FloatArray:
-    """Output (n, ...) of numerator(s) / (s^2 + 2 damping s + 1) to a drive linear between samples
-    ``step`` apart, settled at the start.
+    """Output (n, ...) of numerator(s) / (s^2 + 2 damping s + 1) to a drive.
+
+    The drive is linear between samples ``step`` apart; the output is settled at the start.
     """
-    # the stubs know only systems of arrays, and leave open how many parts the answer has
+    # the stubs know only systems of arrays, and leave the number of results open
     system: Any = (numerator, [1.0, 2 * damping, 1.0])
     discrete: Any = cont2discrete(system, step, method="foh")
     top, bottom = discrete[:2]

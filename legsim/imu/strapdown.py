@@ -1,8 +1,8 @@
-"""Poses of one strapped-down sensor from what it reads, starting at a known pose and velocity.
+"""Poses of one strapped-down sensor from its signals, from a known pose and velocity.
 
 The accurate scheme integrates at the sensor's own rate, with splines through the samples and a
-fourth-order rotation, and lands exactly on the wanted times. The paper's scheme is the recursion of
-Maier et al. (2020; 2022, section 2.3) to the letter: signals resampled to the wanted times,
+fourth-order rotation, and ends exactly on the wanted times. The paper's scheme is the recursion of
+Maier et al. (2020; 2022, section 2.3) as published: signals resampled to the wanted times,
 everything counted per sample, the acceleration one sample late. It is kept to show the difference.
 """
 
@@ -24,7 +24,7 @@ Scheme = Literal["accurate", "paper"]
 _HIGHEST_DEGREE = 5
 
 _ROUNDING = 1e-9
-"""s by which a wanted time may lie outside the recording: clocks written as text"""
+"""s by which a wanted time may be outside the recording: rounding of clocks written as text"""
 
 # Gauss-Legendre on [0, 1]: two nodes for rates (fourth order), three for forces (sixth)
 _GAUSS2 = 0.5 + np.array([-0.5, 0.5]) / np.sqrt(3)
@@ -43,8 +43,9 @@ def integrate(
     *,
     scheme: Scheme = "accurate",
 ) -> FloatArray:
-    """world_from_sensor (k, 4, 4) at the times ``at`` (k,), the first of which is where ``start``
-    holds.
+    """Integrates to world_from_sensor (k, 4, 4) at the times ``at`` (k,).
+
+    ``start`` holds at the first of them.
 
     Args:
         times: (n,) s of the samples, at any rate, even or not; they need not contain ``at``.
@@ -68,8 +69,8 @@ def integrate(
     if scheme == "accurate":
         return _accurate(times, rate, force, start, at)
     if scheme == "paper":
-        return _printed(times, rate, force, start, at)
-    raise LegsimError(f"no pose estimation scheme {scheme!r}; there are: accurate, paper")
+        return _published(times, rate, force, start, at)
+    raise LegsimError(f"unknown pose estimation scheme {scheme!r}; known: accurate, paper")
 
 
 def _check(times: FloatArray, rate: FloatArray, force: FloatArray, at: FloatArray) -> None:
@@ -88,7 +89,7 @@ def _check(times: FloatArray, rate: FloatArray, force: FloatArray, at: FloatArra
         raise LegsimError(
             f"poses are wanted from {at[0]:g} to {at[-1]:g} s, but the sensor recorded "
             f"{times[0]:g} to {times[-1]:g} s; "
-            "record longer, scan less, or mend the offset of the clocks"
+            "record longer, scan less, or fix the offset of the clocks"
         )
 
 
@@ -118,7 +119,7 @@ def _accurate(
 
 
 def _interpolating(times: FloatArray, values: FloatArray) -> Callable[[FloatArray], FloatArray]:
-    """Spline of odd degree through all samples, quintic where there are six of them."""
+    """Builds a spline of odd degree through all samples, quintic where there are six of them."""
     degree = min(_HIGHEST_DEGREE, 2 * (len(times) // 2) - 1)
     return make_interp_spline(times, values, k=degree)
 
@@ -126,10 +127,10 @@ def _interpolating(times: FloatArray, values: FloatArray) -> Callable[[FloatArra
 def _turn(
     rate: Callable[[FloatArray], FloatArray], begin: FloatArray, length: FloatArray
 ) -> FloatArray:
-    """(n, 3, 3) rotation gathered from ``begin`` over ``length``, fourth-order Magnus with two
-    Gauss nodes (Iserles et al. 2000).
+    """Rotation (n, 3, 3) accumulated from ``begin`` over ``length``.
 
-    For R' = R [w]x the commutator term is + sqrt(3)/12 h^2 (w1 x w2): the coning correction.
+    Fourth-order Magnus with two Gauss nodes (Iserles et al. 2000). For R' = R [w]x the commutator
+    term is + sqrt(3)/12 h^2 (w1 x w2): the coning correction.
     """
     first, second = (rate(begin + node * length) for node in _GAUSS2)
     span = length[:, None]
@@ -139,7 +140,7 @@ def _turn(
 
 
 def _chained(first: FloatArray, steps: FloatArray) -> FloatArray:
-    """(n + 1, 3, 3) running product first, first @ steps[0], ..."""
+    """Running product (n + 1, 3, 3): first, first @ steps[0], ..."""
     rotations = np.empty((len(steps) + 1, 3, 3))
     rotations[0] = first
     for k, step in enumerate(steps):
@@ -148,15 +149,16 @@ def _chained(first: FloatArray, steps: FloatArray) -> FloatArray:
 
 
 def _accumulated(first: FloatArray, gains: FloatArray) -> FloatArray:
-    """(n + 1, 3) running sum that starts at ``first``."""
+    """Running sum (n + 1, 3) that starts at ``first``."""
     return np.concatenate([first[None], first + np.cumsum(gains, 0)])
 
 
-def _printed(
+def _published(
     times: FloatArray, rate: FloatArray, force: FloatArray, start: SensorStart, at: FloatArray
 ) -> FloatArray:
-    """The paper's recursion: omega in rad a sample, a and g in m/sample^2, v in m/sample, at the
-    rate of ``at``.
+    """The paper's recursion: omega in rad per sample, a and g in m/sample^2, v in m/sample.
+
+    Samples are at the rate of ``at``.
     """
     resampled_rate = np.stack([np.interp(at, times, rate[:, k]) for k in range(3)], -1)
     resampled_force = np.stack([np.interp(at, times, force[:, k]) for k in range(3)], -1)
@@ -169,7 +171,7 @@ def _printed(
         poses[k + 1] = poses[k] @ transforms.rigid(turn, local_velocity)
         gravity = poses[k, :3, :3].T @ GRAVITY_WORLD
         following = steps[k + 1] if k + 1 < len(steps) else step
-        # the ratio keeps m/sample right where views are not evenly spaced; on an even clock it is
+        # the ratio corrects m/sample where views are not evenly spaced; on an even clock it is
         # 1, as in the paper
         local_velocity = (
             turn.T

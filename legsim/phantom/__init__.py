@@ -1,4 +1,4 @@
-"""What is scanned: closed meshes of materials that move with the leg."""
+"""The scanned object: closed meshes of materials that move with the leg."""
 
 import lazy_loader
 

@@ -1,6 +1,4 @@
-"""The template of the leg phantom: its meshes at reference pose, and how they are sized to a
-person.
-"""
+"""The template of the leg phantom: its meshes at reference pose, and how they scale."""
 
 import tomllib
 from dataclasses import dataclass
@@ -45,7 +43,7 @@ _TALUS_CALCN = np.array([-0.04877, -0.04195, 0.00792])
 
 @dataclass(frozen=True, slots=True)
 class Recipe:
-    """One row of parts.toml with its mesh, of the right leg."""
+    """One entry of parts.toml with its mesh, of the right leg."""
 
     name: str
     segment: str
@@ -56,7 +54,7 @@ class Recipe:
 
 @cache
 def recipes(detail: str) -> tuple[Recipe, ...]:
-    """The meshes that ship with legsim; read once."""
+    """Reads the meshes that ship with legsim, once."""
     rows = tomllib.loads(model_file("leg_phantom/parts.toml").read_text())["part"]
     with np.load(model_file(f"leg_phantom/{detail}.npz"), allow_pickle=False) as arrays:
         return tuple(
@@ -72,8 +70,9 @@ def recipes(detail: str) -> tuple[Recipe, ...]:
 
 
 def reference_pose(scales: SegmentScales) -> FloatArray:
-    """world_from_segment (13, 4, 4) of the straight leg, in the order of SEGMENTS; hips at x = y =
-    0, pelvis at the origin.
+    """Poses world_from_segment (13, 4, 4) of the straight leg, in the order of SEGMENTS.
+
+    Hips are at x = y = 0, the pelvis at the origin.
     """
     poses = np.broadcast_to(np.eye(4), (len(SEGMENTS), 4, 4)).copy()
     for side in SIDES:
@@ -110,8 +109,9 @@ def leg_axes(scales: SegmentScales, side: str) -> LegAxes:
 def scaled_vertices(
     vertices: FloatArray, segment: str, scales: SegmentScales, side: str
 ) -> FloatArray:
-    """Template vertices (p, 3) of the right leg, in their segment's frame (soft ones in the
-    femur's), at a person's size and side.
+    """Template vertices (p, 3) at a person's size and side.
+
+    They are in their segment's frame (soft ones in the femur's); the template is of the right leg.
     """
     mirror = np.array([1, 1, 1 if side == "r" else -1])
     femur, tibia, calcn = (scales.of(f"{name}_{side}") for name in ("femur", "tibia", "calcn"))
@@ -132,7 +132,7 @@ def scaled_vertices(
         + _TIBIA_TALUS * tibia
         + _FEMUR_TIBIA * femur
     )
-    # instep and heel are the foot's although they reach up to the ankle
+    # instep and heel belong to the foot although they reach up to the ankle
     share = smooth_step((-0.38 - below[:, 1:2] + 0.45 * np.abs(below[:, :1])) / 0.06)
     share = np.where(below[:, 1:2] < -0.33, share, 0.0)
     leg = np.where(
@@ -142,8 +142,10 @@ def scaled_vertices(
 
 
 def _knee_depth(x: FloatArray, femur: FloatArray) -> FloatArray:
-    """x from the knee axis, sized: in front by the femur's x, which carries the patella; behind by
-    its y, as the plateau turns there.
+    """Scales x from the knee axis.
+
+    In front the femur's x scales it, which carries the patella; behind its y, as the plateau turns
+    there.
     """
     front = smooth_step((x + 0.012) / 0.024)
     return x * (femur[0] * front + femur[1] * (1 - front))

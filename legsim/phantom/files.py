@@ -1,9 +1,8 @@
-"""PHANTOM.toml: any set of closed meshes as a phantom, checked, with what is wrong said of the file
-it is wrong with.
+"""PHANTOM.toml: any set of closed meshes as a phantom, checked.
 
-Parts stand in order of priority, outermost first where they nest: at each point the last part that
-contains it counts. Meshes are PLY, STL, OBJ or GLB with coordinates in world, at the reference pose
-where a part moves with a segment.
+Errors name the file that causes them. Parts are in order of priority, outermost first where they
+nest: at each point the last part that contains it decides. Meshes are PLY, STL, OBJ or GLB with
+coordinates in world, at the reference pose where a part moves with a segment.
 """
 
 import io
@@ -36,10 +35,10 @@ SUFFIXES = (".ply", ".stl", ".obj", ".glb")
 UNITS = {"mm": 1e-3, "m": 1.0}
 
 SMALLEST, LARGEST = 0.5e-3, 5.0
-"""m: largest extents of a part that are taken for a mistaken unit below or above"""
+"""m: extents of a part below or above which its unit is taken for mistaken"""
 
 _SMALL_WHOLE = 10e-3
-"""m: a person's part in meters, taken for mm, is below"""
+"""m: below this length a whole phantom's unit is taken for mistaken"""
 
 _KEYS = {
     "name": str,
@@ -51,16 +50,15 @@ _KEYS = {
 }
 
 _MOST_PER_MM = 1e6
-"""beyond all matter at the energies of the tables, and far from what single precision cannot
-hold
-"""
+"""beyond all matter at the energies of the tables, and safe in single precision"""
 
 _LEAST_VOLUME = 1e-9
-"""of the cube of a part's length: what rounding leaves of a flat one"""
+"""of the cube of a part's length: the volume of a flat part after rounding"""
 
 _GRAIN = 1e-6
-"""of a part's length: how far apart text formats and single precision may have put the copies of a
-vertex
+"""of a part's length: greatest distance of copies of a vertex
+
+Text formats and single precision may round them apart.
 """
 
 _SAMPLES, _MORE_SAMPLES = 12, 100
@@ -68,19 +66,20 @@ _SAMPLES, _MORE_SAMPLES = 12, 100
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PhantomFile:
-    """What a PHANTOM.toml holds."""
+    """Content of a PHANTOM.toml."""
 
     phantom: Phantom
     segments: tuple[str | None, ...]
-    """segment that carries each part, None for what rests"""
+    """segment that carries each part, None for a part at rest"""
     remarks: tuple[str, ...]
-    """what was repaired and which parts overlap, a line each"""
+    """repairs and overlapping parts, one line each"""
 
     def posed(
         self, segment_names: Sequence[str], moved_from_reference: FloatArray
     ) -> list[FloatArray]:
-        """World vertices of each part when the segments (s,) have moved by (s, 4, 4) from the
-        reference pose.
+        """World vertices of each part after the segments (s,) moved by (s, 4, 4).
+
+        The motion is from the reference pose.
 
         Raises:
             LegsimError: a part's segment is not among the names.
@@ -102,8 +101,9 @@ class PhantomFile:
 
 
 def load_phantom(path: Path | str, *, energy_kev: float = materials.DEFAULT_ENERGY_KEV) -> Phantom:
-    """The phantom of a PHANTOM.toml at rest, its materials at one photon energy; errors as in
-    :func:`read`.
+    """Loads the phantom of a PHANTOM.toml at rest, its materials at one photon energy.
+
+    Errors are as in :func:`read`.
     """
     return read(path, energy_kev=energy_kev).phantom
 
@@ -111,12 +111,12 @@ def load_phantom(path: Path | str, *, energy_kev: float = materials.DEFAULT_ENER
 def read(path: Path | str, *, energy_kev: float = materials.DEFAULT_ENERGY_KEV) -> PhantomFile:
     """Reads a PHANTOM.toml and its meshes.
 
-    Doubled vertices (as in every STL) are merged, and meshes that face inward are turned, which a
-    remark says.
+    Doubled vertices (as in every STL) are merged. Meshes that face inward are turned, and a remark
+    reports it.
 
     Raises:
         LegsimError: the file or a mesh is missing, malformed, open, inconsistently oriented, of an
-            implausible size, or hidden whole by a later part.
+            implausible size, or completely hidden by a later part.
     """
     path = Path(path)
     tables = _tables(path)
@@ -151,7 +151,7 @@ def _tables(path: Path) -> list[dict[str, Any]]:
             path, f"cannot be read ({error.strerror or error})", "check the path"
         ) from error
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise file_error(path, f"is not TOML ({error})", "correct it there") from error
+        raise file_error(path, f"is not TOML ({error})", "fix that place") from error
     unknown = sorted(set(content) - {"part"})
     if unknown:
         raise file_error(
@@ -175,7 +175,7 @@ def _check_table(path: Path, place: str, table: dict[str, Any]) -> None:
     unknown = sorted(set(table) - set(_KEYS))
     if unknown:
         raise file_error(
-            path, f"unknown key {unknown[0]!r}", f"known are {', '.join(_KEYS)}", place=place
+            path, f"unknown key {unknown[0]!r}", f"known: {', '.join(_KEYS)}", place=place
         )
     for key, value in table.items():
         if not isinstance(value, _KEYS[key]) or isinstance(value, bool):
@@ -195,7 +195,7 @@ def _check_table(path: Path, place: str, table: dict[str, Any]) -> None:
         )
     if table["unit"] not in UNITS:
         raise file_error(
-            path, f"unit = {table['unit']!r}", f"known are {', '.join(UNITS)}", place=place
+            path, f"unit = {table['unit']!r}", f"known: {', '.join(UNITS)}", place=place
         )
     if ("material" in table) == ("attenuation_per_mm" in table):
         raise file_error(
@@ -245,7 +245,7 @@ def _part(
 
 
 def _mesh(file: Path, name: str) -> tuple[FloatArray, np.ndarray]:
-    """Vertices (p, 3) in the file's unit and triangles (t, 3), as they stand in the file."""
+    """Vertices (p, 3) in the file's unit and triangles (t, 3), unchanged from the file."""
     place = f"part {name!r}"
     if file.suffix.lower() not in SUFFIXES:
         raise file_error(
@@ -265,9 +265,7 @@ def _mesh(file: Path, name: str) -> tuple[FloatArray, np.ndarray]:
             )
         else:
             mesh = trimesh.load_mesh(file, process=False)
-    except (
-        Exception
-    ) as error:  # trimesh's readers raise whatever a malformed file makes them stumble over
+    except Exception as error:  # trimesh's readers raise any exception at a malformed file
         # a binary STL that was cut short is tried as text, for which a reader is missing
         known = (
             ""
@@ -287,7 +285,7 @@ def _mesh(file: Path, name: str) -> tuple[FloatArray, np.ndarray]:
     if triangles.min() < 0 or triangles.max() >= len(vertices):
         raise file_error(
             file,
-            f"a triangle names a vertex beyond the {len(vertices)} there are",
+            f"a triangle names a vertex beyond the {len(vertices)} of the file",
             "export it again",
             place=place,
         )
@@ -298,9 +296,10 @@ def _mesh(file: Path, name: str) -> tuple[FloatArray, np.ndarray]:
 
 
 def _plain_obj(text: str) -> str:
-    """OBJ text without comments, its faces counting vertices from the first one of the file:
-    trimesh stumbles over comments behind a face, and takes the numbers below 0, which count back
-    from the vertex before the face, from the end of the file.
+    """Removes comments from OBJ text and counts the vertices of faces from the first.
+
+    The reader trimesh fails at comments behind a face. It also counts indices below 0, which count
+    back from the vertex before the face, from the end of the file.
 
     Raises:
         ValueError: a face names vertex 0, or no number.
@@ -326,8 +325,11 @@ def _counted(number: str, so_far: int) -> int:
 def _closed(
     file: Path, name: str, vertices: FloatArray, triangles: np.ndarray
 ) -> tuple[FloatArray, np.ndarray]:
-    """Merges vertices where that closes the surface: the identical ones that STL, and normals or
-    colors in OBJ and GLB, double; then those that text formats rounded apart."""
+    """Merges vertices where that closes the surface.
+
+    First the identical ones that STL, and normals or colors in OBJ and GLB, double; then those that
+    text formats rounded apart.
+    """
     open_edges = _unpaired(triangles)
     if len(open_edges):
         vertices, triangles = _merged(vertices, triangles, vertices)
@@ -358,8 +360,9 @@ def _closed(
 
 
 def _clusters(points: FloatArray, distance: float) -> np.ndarray:
-    """(p, 1) a number for each point (p, 3), the same for those a chain of steps of at most
-    ``distance`` apart.
+    """Labels points (p, 3) by cluster: (p, 1) numbers.
+
+    Points connected by a chain of steps of at most ``distance`` share a number.
     """
     near = KDTree(points).query_pairs(distance, output_type="ndarray")
     linked = coo_array((np.ones(len(near), np.int8), near.T), shape=(len(points), len(points)))
@@ -369,7 +372,10 @@ def _clusters(points: FloatArray, distance: float) -> np.ndarray:
 def _merged(
     vertices: FloatArray, triangles: np.ndarray, keys: np.ndarray
 ) -> tuple[FloatArray, np.ndarray]:
-    """One vertex for equal rows of ``keys``; triangles that lose a corner by it are dropped."""
+    """Merges the vertices with equal ``keys``.
+
+    Triangles that lose a corner by it are dropped.
+    """
     _, first, inverse = np.unique(keys + 0.0, axis=0, return_index=True, return_inverse=True)
     merged = inverse.reshape(-1)[triangles]
     kept = (
@@ -381,8 +387,9 @@ def _merged(
 
 
 def _unpaired(triangles: np.ndarray, *, signed: bool = True) -> np.ndarray:
-    """(n, 2) edges not met as often in one direction as in the other; unsigned: edges that an odd
-    number of triangles share.
+    """Edges (n, 2) that occur more often in one direction than in the other.
+
+    Unsigned: edges that an odd number of triangles share.
     """
     begins, ends = triangles.ravel(), triangles[:, [1, 2, 0]].ravel()
     edges, inverse = np.unique(
@@ -409,16 +416,16 @@ def _check_size(file: Path, name: str, vertices: FloatArray, unit: str) -> None:
 
 
 def _volume(vertices: FloatArray, triangles: np.ndarray) -> float:
-    """m^3, negative where the surface faces inward."""
+    """Volume in m^3, negative where the surface faces inward."""
     a, b, c = np.moveaxis((vertices - vertices.mean(axis=0))[triangles], 1, 0)
     return float(np.einsum("ti,ti->", a, np.cross(b, c)) / 6)
 
 
 def _nesting(path: Path, parts: list[Part], tables: list[dict[str, Any]]) -> list[str]:
-    """Remarks on partial overlaps.
+    """Reports partial overlaps.
 
     Raises:
-        LegsimError: a part lies whole inside a later one, so that nothing of it is left.
+        LegsimError: a part lies completely inside a later one, so that nothing of it is left.
     """
     remarks = []
     for k, earlier in enumerate(parts):
@@ -431,19 +438,19 @@ def _nesting(path: Path, parts: list[Part], tables: list[dict[str, Any]]) -> lis
                 )
                 raise file_error(
                     path,
-                    f"{problem}, which displaces it whole",
+                    f"{problem}, which displaces it completely",
                     f"list {later.name!r} before {earlier.name!r}",
                 )
             if within > 0 and 0 < _fraction_inside(later, earlier) < 1:
                 remarks.append(
                     f"{path}: parts {earlier.name!r} and {later.name!r} overlap; {later.name!r} "
-                    "counts where they do"
+                    "decides where they do"
                 )
     return remarks
 
 
 def _fraction_inside(part: Part, other: Part, samples: int = _SAMPLES) -> float:
-    """Share of some of the part's vertices that lie inside the other."""
+    """Fraction of some of the part's vertices that lie inside the other."""
     low, high = other.vertices.min(axis=0), other.vertices.max(axis=0)
     used = part.vertices[np.unique(part.triangles)]
     spread = np.linspace(0, len(used) - 1, min(samples, len(used))).astype(int)
@@ -453,8 +460,9 @@ def _fraction_inside(part: Part, other: Part, samples: int = _SAMPLES) -> float:
 
 
 def _winding(part: Part, point: FloatArray) -> float:
-    """How often the surface winds around the point: its solid angle over 4 pi (Van Oosterom and
-    Strackee 1983).
+    """Winding number of the surface around the point.
+
+    It is the solid angle over 4 pi (Van Oosterom and Strackee 1983).
     """
     a, b, c = np.moveaxis((part.vertices - point)[part.triangles], 1, 0)
     la, lb, lc = (np.linalg.norm(corner, axis=1) for corner in (a, b, c))

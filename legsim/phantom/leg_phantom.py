@@ -1,5 +1,6 @@
-"""Both legs as closed surfaces: loaded from models/leg_phantom, sized to a person, posed by the
-segments of the leg model.
+"""Both legs as closed surfaces, sized to a person and posed by the leg model's segments.
+
+They are loaded from models/leg_phantom.
 """
 
 from collections.abc import Callable, Sequence
@@ -27,7 +28,7 @@ from legsim.phantom.skinning import LegAxes, SoftWeights, TissueMobility, swing_
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Group:
-    """All parts that one segment carries, end to end, so that posing is a few large products."""
+    """All parts that one segment carries, concatenated, so that posing is a few large products."""
 
     segment: str
     parts: tuple[int, ...]
@@ -35,25 +36,27 @@ class _Group:
     points: FloatArray
     """(p, 3) m, in the frame of the segment; soft ones in the frame of the straight leg's femur"""
     weights: SoftWeights | None
-    """None for what is rigid"""
+    """None for rigid parts"""
     swing: FloatArray | None
-    """(p,) share of the soft tissue's swing; None for what is rigid, and where nothing swings"""
+    """(p,) share of the soft tissue's swing; None for rigid parts, and where nothing swings"""
     offsets: FloatArray | None = None
-    """(p, 3) m in world, added after the points have moved: small spheres on the skin stay
-    spheres
+    """(p, 3) m in world, added after the points have moved
+
+    It keeps small spheres on the skin spheres.
     """
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LegPhantom:
-    """A phantom that can be posed. Its reference pose is the straight leg: every coordinate zero,
-    the pelvis at the origin.
+    """A phantom that can be posed.
+
+    Its reference pose is the straight leg: every coordinate zero, the pelvis at the origin.
     """
 
     phantom: Phantom
     """parts in world of the reference pose, outermost first, named ``<part>_<side>``"""
     segments: tuple[str, ...]
-    """a part's segment, for instance ``femur_l``; ``soft_l`` for what deforms"""
+    """each part's segment, for instance ``femur_l``; ``soft_l`` for soft tissue"""
     reference_world_from_segment: FloatArray
     """(13, 4, 4) in the order of :data:`legsim.kinematics.skeleton.SEGMENTS`"""
     _axes: tuple[LegAxes, LegAxes]
@@ -64,16 +67,14 @@ class LegPhantom:
         return f"LegPhantom({self.phantom!r})"
 
     def part_index(self, name: str) -> int:
-        """Place of a part.
+        """Finds the index of a part.
 
         Raises:
-            LegsimError: there is no such part; the message lists them.
+            LegsimError: unknown part; the message lists the known ones.
         """
         names = [part.name for part in self.phantom.parts]
         if name not in names:
-            raise LegsimError(
-                f"the phantom has no part named {name!r}; there are: {', '.join(names)}"
-            )
+            raise LegsimError(f"unknown part {name!r}; known: {', '.join(names)}")
         return names.index(name)
 
     def in_segment(self, name: str) -> FloatArray:
@@ -92,8 +93,8 @@ class LegPhantom:
         shifted by that pose's translation.
 
         Raises:
-            LegsimError: a segment that carries a part has no pose, or soft tissue swings of a
-                phantom that was not loaded for it.
+            LegsimError: a segment that carries a part has no pose, or the soft tissue swings and
+                the phantom was not loaded for it.
         """
         poses = _Poses.of(world_from_segment, segment_names)
         vertices: list[FloatArray] = [np.empty((0, 3))] * len(self.phantom.parts)
@@ -118,11 +119,10 @@ class LegPhantom:
         poses: ArrayLike,
         segment_names: Sequence[str],
     ) -> FloatArray:
-        """(v, p, 3) where material points (p, 3), in world at pose ``start`` (s, 4, 4), are at each
-        of ``poses`` (v, s, 4, 4): the truth.
+        """Paths (v, p, 3) of material points at each of ``poses`` (v, s, 4, 4): the truth.
 
-        ``segment`` says what carries them: a bone (``tibia_l``) or ``soft_l``, ``soft_r``, as in
-        :attr:`segments`.
+        The points (p, 3) are given in world at pose ``start`` (s, 4, 4). ``segment`` carries them:
+        a bone (``tibia_l``) or ``soft_l``, ``soft_r``, as in :attr:`segments`.
 
         Raises:
             LegsimError: no part moves with ``segment``, or a segment that carries it has no pose.
@@ -131,8 +131,7 @@ class LegPhantom:
         after = [_Poses.of(pose, segment_names) for pose in np.asarray(poses, float)]
         if segment not in self.segments:
             raise LegsimError(
-                f"no part moves with {segment!r}; there are: "
-                f"{', '.join(sorted(set(self.segments)))}"
+                f"no part moves with {segment!r}; known: {', '.join(sorted(set(self.segments)))}"
             )
         if not segment.startswith("soft"):
             local = transforms.apply(transforms.inverse(before[segment]), points)
@@ -142,22 +141,11 @@ class LegPhantom:
         weights, swing = self._weights(straight, side)
         return np.stack([self._soft(straight, weights, swing, pose, side) for pose in after])
 
-    def shank_share(
-        self, points_world: ArrayLike, side: str, *, pose: ArrayLike, segment_names: Sequence[str]
-    ) -> FloatArray:
-        """(p,) 0 where soft tissue at world points (p, 3) goes with the thigh, 1 where it goes with
-        the shank, between about the knee.
-        """
-        straight = self._straightened(
-            np.asarray(points_world, float), _Poses.of(pose, segment_names), side
-        )
-        return SoftWeights.at(straight, self._axes[SIDES.index(side)]).knee_share
-
     def skin_points(self, side: str, *, heights: ArrayLike, directions: ArrayLike) -> FloatArray:
-        """(n, 3) places on the skin of the reference pose, in world, for beads and the like.
+        """Points (n, 3) on the skin of the reference pose, in world, for beads and the like.
 
         ``heights`` (n,) m above the knee axis; ``directions`` (n,) rad about the vertical: 0 in
-        front, positive to the outer side.
+        front, positive to the lateral side.
         """
         part = self.phantom.parts[self.part_index(f"skin_{side}")]
         knee = self._reference(f"tibia_{side}")[:3, 3]
@@ -183,17 +171,17 @@ class LegPhantom:
         material: str = "tantalum",
         energy_kev: float = materials.DEFAULT_ENERGY_KEV,
     ) -> "LegPhantom":
-        """The same phantom with a sphere at each of ``centers`` (n, 3), parts ``<name>_0`` and on:
-        beads on the skin, fiducials of sensors.
+        """Adds a sphere at each of ``centers`` (n, 3), parts ``<name>_0``, ``<name>_1``, ...
 
-        ``segment`` carries them: a bone's name, with centers in its frame, or ``soft_l`` or
-        ``soft_r``, with centers in world of the reference pose (see :meth:`skin_points`).
+        The spheres are beads on the skin, or fiducials of sensors. ``segment`` carries them: a
+        bone's name, with centers in its frame, or ``soft_l`` or ``soft_r``, with centers in world
+        of the reference pose (see :meth:`skin_points`).
         """
         centers = np.asarray(centers, float).reshape(-1, 3)
         soft = segment in ("soft_l", "soft_r")
         if not soft and segment not in SEGMENTS:
             raise LegsimError(
-                f"no segment named {segment!r}; there are: soft_l, soft_r, {', '.join(SEGMENTS)}"
+                f"unknown segment {segment!r}; known: soft_l, soft_r, {', '.join(SEGMENTS)}"
             )
         if len(centers) == 0 or not radius > 0:
             raise LegsimError(
@@ -226,7 +214,7 @@ class LegPhantom:
         )
 
     def one_leg(self, side: str) -> "LegPhantom":
-        """The same phantom with the leg of ``side`` ("l" or "r") alone."""
+        """Restricts the phantom to the leg of ``side`` ("l" or "r")."""
         kept = [k for k, segment in enumerate(self.segments) if segment.endswith(f"_{side}")]
         place = {k: n for n, k in enumerate(kept)}
         groups = tuple(
@@ -245,8 +233,9 @@ class LegPhantom:
         return self.reference_world_from_segment[SEGMENTS.index(segment)]
 
     def _weights(self, points: FloatArray, side: str) -> tuple[SoftWeights, FloatArray | None]:
-        """What carries soft points (p, 3) in the femur's frame of the straight leg, and what part
-        of the swing they take.
+        """Weights of soft points (p, 3), and their share of the swing.
+
+        The points are in the femur's frame of the straight leg.
         """
         k = SIDES.index(side)
         return SoftWeights.at(
@@ -261,8 +250,9 @@ class LegPhantom:
         poses: "_Poses",
         side: str,
     ) -> FloatArray:
-        """Points (p, 3) in the femur's frame of the straight leg, carried to world by the soft
-        map.
+        """Carries points (p, 3) to world by the soft map.
+
+        The points are in the femur's frame of the straight leg.
         """
         hip = self._reference(f"femur_{side}")
         femur, tibia, patella, foot = (
@@ -283,8 +273,9 @@ class LegPhantom:
         return moved + swing[:, None] * (thigh + weights.knee_share[:, None] * (shank - thigh))
 
     def _straightened(self, points: FloatArray, poses: "_Poses", side: str) -> FloatArray:
-        """The points of the straight leg that the soft map carries to world ``points`` (p, 3):
-        damped Newton from two starts.
+        """Points of the straight leg that the soft map carries to world ``points`` (p, 3).
+
+        Found by damped Newton steps from two starts.
         """
 
         def carried(p: FloatArray) -> FloatArray:
@@ -332,8 +323,9 @@ class _Poses:
 
 
 def _first_exit(part: Part, start: FloatArray, aim: FloatArray) -> FloatArray:
-    """Where a ray from inside a closed part leaves it last (Moeller and Trumbore's test against
-    every triangle).
+    """Last point at which a ray from inside a closed part leaves it.
+
+    Moeller and Trumbore's test against every triangle.
 
     Raises:
         LegsimError: the ray meets no triangle.
@@ -360,8 +352,9 @@ def _first_exit(part: Part, start: FloatArray, aim: FloatArray) -> FloatArray:
 def _newton(
     function: Callable[[FloatArray], FloatArray], goal: FloatArray, start: FloatArray
 ) -> FloatArray:
-    """Points (p, 3) with function(points) = goal, each by Newton's method with central differences;
-    steps of at most 1 cm.
+    """Points (p, 3) with function(points) = goal, each by Newton's method.
+
+    Differences are central, steps at most 1 cm.
     """
     points, step = start.copy(), 1e-6
     unsolved = np.arange(len(points))
@@ -396,7 +389,7 @@ def load_leg_phantom(
     energy_kev: float = materials.DEFAULT_ENERGY_KEV,
     swinging: bool = False,
 ) -> LegPhantom:
-    """The phantom in its reference pose, sized by the scale factors of the leg model's segments.
+    """Loads the phantom in its reference pose, sized by the leg model's segment scales.
 
     The knee keeps one size, the femur's, on both of its sides, so that the joint faces fit; sizes
     change smoothly along the shafts. ``swinging`` prepares soft tissue for poses that shift it
@@ -433,7 +426,7 @@ def load_leg_phantom(
 def _swing_share(
     parts: Sequence[Part], segments: Sequence[str], reference: FloatArray, side: str
 ) -> TissueMobility:
-    """Of one leg: by the distance from all its rigid parts."""
+    """Share of the swing at points of one leg, by the distance from all its rigid parts."""
     femur_from_world = transforms.inverse(reference[SEGMENTS.index(f"femur_{side}")])
     rigid = [
         part

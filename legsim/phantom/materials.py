@@ -1,5 +1,6 @@
-"""Linear attenuation of tissues and implants at a photon energy: compositions of ICRU, cross
-sections of xraylib.
+"""Linear attenuation of tissues and implants at a photon energy.
+
+Compositions are ICRU's, cross sections xraylib's.
 """
 
 from dataclasses import dataclass
@@ -9,14 +10,10 @@ import xraylib
 from legsim.core.errors import LegsimError
 
 DEFAULT_ENERGY_KEV = 60.0
-"""monochromatic default: about the mean energy of a 90 to 120 kV C-arm spectrum behind its
-filters
-"""
+"""monochromatic default: about the mean energy of a filtered 90 to 120 kV C-arm spectrum"""
 
 ENERGY_RANGE_KEV = (5.0, 800.0)
-"""where the tables are used: no edges of the tissues' elements lie inside, and xraylib's total
-cross sections hold
-"""
+"""range of the tables: no edges of the tissues' elements, and xraylib's totals are valid"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,27 +85,27 @@ _BY_NAME = {material.name: material for material in _MATERIALS}
 
 
 def names() -> tuple[str, ...]:
-    """All materials known by name."""
+    """Names of all materials."""
     return tuple(_BY_NAME)
 
 
 def material(name: str) -> Material:
-    """The material of that name.
+    """Finds the material of that name.
 
     Raises:
-        LegsimError: there is none; the message lists them.
+        LegsimError: unknown material; the message lists the known ones.
     """
     if name not in _BY_NAME:
         raise LegsimError(
-            f"no material named {name!r}; there are: {', '.join(_BY_NAME)}; or state "
-            "attenuation_per_mm"
+            f"unknown material {name!r}; known: {', '.join(_BY_NAME)}; or state attenuation_per_mm"
         )
     return _BY_NAME[name]
 
 
 def attenuation(name: str, energy_kev: float = DEFAULT_ENERGY_KEV) -> float:
-    """Linear attenuation in 1/m of a material for photons of one energy, coherent scattering
-    included.
+    """Linear attenuation in 1/m of a material for photons of one energy.
+
+    Coherent scattering is included.
 
     Raises:
         LegsimError: unknown material, or an energy outside ENERGY_RANGE_KEV.

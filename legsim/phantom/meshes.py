@@ -1,6 +1,4 @@
-"""What is scanned: closed triangle meshes with an attenuation each, later ones displacing earlier
-ones.
-"""
+"""Closed triangle meshes with an attenuation each; later ones displace earlier ones."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -20,12 +18,12 @@ else:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Part:
-    """One closed surface, outward-oriented, and what fills it."""
+    """One closed surface, outward-oriented, and its filling."""
 
     name: str
     material: str
     attenuation: float
-    """1/m, of the filling itself (not a difference)"""
+    """1/m of the filling itself (not a difference)"""
     vertices: FloatArray
     """(p, 3) m, in world (of the reference pose where the part moves)"""
     triangles: np.ndarray
@@ -65,8 +63,9 @@ class Part:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Phantom:
-    """Parts in order of priority: at any point the last part that contains it decides the
-    attenuation; outside all it is 0.
+    """Parts in order of priority.
+
+    At any point the last part that contains it decides the attenuation; outside all it is 0.
     """
 
     parts: tuple[Part, ...]
@@ -81,16 +80,16 @@ class Phantom:
         doubles = sorted({n for n in names if names.count(n) > 1})
         if not names or doubles:
             raise LegsimError(
-                "a phantom needs parts with names of their own; twice: "
-                f"{', '.join(doubles) or 'none, but there is no part at all'}"
+                "a phantom needs parts with different names; repeated: "
+                f"{', '.join(doubles) or 'none, but it has no part'}"
             )
 
     def only(self, indices: Sequence[int]) -> "Phantom":
-        """Some of the parts, in the order given."""
+        """Restricts the phantom to some of its parts, in the order given."""
         return Phantom(tuple(self.parts[k] for k in indices))
 
     def with_vertices(self, vertices: "tuple[FloatArray, ...]") -> "Phantom":
-        """The same parts with their vertices elsewhere: one (p, 3) array a part."""
+        """Replaces the vertices of the parts: one (p, 3) array per part."""
         return Phantom(
             tuple(
                 replace(part, vertices=moved)

@@ -1,7 +1,7 @@
-"""Triangle meshes met by the rays of an image: closed, placed, sorted into tiles on the device.
-Serves projector and voxelizer.
+"""Triangle meshes intersected by the rays of an image: closed, placed, sorted into tiles.
 
-The device code and why it is watertight: ``kernels/mesh_hits.cl``.
+This happens on the device and serves projector and voxelizer. The device code and why it is
+watertight: ``kernels/mesh_hits.cl``.
 """
 
 from collections.abc import Sequence
@@ -16,11 +16,12 @@ from legsim.opencl.device import Device
 from legsim.phantom.meshes import Part, Phantom
 
 TILE = 8
-"""pixels an edge of a tile"""
+"""pixels along each side of a tile"""
 
 CAPACITY = 48
-"""crossings a pixel that fit in local memory: 24 kB a work-group; fuller tiles are done again with
-lists in global memory
+"""crossings per pixel that fit in local memory: 24 kB per work-group
+
+Fuller tiles are repeated with lists in global memory.
 """
 
 _CHUNK = 256
@@ -45,8 +46,9 @@ class TiledImage:
 
 
 class MeshRaster:
-    """A phantom's triangles on a device. Vertices move part by part; only what moved is sent
-    again.
+    """A phantom's triangles on a device.
+
+    Vertices move part by part; only what moved is sent again.
     """
 
     def __init__(self, phantom: Phantom, device: Device) -> None:
@@ -101,8 +103,9 @@ class MeshRaster:
         )
 
     def move(self, vertices: Sequence[FloatArray] | None) -> None:
-        """World vertices of each part, (p, 3) m; None for the phantom at rest. A read-only array
-        that is the one of the last call is not sent again.
+        """Sets the world vertices of each part, (p, 3) m; None for the phantom at rest.
+
+        The same read-only array as in the last call is not sent again.
 
         Raises:
             LegsimError: a wrong number of parts or vertices, or a coordinate that is not finite.
@@ -132,8 +135,9 @@ class MeshRaster:
             )
 
     def place(self, rows: FloatArray) -> None:
-        """Maps all vertices by ``rows`` (4, 4): world (x, y, z, 1) to (U, V, depth, W), pixel
-        coordinates being U/W and V/W.
+        """Maps all vertices by ``rows`` (4, 4): world (x, y, z, 1) to (U, V, depth, W).
+
+        Pixel coordinates are U/W and V/W.
         """
         about_center = rows.copy()
         about_center[:, 3] += rows[:, :3] @ self.center
@@ -154,9 +158,7 @@ class MeshRaster:
             )
 
     def sort(self, shape_vu: tuple[int, int]) -> TiledImage:
-        """Sorts the placed triangles into the tiles of an image of ``shape_vu`` (rows, columns)
-        pixels.
-        """
+        """Sorts the placed triangles into tiles of an image of ``shape_vu`` (rows, columns)."""
         pixels = np.array(shape_vu[::-1], np.int32)
         tiles = (pixels + TILE - 1) // TILE
         total = int(np.prod(tiles.astype(np.int64)))
@@ -199,8 +201,10 @@ class MeshRaster:
 
 
 class TileKernel:
-    """A kernel that works on a tiled image, one work-group a tile, in two builds: crossings in
-    local memory, or in global memory where more rays of a tile cross than fit."""
+    """A kernel on a tiled image, one work-group per tile, in two builds.
+
+    Crossings are in local memory, or in global memory where more rays of a tile cross than fit.
+    """
 
     def __init__(self, raster: MeshRaster, name: str, file: str, **defines: int | str) -> None:
         defines = {
@@ -218,8 +222,9 @@ class TileKernel:
         )
 
     def run(self, tiled: TiledImage, arguments: Sequence[Any], target: Any) -> None:
-        """Runs over the tiles that hold triangles; ``arguments`` are the kernel's own, ``target``
-        what it writes.
+        """Runs the kernel over the tiles that hold triangles.
+
+        ``arguments`` are the kernel's own; ``target`` is its output.
         """
         device = self._raster.device
         total = int(np.prod(tiled.tiles.astype(np.int64)))
@@ -276,11 +281,10 @@ def bounds(points: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def require_closed(part: Part) -> None:
-    """Checks that every directed edge of the part is met by its opposite as often: no ray can then
-    enter without leaving.
+    """Checks that every directed edge of the part has its opposite as often.
 
-    Linear in the triangles: edges, signed by direction, are summed as 64-bit hashes; only a sum
-    that is not zero is looked into.
+    No ray can then enter without leaving. Linear in the triangles: edges, signed by direction, are
+    summed as 64-bit hashes; only a nonzero sum is examined.
 
     Raises:
         LegsimError: the surface is open, or neighbors disagree about which side is outside.
@@ -309,7 +313,7 @@ def require_closed(part: Part) -> None:
 
 
 def _pairs(values: FloatArray) -> np.ndarray:
-    """(n, m) float64 as float32 (n, 2 m): rounded values, then what rounding left."""
+    """Splits (n, m) float64 into float32 (n, 2 m): rounded values, then the remainders."""
     high = values.astype(np.float32)
     return np.concatenate([high, (values - high).astype(np.float32)], axis=1)
 

@@ -1,18 +1,17 @@
-"""How soft tissue follows the bones of a leg: one smooth map of space a leg, the same for skin, fat
-and muscle.
+"""How soft tissue follows the bones of a leg: one smooth map of space per leg.
 
-Because all soft surfaces ride on one map that keeps orientation (tested over the range of flexion),
-what is nested and free of self-intersection in the straight leg stays so, and any material point's
-way is known.
+The map is the same for skin, fat and muscle. All soft surfaces ride on it, and it keeps orientation
+(tested over the range of flexion). So what is nested and free of self-intersection in the straight
+leg stays so, and the path of any material point is known.
 
-The map turns points about the knee by a share of the flexion. The share depends on the direction
+The map turns points about the knee by a share of the flexion. This share depends on the direction
 from the knee axis: 0 toward the thigh, 1 toward the shank, changing over a wide wedge behind the
 knee (its tissue is compressed: a narrow transition would fold) and over the kneecap in front. A
 share of a turn is a normalized blend of quaternions about the joint's center (Kavan and Zara,
-Spherical blend skinning, I3D 2005), so nothing shrinks as it does under blended matrices. What the
-joint's center itself moves (the tibia rolls back on the condyles) is shared apart: the kneecap and
-what lies before it keep to the femur. To keep volume where a wedge is compressed or opened,
-distances from the axis grow or shrink with (1 + d turn / d direction)^-e.
+Spherical blend skinning, I3D 2005), so nothing shrinks as it does under blended matrices. The
+translation of the joint's center itself (the tibia rolls back on the condyles) has a share of its
+own: the kneecap and the tissue in front of it follow the femur. To keep volume where a wedge is
+compressed or opened, distances from the axis grow or shrink with (1 + d turn / d direction)^-e.
 """
 
 from collections.abc import Sequence
@@ -34,7 +33,7 @@ else:
 
 
 # by direction in degrees from the shank, negative behind the knee, positive in front: the share of
-# the flexion that tissue takes, and the share of the way that the tibia's origin makes
+# the flexion that tissue takes, and the share of the translation that the tibia's origin makes
 _DIRECTIONS = np.array([-180.0, -164, -140, -90, -40, -16, 0, 38, 62, 90, 110, 130, 150, 166, 180])
 
 _SHARES = np.array(
@@ -50,25 +49,24 @@ _SMOOTHING_DEG = 7.0
 _EXPONENT_BEHIND, _EXPONENT_FRONT = 0.20, 0.15
 
 _CORE, _RIM = 0.004, 0.045
-"""m from the knee axis within which, and from which on, direction does not and does alone decide
-the share
-"""
+"""m from the knee axis: direction has no effect nearer, and decides the share alone beyond"""
 
 _VOLUME_NEAR, _VOLUME_FAR = 0.075, 0.130
-"""m from the knee axis up to which volume is kept fully, and from which on distances from the axis
-stay
-"""
+"""m from the knee axis: volume is kept fully up to the first, distances are unchanged beyond"""
 
 _NEAR, _FAR = 0.120, 0.240
-"""m from the knee axis up to which direction alone decides, and from which on tissue keeps to its
-bone; nearer above the kneecap, where nothing folds and wide turns would lift the front of the
-thigh"""
+"""m from the knee axis: direction decides alone up to the first, the bone beyond the second
+
+It is nearer above the kneecap, where nothing folds and wide turns would lift the front of the
+thigh.
+"""
 
 _CORE_HEIGHT = 0.065
 
 _CORE_PLANES = ((0.6, 0.16), (0.35, -0.10))
-"""(level, depth) of share and of slide in the core: planes level - y / _CORE_HEIGHT + x / depth
-that meet the rim's values best
+"""(level, depth) of share and of slide in the core
+
+Planes level - y / _CORE_HEIGHT + x / depth that fit the rim's values best.
 """
 
 _PATELLA_NEAR, _PATELLA_FAR = 0.015, 0.065
@@ -77,7 +75,7 @@ _ANKLE_HALF_HEIGHT, _FOOT_SLOPE = 0.045, 0.45
 
 
 def _on_circle(values: FloatArray) -> FloatArray:
-    """A row of the table above at every half degree, smoothed."""
+    """Interpolates a row of the table above at every half degree, smoothed."""
     offsets = np.arange(-60, 61) * 0.5
     kernel = np.exp(-0.5 * (offsets / _SMOOTHING_DEG) ** 2)
     padded = np.concatenate(
@@ -96,16 +94,14 @@ _SLOPE_TABLE = np.gradient(_SHARE_TABLE, np.radians(0.5))
 
 
 def smooth_step(t: ArrayLike) -> FloatArray:
-    """0 below 0, 1 above 1, twice differentiable between (6 t^5 - 15 t^4 + 10 t^3)."""
+    """Smooth step: 0 below 0, 1 above 1, twice differentiable (6 t^5 - 15 t^4 + 10 t^3)."""
     t = np.clip(np.asarray(t, float), 0, 1)
     return t * t * t * (t * (6 * t - 15) + 10)
 
 
 @dataclass(frozen=True, slots=True)
 class LegAxes:
-    """Where the joints and the kneecap of a straight leg are, in the frame of its femur, and how
-    large its knee is.
-    """
+    """Joints and kneecap of a straight leg in the frame of its femur, and its knee's size."""
 
     knee: tuple[float, float, float]
     """m"""
@@ -114,24 +110,25 @@ class LegAxes:
     patella: tuple[float, float, float]
     """m, middle of the bone"""
     size: float
-    """of the knee against the template's: all lengths of the map are multiplied by it"""
+    """size of the knee over the template's: scales all lengths of the map"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SoftWeights:
-    """What the map needs to know of each point; it depends on the straight leg only."""
+    """What the map uses of each point; it depends on the straight leg only."""
 
     axes: LegAxes
     knee_share: FloatArray
     """(p,) 0 moves with the femur, 1 with the tibia"""
     knee_slope: FloatArray
-    """(p,) d share / d direction, 1/rad, positive where flexion opens the wedge, faded out where
-    volume is not kept
+    """(p,) d share / d direction, 1/rad, positive where flexion opens the wedge
+
+    It is faded out where volume is not kept.
     """
     knee_slide: FloatArray
-    """(p,) share of the way of the tibia's origin"""
+    """(p,) share of the translation of the tibia's origin"""
     patella_share: FloatArray
-    """(p,) 1 moves with the patella whatever the other shares say"""
+    """(p,) 1 moves with the patella, whatever the other shares are"""
     ankle_share: FloatArray
     """(p,) 0 moves with the tibia, 1 with the foot"""
 
@@ -153,13 +150,14 @@ class SoftWeights:
 
 
 def _snapped(share: FloatArray) -> FloatArray:
-    """Shares within 1e-6 of a bone's are the bone's: most points are then carried by one matrix."""
+    """Rounds shares within 1e-6 of 0 or 1: most points are then carried by one matrix."""
     return np.where(share < 1e-6, 0.0, np.where(share > 1 - 1e-6, 1.0, share))
 
 
 def _knee_weights(from_knee: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Share of the flexion, its slope, and share of the slide at points (p, 3) seen from the knee,
-    in template meters.
+    """Share of the flexion, its slope, and share of the slide at points (p, 3).
+
+    Points are relative to the knee, in template meters.
     """
     x, y, _ = from_knee.T
     radius, direction = np.hypot(x, y), np.arctan2(x, -y)
@@ -184,7 +182,7 @@ def _knee_weights(from_knee: FloatArray) -> tuple[FloatArray, FloatArray, FloatA
 
 
 def _patella_weight(from_patella: FloatArray) -> FloatArray:
-    """1 on and before the kneecap, falling to 0 around it and towards the joint."""
+    """1 on and in front of the kneecap, falling to 0 around it and towards the joint."""
     x, y, z = from_patella.T
     reach = np.sqrt((np.minimum(x, 0.0) / 0.5) ** 2 + y**2 + z**2)
     return smooth_step((_PATELLA_FAR - reach) / (_PATELLA_FAR - _PATELLA_NEAR))
@@ -199,10 +197,10 @@ def deform(
     patella: FloatArray,
     foot: FloatArray,
 ) -> FloatArray:
-    """Points (p, 3) of the straight leg, in its femur's frame, to where soft tissue carries them.
+    """Carries points (p, 3) of the straight leg, in its femur's frame, with the soft tissue.
 
-    Each matrix (4, 4) says how a bone moved: it maps the frame of ``points`` with the leg straight
-    to world now.
+    Each matrix (4, 4) is the motion of a bone: it maps the frame of ``points`` with the leg
+    straight to the current world.
     """
     knee, ankle = transforms.inverse(femur) @ tibia, transforms.inverse(tibia) @ foot
     out = np.array(points, float)
@@ -238,8 +236,9 @@ def deform(
 
 
 def flexion_of(knee: FloatArray) -> float:
-    """Flexion in rad of a knee whose tibia turned by ``knee`` (4, 4): the twist about z, negative
-    sense.
+    """Flexion in rad of a knee whose tibia turned by ``knee`` (4, 4).
+
+    It is the twist about z, negative sense.
     """
     w, _, _, z = transforms.quaternion_from_rotation(knee[:3, :3])
     return float(-2 * np.arctan2(z, w))
@@ -248,8 +247,9 @@ def flexion_of(knee: FloatArray) -> float:
 def _keeping_volume(
     points: FloatArray, slope: FloatArray, axes: LegAxes, flexion: float
 ) -> FloatArray:
-    """Points moved from or toward the knee axis by what compression or opening of their wedge asks
-    for.
+    """Moves points from or toward the knee axis to keep volume.
+
+    Compression or opening of their wedge decides by how much.
     """
     opening = np.maximum(1 + flexion * slope, 0.08)
     factor = opening ** -np.where(points[:, 0] < axes.knee[0], _EXPONENT_BEHIND, _EXPONENT_FRONT)
@@ -261,8 +261,9 @@ def _keeping_volume(
 def _turned(
     points: FloatArray, share: FloatArray, slide: FloatArray, center: FloatArray, motion: FloatArray
 ) -> FloatArray:
-    """Points (p, 3) turned about ``center`` by a share (p,) of a rigid ``motion`` (4, 4), and
-    shifted by a share of the center's way.
+    """Turns points (p, 3) about ``center`` by a share (p,) of a rigid ``motion`` (4, 4).
+
+    They are also shifted by a share of the center's translation.
     """
     quaternion = transforms.quaternion_from_rotation(motion[:3, :3])
     w, axis = 1 + share * (quaternion[0] - 1), quaternion[1:]
@@ -274,36 +275,39 @@ def _turned(
 
 
 def _cross(axis: FloatArray, points: FloatArray) -> FloatArray:
-    """axis (3,) x points (p, 3), as one product."""
+    """Cross product axis (3,) x points (p, 3), as one product."""
     return points @ transforms.cross_matrix(axis).T
 
 
 NEAR, FAR = 0.004, 0.024
-"""m from the nearest bone up to which tissue keeps to it, and from which on it swings freely"""
+"""m from the nearest bone: tissue follows it up to the first, and swings freely from the second"""
 
 FARTHEST_SWING = (FAR - NEAR) / 1.875 / 2
-"""m: half of what would press a layer on its neighbor's place (1.875 is the steepest slope of the
-step between)
+"""m: half of the shift at which layers would touch
+
+1.875 is the steepest slope of the step between.
 """
 
 _EDGE = 0.004
-"""m that samples of a bone lie apart at most: no place of its surface is then farther than NEAR
-from one
+"""m: greatest distance of samples of a bone
+
+No place of its surface is then farther than NEAR from a sample.
 """
 
 
 def swing_of(bone: str) -> str:
-    """The name under which poses hold the swing of a bone's soft tissue: a translation in world, by
-    which the free tissue is shifted.
+    """Name under which poses hold the swing of a bone's soft tissue.
+
+    The swing is a translation in world, by which the free tissue is shifted.
     """
     return f"swing_of_{bone}"
 
 
 class TissueMobility:
-    """Of one leg, straight, in the frame of its femur."""
+    """Mobility of the soft tissue of one straight leg, in the frame of its femur."""
 
     def __init__(self, surfaces: Sequence[tuple[FloatArray, np.ndarray]]) -> None:
-        """``surfaces`` are (vertices (p, 3), triangles (t, 3)) of all that is rigid."""
+        """Samples the rigid parts: ``surfaces`` are (vertices (p, 3), triangles (t, 3))."""
         samples = [
             trimesh.remesh.subdivide_to_size(vertices, triangles, _EDGE)[0]
             for vertices, triangles in surfaces
@@ -311,6 +315,6 @@ class TissueMobility:
         self._bones = KDTree(np.concatenate(samples))
 
     def at(self, points: FloatArray) -> FloatArray:
-        """(p,) 0 to 1, of points (p, 3)."""
+        """Mobility (p,) from 0 to 1 of points (p, 3)."""
         distance = self._bones.query(points, distance_upper_bound=FAR)[0]
         return smooth_step((np.minimum(distance, FAR) - NEAR) / (FAR - NEAR))

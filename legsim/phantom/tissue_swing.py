@@ -1,9 +1,9 @@
-"""Soft tissue of the phantom that swings on the bones: the poses of a scan with the swing of each
-thigh and shank beside the segments'.
+"""Soft tissue of the phantom that swings on the bones.
 
-A thigh's or shank's tissue hangs on the middle of its bone by a spring and a damper and is driven
-by the acceleration of that place; how much of it a point takes is :mod:`legsim.phantom.skinning`.
-Gravity is left out: the phantom's shape has its sag already.
+The poses of a scan are extended by the swing of each thigh and shank. A thigh's or shank's tissue
+hangs on the middle of its bone by a spring and a damper and is driven by the acceleration of that
+place. :mod:`legsim.phantom.skinning` decides how much of it a point takes. Gravity is left out: the
+phantom's shape has its sag already.
 """
 
 import numpy as np
@@ -25,11 +25,12 @@ _LEAST_RATE_HZ, _SAMPLES_A_PERIOD = 120.0, 12.0
 def with_swing(
     poses: SegmentPoses, leg: Leg, splines: JointSplines, tissue: SkinMount
 ) -> SegmentPoses:
-    """``poses`` and, as further segments named by :func:`legsim.phantom.skinning.swing_of`, the
-    shift (m, in world) of each bone's soft tissue.
+    """Adds the shift of each bone's soft tissue to ``poses``.
+
+    The shifts (m, in world) are further segments named by :func:`legsim.phantom.skinning.swing_of`.
 
     Raises:
-        LegsimError: the tissue would swing farther than its layers can bear.
+        LegsimError: the tissue would swing farther than its layers allow.
     """
     first, last = splines.trajectories.times[[0, -1]]
     rate = max(_LEAST_RATE_HZ, _SAMPLES_A_PERIOD * tissue.frequency_hz)
@@ -47,7 +48,7 @@ def with_swing(
     farthest = float(np.linalg.norm(at_views, axis=-1).max())
     if farthest > FARTHEST_SWING:
         raise LegsimError(
-            f"the phantom's soft tissue would swing {1e3 * farthest:.1f} mm; its layers bear "
+            f"the phantom's soft tissue would swing {1e3 * farthest:.1f} mm; its layers allow "
             f"{1e3 * FARTHEST_SWING:.1f} mm: "
             "lower phantom.tissue_swing.amplitude or raise phantom.tissue_swing.frequency_hz"
         )

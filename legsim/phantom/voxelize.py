@@ -1,5 +1,6 @@
-"""Phantom and grid to labels: which part each voxel center lies in, exactly, for regions of
-evaluation and true volumes.
+"""Phantom and grid to labels: the part in which each voxel center lies, exactly.
+
+Labels give the regions of the evaluation and true volumes.
 """
 
 from collections.abc import Sequence
@@ -19,8 +20,9 @@ _MOST_PARTS = 65534
 def labels(
     phantom: Phantom, grid: VolumeGrid, device: Device, *, posed: Sequence[FloatArray] | None = None
 ) -> np.ndarray:
-    """Index + 1 of the last part that contains each voxel center, 0 outside all: (z, y, x) uint8,
-    or uint16 from 255 parts on.
+    """Labels each voxel center by the last part that contains it.
+
+    The label is the part's index + 1, 0 outside all: (z, y, x) uint8, or uint16 from 255 parts on.
 
     Args:
         posed: world vertices of every part, (p, 3) m each; None for the phantom at rest.
@@ -46,15 +48,16 @@ def labels(
 def attenuation(
     phantom: Phantom, grid: VolumeGrid, device: Device, *, posed: Sequence[FloatArray] | None = None
 ) -> Volume:
-    """The true volume: each voxel has the attenuation at its center. Arguments and errors as in
-    :func:`labels`.
+    """Computes the true volume: each voxel has the attenuation at its center.
+
+    Arguments and errors are as in :func:`labels`.
     """
     table = np.array([0.0, *(part.attenuation for part in phantom.parts)], np.float32)
     return Volume(grid, table[labels(phantom, grid, device, posed=posed)])
 
 
 def _voxels_from_world(grid: VolumeGrid) -> FloatArray:
-    """(4, 4): world (x, y, z, 1) to (x index, y index, z in voxels from the grid's middle, 1)."""
+    """Matrix (4, 4): world (x, y, z, 1) to (x index, y index, z in voxels from the middle, 1)."""
     spacing = np.array(grid.spacing_xyz)
     start = np.array([*grid.origin[:2], grid.center[2]])
     rows = np.zeros((4, 4))

@@ -1,5 +1,6 @@
-"""The report in other forms: all of it as Markdown, its tables as CSV and LaTeX. Every form has the
-cells of the page.
+"""The report in other forms: Markdown, and its tables as CSV and LaTeX.
+
+Every form has the cells of the page.
 """
 
 import csv
@@ -15,7 +16,7 @@ _DEVIATION = " ± "
 
 
 def markdown(content: ReportContent) -> str:
-    """The whole report; pictures are links to their files."""
+    """Formats the whole report as Markdown; pictures are links to their files."""
     parts = [f"# {_plain(content.title)}", _bullets(content.summary)]
     if content.warnings:
         parts += ["**To be aware of**", _bullets(content.warnings)]
@@ -46,7 +47,7 @@ def markdown(content: ReportContent) -> str:
 
 
 def markdown_table(table: Table) -> str:
-    """A table of pipes; a row that heads others is bold."""
+    """Formats a table with pipes; a row that heads others is bold."""
     lines = [
         _pipes(map(_plain, table.columns)),
         _pipes("---:" if _numbers(table, k) else "---" for k in range(len(table.columns))),
@@ -69,7 +70,7 @@ def _pipes(cells: Iterable[str]) -> str:
 
 
 def _plain(text: str) -> str:
-    """On one line, with what Markdown would read as its own escaped."""
+    """Puts text on one line and escapes what Markdown would interpret."""
     return re.sub(r"([\\`*_\[\]<>|])", r"\\\1", " ".join(text.split()))
 
 
@@ -83,9 +84,9 @@ def _numbers(table: Table, column: int) -> bool:
 
 
 def csv_table(table: Table) -> str:
-    """One row a row, for programs: numbers in ASCII, nothing where there is none.
+    """Formats a table for programs: numbers in ASCII, empty where there is none.
 
-    What heads a group becomes a first column, and a column of means with deviations becomes two.
+    The head of a group becomes a first column, and a column of means with deviations becomes two.
     """
     grouped = any(len(row) < len(table.columns) for row in table.rows)
     full = [row for row in table.rows if len(row) == len(table.columns)]
@@ -107,7 +108,7 @@ def csv_table(table: Table) -> str:
 
 
 def csv_text(header: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
-    """Comma-separated, quoted where needed; None is empty."""
+    """Formats comma-separated values, quoted where needed; None is empty."""
     stream = io.StringIO()
     writer = csv.writer(stream, lineterminator="\n")
     writer.writerow(header)
@@ -148,12 +149,12 @@ _LATEX = {
 
 
 def latex(tables: Iterable[Table]) -> str:
-    """A table environment for each, in plain LaTeX without packages, for \\input."""
+    r"""Formats each table as an environment in plain LaTeX without packages, for \input."""
     return "\n".join(latex_table(table) for table in tables)
 
 
 def latex_table(table: Table) -> str:
-    """One table environment."""
+    """Formats one table environment."""
     columns = "".join("r" if _numbers(table, k) else "l" for k in range(len(table.columns)))
     lines = [
         r"\begin{table}",

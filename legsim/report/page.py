@@ -1,5 +1,6 @@
-"""One self-contained page a run: nothing is fetched, nothing runs, it reads on a phone and
-prints.
+"""One self-contained page per run.
+
+Nothing is fetched and nothing runs; it is readable on a phone and in print.
 """
 
 import base64
@@ -20,9 +21,9 @@ class Table:
     rows: tuple[tuple[str, ...], ...]
     note: str = ""
     name: str = ""
-    """stem of the file that holds it by itself, where there is one"""
+    """stem of the table's own file, if any"""
     links: tuple[str, ...] = ()
-    """an address a row, relative to the report, for the row's head; none where empty"""
+    """one address per row, relative to the report, for the row's head; none where empty"""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "columns", tuple(self.columns))
@@ -41,24 +42,25 @@ class Table:
 
 @dataclass(frozen=True, slots=True)
 class Picture:
-    """A figure with the words that stand for it where it cannot be seen."""
+    """A figure with a caption and a text alternative."""
 
     caption: str
     png: bytes
     alt: str = ""
-    """what it shows, for those who cannot see it; the caption where empty"""
+    """text alternative; the caption where empty"""
     file: str = ""
-    """where it also lies by itself, relative to the report"""
+    """its own file, relative to the report"""
 
     @property
     def source(self) -> str:
-        """The picture as a data address."""
+        """Encodes the picture as a data address."""
         return "data:image/png;base64," + base64.b64encode(self.png).decode("ascii")
 
     @property
     def size(self) -> tuple[int, int]:
-        """(width, height) in pixels, from the PNG's header, so that the page does not jump while it
-        loads.
+        """Reads (width, height) in pixels from the PNG's header.
+
+        The page then does not jump while it loads.
         """
         return int.from_bytes(self.png[16:20], "big"), int.from_bytes(self.png[20:24], "big")
 
@@ -75,16 +77,16 @@ class PageSection:
 
 @dataclass(frozen=True, slots=True)
 class FileNote:
-    """A file of the run folder and what is in it."""
+    """A file of the run folder and its content."""
 
     name: str
-    """relative to the report"""
+    """path relative to the report"""
     what: str
 
 
 @dataclass(frozen=True, slots=True)
 class ReportContent:
-    """All that a page says."""
+    """All content of a page."""
 
     title: str
     summary: tuple[str, ...]
@@ -97,7 +99,7 @@ class ReportContent:
 
 
 def render(content: ReportContent) -> str:
-    """The page as HTML."""
+    """Renders the page as HTML."""
     environment = Environment(
         loader=PackageLoader("legsim.report"),
         autoescape=True,
@@ -110,7 +112,8 @@ def render(content: ReportContent) -> str:
 
 
 def is_numeric(cell: str) -> bool:
-    """Whether a cell is set to the right: a number, with or without unit, deviation or a published
-    value beside it.
+    """Whether a cell is aligned to the right.
+
+    It is a number, with or without unit, deviation or a published value next to it.
     """
     return re.match(r"[+\-−±<>≤≥]*\d|[–—]$", cell) is not None

@@ -1,4 +1,4 @@
-"""Tables of our values with the published ones and the difference beside them."""
+"""Tables of our values with the published ones and their difference."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -22,10 +22,10 @@ _HEADINGS = {"30": "30 degree squats", "60": "60 degree squats", "all": "all sca
 
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """What one row has in one column: ours, and what the study published there."""
+    """The value of one row in one column: ours, and the published one."""
 
     group: str
-    """heads the rows that follow; nothing where empty"""
+    """heads the rows that follow; no head where empty"""
     row: str
     column: str
     ours: MeanAndDeviation | None
@@ -33,17 +33,17 @@ class Entry:
 
 
 def counted(count: int, what: str) -> str:
-    """ "1 scan", "2 scans"."""
+    """Counts in words: "1 scan", "2 scans"."""
     return f"{count} {what}" if count == 1 else f"{count} {what}s"
 
 
 def heading(condition: str) -> str:
-    """A block's name in words."""
+    """Names a condition in words."""
     return _HEADINGS.get(condition, condition)
 
 
 def text(ours: MeanAndDeviation | Score | None, digits: int = 3) -> str:
-    """A mean, and its deviation where it is one of several."""
+    """Formats a mean, and its deviation where it is one of several."""
     if ours is None:
         return NONE
     alone = isinstance(ours, MeanAndDeviation) and ours.count < 2
@@ -55,7 +55,7 @@ def text(ours: MeanAndDeviation | Score | None, digits: int = 3) -> str:
 
 
 def difference(ours: MeanAndDeviation | None, published: Score | None, digits: int = 3) -> str:
-    """Ours minus the published mean, signed."""
+    """Formats ours minus the published mean, with sign."""
     if ours is None or published is None:
         return NONE
     away = round(ours.mean - published.mean, digits)
@@ -71,10 +71,10 @@ def table(
     source: str = "",
     name: str = "",
 ) -> Table:
-    """Three columns for each column of the entries, one where nothing was published; ``head`` is
-    that of the row names.
+    """Builds three columns per column of the entries, one where nothing was published.
 
-    ``source`` says in the note where the published values stand.
+    ``head`` is the heading of the first column. ``source`` says in the note where the published
+    values are.
     """
     beside = any(e.published is not None for e in entries)
     columns = tuple(dict.fromkeys(e.column for e in entries))
@@ -123,7 +123,7 @@ def quality_entry(
 def quality_tables(
     ssim: Sequence[Entry], rmse: Sequence[Entry], source: str
 ) -> tuple[Table, Table]:
-    """Both measures of image quality; ``source`` says where the published values stand."""
+    """Builds both tables of image quality; ``source`` says where the published values are."""
     source = f"Maier et al. 2021, {source}"
     similar = "Structural similarity (SSIM) to the motion-free reconstruction"
     return (

@@ -1,24 +1,20 @@
-"""Numbers published in the study that the package rebuilds, to be shown beside ours.
+"""Numbers published in the study that the package rebuilds, for comparison with ours.
 
 Maier et al., "Rigid and non-rigid motion compensation in weight-bearing cone-beam CT of the knee
 using (noisy) inertial measurements", 2021. Table 1: image quality of volumes scaled from 0 to 1, on
-the whole leg, shank and thigh. Table 2: how far noisy sensors carry the rigid motion from the
+the whole leg, shank and thigh. Table 2: how far noisy sensors move the rigid motion from the
 noise-free one. Table 3: image quality from noisy sensors. Its closed phantom and its scans differ
-from ours, and "all scans" is not always between its parts: the third digit means little.
+from ours, and "all scans" is not always between its parts: the third digit has little meaning.
 """
 
 from dataclasses import dataclass
 
-CONDITIONS = ("30", "60", "all")
-"""degrees of the squat"""
-
-METHODS = ("uncorrected", "marker-based", "rigid", "nonrigid-2d", "nonrigid-3d")
-
 REGIONS = ("leg", "shank", "thigh")
 
 EXPONENTS = (0.0, 1.0, 2.0, 3.0, 4.0, 5.0, None)
-"""of Table 2, of accelerometer (f_a) and gyroscope (f_g): the sensor's noise is divided by ten to
-this power; None is no noise
+"""of Table 2, of accelerometer (f_a) and gyroscope (f_g); None is no noise
+
+The sensor's noise is divided by ten to this power.
 """
 
 
@@ -155,7 +151,7 @@ _TABLE = {
 }
 
 
-# a row an f_a and a column an f_g, both in the order of EXPONENTS
+# one row per f_a and one column per f_g, both in the order of EXPONENTS
 _LADDER_MM = (
     (9461, 8866, 6329, 6762, 8518, 10389, 9390),
     (1899, 883, 663, 754, 883, 666, 940),
@@ -230,16 +226,18 @@ def ssim(method: str, region: str, condition: str = "all") -> Score | None:
 
 
 def rmse(method: str, region: str, condition: str = "all") -> Score | None:
-    """Published RMSE (of volumes scaled from 0 to 1) of a method in a region, or None where the
-    study has no such method.
+    """Published RMSE of a method in a region, or None where the study has no such method.
+
+    Volumes are scaled from 0 to 1.
     """
     return _score(method, region, condition, len(REGIONS))
 
 
 @dataclass(frozen=True, slots=True)
 class PublishedDrift:
-    """RMSE over the views from the noise-free estimate, mean of three axes and of five repetitions
-    on one scan.
+    """RMSE over the views from the noise-free estimate.
+
+    It is the mean of three axes and of five repetitions on one scan.
     """
 
     translation_mm: float
@@ -258,14 +256,15 @@ def deviation(f_a: float | None, f_g: float | None) -> PublishedDrift | None:
 
 
 def noisy_ssim(f_a: float | None, f_g: float | None, region: str) -> Score | None:
-    """SSIM of rigid from noisy sensors over all scans (Table 3), or None where it has no such
-    exponents.
+    """SSIM of rigid from noisy sensors over all scans (Table 3).
+
+    None where it has no such exponents.
     """
     return _in_region(_NOISY.get((f_a, f_g)), region, 0)
 
 
 def noisy_rmse(f_a: float | None, f_g: float | None, region: str) -> Score | None:
-    """RMSE of the same."""
+    """RMSE of rigid from noisy sensors over all scans (Table 3)."""
     return _in_region(_NOISY.get((f_a, f_g)), region, len(REGIONS))
 
 

@@ -1,6 +1,4 @@
-"""The page of `legsim replay`: how well the model follows each marker, how far each coordinate
-goes, and pictures of both.
-"""
+"""The page of `legsim replay`: residuals of markers, ranges of coordinates, and pictures."""
 
 from __future__ import annotations
 
@@ -35,7 +33,7 @@ REPLAY_FILES = (
 
 
 def replay_figures(scene: ReplayScene) -> tuple[tuple[str, str, Figure], ...]:
-    """(file stem, caption, figure) of the movement itself."""
+    """Draws (file stem, caption, figure) of the motion itself."""
     pictures = [
         (
             "joint-angles",
@@ -44,7 +42,7 @@ def replay_figures(scene: ReplayScene) -> tuple[tuple[str, str, Figure], ...]:
         ),
         (
             "sway",
-            "How far the joint centers stray from their means.",
+            "How far the joint centers deviate from their means.",
             figures.sway(scene.joint_centers),
         ),
     ]
@@ -80,18 +78,21 @@ def replay_report_lines(recovered: MovingLeg, out: Path) -> list[str]:
 
 
 _LARGE_RESIDUAL = 0.03
-"""m RMS: a marker this far off is mislabeled, or sits elsewhere than its role says"""
+"""m RMS: above it a marker is mislabeled, or its role names another place"""
 
 
 def still(scene: ReplayScene) -> bytes:
-    """PNG of the body in the middle of the recording."""
+    """Draws the PNG of the body in the middle of the recording."""
     return figures.png(figures.still(scene, _middle(scene)))
 
 
 def content(
     recovered: MovingLeg, scene: ReplayScene, posture: bytes, provenance: Sequence[tuple[str, str]]
 ) -> ReportContent:
-    """What the page says; ``posture`` is the :func:`still`, all other figures are drawn here."""
+    """Builds the page's content.
+
+    ``posture`` is the :func:`still`; all other figures are drawn here.
+    """
     seen = f"The middle of the recording, {_middle(scene):.2f} s."
     curves = (
         []
@@ -124,7 +125,7 @@ def _middle(scene: ReplayScene) -> float:
 
 
 def marker_table(fit: MarkerFit) -> Table:
-    """A row a marker: how far the model stays off, and what was mended."""
+    """Builds one row per marker: its distance from the model, and its repairs."""
     ik, times = fit.ik, fit.measured.times
     rows = []
     for k, name in enumerate(ik.marker_names):
@@ -176,7 +177,7 @@ def marker_table(fit: MarkerFit) -> Table:
 
 
 def coordinate_table(recovered: MovingLeg) -> Table:
-    """A row a coordinate: where it goes, and who decides it."""
+    """Builds one row per coordinate: its range, and what decides it."""
     fit = recovered.fit
     rows = []
     for k, row in enumerate(recovered.ranges()):
@@ -216,7 +217,7 @@ def coordinate_table(recovered: MovingLeg) -> Table:
 
 
 def warnings(fit: MarkerFit) -> tuple[str, ...]:
-    """What a reader should look at first."""
+    """Lists what a reader should look at first."""
     ik, lines = fit.ik, []
     far = [
         name

@@ -1,6 +1,4 @@
-"""What a run or a replay shows: the scene for recording and figures, the pictures, and the words
-and tables of the report.
-"""
+"""The page of a run: scene for recording and figures, pictures, texts and tables."""
 
 from __future__ import annotations
 
@@ -31,7 +29,7 @@ def scan_figures(
     motions: Sequence[tuple[str, RigidMotion]],
     knee: FloatArray,
 ) -> tuple[tuple[str, str, Figure], ...]:
-    """(file stem, caption, figure) of everything there is to see of a scan."""
+    """Draws (file stem, caption, figure) of every picture of a scan."""
     if scene.planes is None:
         return ()
     replay = scene.replay
@@ -40,7 +38,7 @@ def scan_figures(
         (
             "slices",
             "Axial slices 5 cm below and above the knee center, and the sagittal slice through "
-            "it, one column a method.",
+            "it, one column per method.",
             figures.slices(scene.volumes, scene.planes),
         ),
         (
@@ -63,7 +61,7 @@ def scan_figures(
         pictures.append(
             (
                 "motion-errors",
-                "How far each estimate puts the knee center from where the shank carried it.",
+                "Distance of each estimated knee center from the true one.",
                 figures.motion_errors(truth, motions, knee),
             )
         )
@@ -73,8 +71,9 @@ def scan_figures(
 
 
 def quality(results: Sequence[MethodResult], condition: str) -> tuple[Table, Table, Table]:
-    """SSIM and RMSE by method and region, beside the published values of that block ("30", "60" or
-    "all"); gradient entropy.
+    """Builds SSIM and RMSE by method and region, next to the published values; gradient entropy.
+
+    The published values are of that block ("30", "60" or "all").
     """
     ssim, rmse = [], []
     for result in results:
@@ -113,7 +112,7 @@ def scan_report(
     *,
     side: str = "left",
 ) -> ReportContent:
-    """The page of a run; ``side`` is the scanned leg's."""
+    """Builds the page of a run; ``side`` is the scanned leg's."""
     condition = _condition(recovered, side)
     further = _residual_table(results, side)
     images = PageSection(
@@ -131,7 +130,7 @@ def scan_report(
             *replay_files(recovered),
             FileNote("config.toml", "every setting of this run"),
             FileNote("manifest.json", "versions, device, seconds and sha256 of every file"),
-            FileNote("geometry.json", "a 3x4 matrix a view, mm to pixels"),
+            FileNote("geometry.json", "one 3x4 matrix per view, mm to pixels"),
             FileNote("geometry_rtk.xml", "the same for RTK"),
             FileNote("projections.mha", "line integrals"),
             FileNote("metrics.json", "the numbers of the tables"),
@@ -141,7 +140,7 @@ def scan_report(
 
 
 def _residual_table(results: Sequence[MethodResult], side: str) -> Table:
-    """What each method left of the motion, by structure, and its time."""
+    """Builds the residual motion of each method, by structure, and its time."""
     structures = [r.structure for r in results[0].residuals]
     rows = []
     for result in results:
@@ -156,8 +155,7 @@ def _residual_table(results: Sequence[MethodResult], side: str) -> Table:
         f"RMS over the views and points of each structure of the {side} knee within the field of "
         "view: how far the method has them from "
         "where they were, by how much it turns a bone in excess, and how far apart the images see "
-        "the two. Deformed images know no "
-        "depth: pixels alone."
+        "the two. Deformed images have no depth: pixels only."
     )
     return Table(
         "Motion that was not undone, and time",
@@ -181,7 +179,7 @@ def _condition(recovered: MovingLeg, side: str) -> str:
 
 
 def write_pictures(folder: Path, drawn: Sequence[tuple[str, str, Figure]]) -> list[Picture]:
-    """Saves each figure as a PNG in ``folder`` and gives it back for the report."""
+    """Saves each figure as a PNG in ``folder`` and returns it for the report."""
     folder.mkdir(exist_ok=True)
     pictures = []
     for stem, caption, figure in drawn:

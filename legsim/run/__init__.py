@@ -1,4 +1,4 @@
-"""One scan from recording to report, in a folder that keeps what is finished."""
+"""One scan from recording to report, in a folder that keeps finished stages."""
 
 import lazy_loader
 

@@ -14,10 +14,10 @@ from legsim.scan.spectrum import Spectrum
 
 
 def c_arm(scan: ScanConfig) -> CArm:
-    """The configured C-arm.
+    """Builds the configured C-arm.
 
     Raises:
-        LegsimError: no such spectrum, or a detector that cannot be.
+        LegsimError: unknown spectrum, or an impossible detector.
     """
     return CArm(
         angles=np.radians(scan.first_angle_deg + scan.increment_deg * np.arange(scan.views)),
@@ -33,15 +33,15 @@ def c_arm(scan: ScanConfig) -> CArm:
 
 
 def volume_grid(grid: GridConfig, isocenter: FloatArray) -> VolumeGrid:
-    """The cube to reconstruct, around ``isocenter`` (3,) m."""
+    """Builds the cube to reconstruct, around ``isocenter`` (3,) m."""
     return VolumeGrid.cubic(grid.voxels, 1e-3 * grid.voxel_mm, [float(c) for c in isocenter])
 
 
 def imaging(scan: ScanConfig) -> Imaging:
-    """The configured beam and detector.
+    """Builds the configured beam and detector.
 
     Raises:
-        LegsimError: no such spectrum, or a detector that cannot be.
+        LegsimError: unknown spectrum, or an impossible detector.
     """
     read = scan.detector
     if len(read.lag_fractions) != len(read.lag_times_s):
@@ -68,7 +68,7 @@ def imaging(scan: ScanConfig) -> Imaging:
 
 
 def sentence(scan: ScanConfig, phantom: PhantomConfig) -> str:
-    """What the projections are of, for a report."""
+    """Describes the projections in a sentence for a report."""
     beam, read = scan.spectrum, scan.detector
     energies = {
         "none": f"one energy, {phantom.energy_kev:g} keV",
@@ -82,7 +82,7 @@ def sentence(scan: ScanConfig, phantom: PhantomConfig) -> str:
         (read.scatter_to_primary, f"scatter of {read.scatter_to_primary:g} of the primary"),
         (
             read.photons,
-            f"{read.photons:g} photons a pixel of the open beam, with "
+            f"{read.photons:g} photons per pixel of the open beam, with "
             f"{read.electronic_noise_photons:g} of readout noise",
         ),
         (read.blur_fwhm_mm, f"a blur of {read.blur_fwhm_mm:g} mm"),
@@ -95,7 +95,7 @@ def sentence(scan: ScanConfig, phantom: PhantomConfig) -> str:
         else ""
     )
     rays = (
-        "a single ray through its middle"
+        "a single ray through its center"
         if scan.rays_per_pixel == 1
         else f"the mean of {scan.rays_per_pixel}x{scan.rays_per_pixel} rays"
     )
@@ -125,8 +125,9 @@ def _spectrum(beam: SpectrumConfig) -> Spectrum | None:
 
 
 def fingerprint(scan: ScanConfig, seed: int) -> tuple[object, ...]:
-    """What decides the projections beside the settings themselves: a spectrum's file, and the seed
-    where there is noise.
+    """Parts of the projections' key besides the settings.
+
+    They are a spectrum's file, and the seed where there is noise.
     """
     table = _spectrum(scan.spectrum) if scan.spectrum.kind == "file" else None
     return (

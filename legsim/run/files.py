@@ -26,7 +26,7 @@ def _csv_text(header: Sequence[str], rows: FloatArray) -> str:
 def save_joint_centers(
     path: Path, times: FloatArray, names: Sequence[str], positions: FloatArray
 ) -> None:
-    """``time_s, hip_l_x_m, …`` in world; positions (n, j, 3)."""
+    """Writes ``time_s, hip_l_x_m, …`` in world; positions (n, j, 3)."""
     header = ["time_s", *(f"{name}_{axis}_m" for name in names for axis in "xyz")]
     write_text(path, _csv_text(header, np.column_stack([times, positions.reshape(len(times), -1)])))
 
@@ -64,8 +64,9 @@ _IMU_COLUMNS = ("ax_m_s2", "ay_m_s2", "az_m_s2", "gx_rad_s", "gy_rad_s", "gz_rad
 
 
 def save_imu(path: Path, signals: ImuSignals) -> None:
-    """``time_s, <sensor>_ax_m_s2 … <sensor>_gz_rad_s``: specific force and angular velocity in the
-    sensor frame.
+    """Writes ``time_s, <sensor>_ax_m_s2 … <sensor>_gz_rad_s``.
+
+    These are specific force and angular velocity in the sensor frame.
     """
     header = [
         "time_s",
@@ -78,7 +79,7 @@ def save_imu(path: Path, signals: ImuSignals) -> None:
 
 
 def load_imu(path: Path) -> ImuSignals:
-    """The inverse of :func:`save_imu`."""
+    """Reads the file that :func:`save_imu` writes."""
     with path.open(encoding="utf-8", newline="") as stream:
         header, *rows = list(csv.reader(stream))
     suffix = f"_{_IMU_COLUMNS[0]}"
@@ -100,18 +101,10 @@ def load_imu(path: Path) -> ImuSignals:
 
 
 def save_poses(path: Path, poses: SegmentPoses) -> None:
-    """poses.npz: times, segment_names, world_from_segment."""
+    """Writes poses.npz: times, segment_names, world_from_segment."""
     save_npz(
         path,
         times=poses.times,
         segment_names=np.array(poses.segment_names),
         world_from_segment=poses.world_from_segment,
     )
-
-
-def load_poses(path: Path) -> SegmentPoses:
-    """The inverse of :func:`save_poses`."""
-    with np.load(path, allow_pickle=False) as data:
-        return SegmentPoses(
-            data["times"], tuple(data["segment_names"].tolist()), data["world_from_segment"]
-        )

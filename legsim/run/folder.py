@@ -1,4 +1,4 @@
-"""The run folder: a manifest vouches for what is done.
+"""The run folder: a manifest confirms which stages are done.
 
 A stage has a key, a hash of all that decides its output. Where the manifest holds the same key and
 the files still have the recorded sha256, the stage is skipped. One process at a time writes into a
@@ -30,12 +30,13 @@ _PACKAGE = Path(__file__).parents[1]
 SCHEMA = 2
 
 _ABANDONED_S = 3600.0
-"""after which a partial file that nobody writes to is taken for left behind"""
+"""age after which a partial file that nobody writes to is deleted"""
 
 
 def _remove_leftovers(folder: Path) -> None:
-    """Deletes what killed processes left half written; what was written to within the hour may be
-    another process's that lives.
+    """Deletes files that killed processes left half written.
+
+    Files written within the last hour may be another running process's and stay.
     """
     for leftover in folder.glob(f"{PREFIX}*"):
         with suppress(FileNotFoundError):
@@ -47,11 +48,10 @@ class RunFolder:
     """A folder of results with its manifest."""
 
     def __init__(self, path: Path, about: dict[str, Any], store: StageCache | None = None) -> None:
-        """Opens or makes the folder; ``about`` (version, device, config hash ...) heads the
-        manifest.
+        """Opens or makes the folder.
 
-        What ``store`` holds of finished stages is taken from there, and what is finished here is
-        left there for other folders.
+        ``about`` (version, device, config hash ...) heads the manifest. Stages that ``store`` holds
+        are taken from there. Stages finished here are added to it for other folders.
 
         Raises:
             LegsimError: the folder cannot be made or written to.
@@ -70,7 +70,7 @@ class RunFolder:
         self._stages: dict[str, Any] = self._read().get("stages", {})
         self._store = store
         self.about = about
-        """What heads the manifest."""
+        """Head of the manifest."""
 
     def _read(self) -> dict[str, Any]:
         manifest = self.path / "manifest.json"
@@ -87,8 +87,9 @@ class RunFolder:
         return content if isinstance(content, dict) and content.get("schema") == SCHEMA else {}
 
     def done(self, stage: str, key: str) -> bool:
-        """Whether the manifest vouches for the stage (same key, all its files there and unchanged),
-        or the store has it.
+        """Whether the manifest confirms the stage, or the store has it.
+
+        A confirmed stage has the same key, and all its files are present and unchanged.
         """
         entry = self._stages.get(stage)
         if entry is not None and entry["key"] == key and self._unchanged(entry):
@@ -137,7 +138,7 @@ class RunFolder:
         return True
 
     def seconds(self, stage: str) -> float:
-        """How long the stage took when it was computed."""
+        """Seconds that the stage took when it was computed."""
         return float(self._stages[stage]["seconds"])
 
     def has(self, file: str) -> bool:
@@ -145,7 +146,7 @@ class RunFolder:
         return any(file in entry["files"] for entry in self._stages.values())
 
     def hash_of(self, file: str) -> str:
-        """The recorded sha256 of a file that some stage wrote."""
+        """Recorded sha256 of a file that some stage wrote."""
         return next(
             entry["files"][file]["sha256"]
             for entry in self._stages.values()
@@ -153,14 +154,14 @@ class RunFolder:
         )
 
     def write_manifest(self) -> None:
-        """Writes manifest.json as things stand."""
+        """Writes manifest.json with the current entries."""
         content = {"schema": SCHEMA, **self.about, "stages": self._stages}
         write_text(self.path / "manifest.json", json.dumps(content, indent=1) + "\n")
 
 
 @dataclass(frozen=True, slots=True)
 class FinishedStage:
-    """What a manifest tells of a stage."""
+    """An entry of a manifest."""
 
     stage: str
     key: str
@@ -169,7 +170,7 @@ class FinishedStage:
 
 
 def finished_stages(folder: Path) -> tuple[FinishedStage, ...]:
-    """Every stage that the folder's manifest vouches for; none where there is no manifest."""
+    """Every stage that the folder's manifest confirms; none where there is no manifest."""
     path = folder / "manifest.json"
     entries = json.loads(path.read_text("utf-8"))["stages"] if path.is_file() else {}
     return tuple(
@@ -181,13 +182,13 @@ REGISTRATION_ERROR_FILE = "registration-error.json"
 
 
 def registration_error(folder: Path) -> RegistrationError | None:
-    """What a run has measured of its registration's own error; None where it has not."""
+    """The registration's own error as measured by a run; None where it was not measured."""
     path = folder / REGISTRATION_ERROR_FILE
     return RegistrationError(**json.loads(path.read_text("utf-8"))) if path.is_file() else None
 
 
 def commit() -> str:
-    """The commit of a checkout, empty for an installed package."""
+    """Commit of a checkout, empty for an installed package."""
     asked = ["git", "-C", str(_PACKAGE), "rev-parse", "HEAD"]
     if not (_PACKAGE.parent / ".git").exists():
         return ""
@@ -200,8 +201,9 @@ _LOCK = ".in-use"
 
 @contextmanager
 def sole_use(folder: Path) -> Iterator[None]:
-    """Holds the folder, which must be there, as long as the block runs; the system lets go of it
-    when the process ends, however it does.
+    """Locks the folder, which must exist, for the duration of the block.
+
+    The system releases the lock when the process ends, for any reason.
 
     Raises:
         LegsimError: another process holds it.
@@ -221,7 +223,7 @@ def sole_use(folder: Path) -> Iterator[None]:
             if error.errno not in (errno.ENOLCK, errno.EOPNOTSUPP):
                 raise
             warnings.warn(
-                f"{folder}: its file system has no locks; see to it that nothing else writes there",
+                f"{folder}: its file system has no locks; make sure that nothing else writes there",
                 stacklevel=3,
             )
         stream.truncate(0)

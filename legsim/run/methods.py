@@ -1,5 +1,6 @@
-"""Correction methods by name: the ones of the package, installed ones (entry points), and a user's
-own file.
+"""Correction methods by name: the package's, installed ones, and a user's own file.
+
+Installed ones are entry points.
 """
 
 import importlib.metadata
@@ -27,26 +28,26 @@ from legsim.simulation.simulated_scan import ScanTruth
 ENTRY_POINTS = "legsim.methods"
 
 REFERENCE = "static"
-"""the motion-free scan, which is no correction but what all are compared with"""
+"""the motion-free scan: no correction, but the reference of all comparisons"""
 
 _RIGID_FROM = "rigid@"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MethodInputs:
-    """What the package's own methods are built from; only oracles look at the truth."""
+    """Inputs of the package's own methods; only oracles use the truth."""
 
     sensor: str
-    """the one that rigid methods follow"""
+    """the sensor that rigid methods follow"""
     scheme: Scheme
     device: Device
     nodes: VolumeGrid
-    """coarse, over the volume: of displacement fields"""
+    """coarse grid over the volume for displacement fields"""
     scanned_shank: str
-    """segment whose true motion is the rigid oracle's"""
+    """segment whose true motion the rigid oracle takes"""
     truth: ScanTruth
     beads: Callable[[], BeadScan]
-    """the same scan with beads on the skin, exposed when it is asked for"""
+    """the same scan with beads on the skin, simulated when called"""
 
 
 BUILT_IN: dict[str, Callable[[MethodInputs], CorrectionMethod]] = {
@@ -64,15 +65,15 @@ BUILT_IN: dict[str, Callable[[MethodInputs], CorrectionMethod]] = {
 
 
 def find(name: str) -> Callable[[MethodInputs], CorrectionMethod]:
-    """What builds the method of that name: built in, an entry point of the group
-    ``legsim.methods``, or ``path/to/file.py:function``.
+    """Finds what builds the method of that name.
 
-    ``rigid@<sensor>`` is the rigid correction from that sensor, whichever the settings name.
-    An entry point and a file's function are the method itself: called with a
-    :class:`legsim.correction.method.Scan`.
+    The name is built in, an entry point of the group ``legsim.methods``, or
+    ``path/to/file.py:function``. ``rigid@<sensor>`` is the rigid correction from that sensor,
+    whatever the settings name. An entry point and a file's function are the method itself: called
+    with a :class:`legsim.correction.method.Scan`.
 
     Raises:
-        LegsimError: there is none; the line lists what there is.
+        LegsimError: unknown method; the line lists the known ones.
     """
     if name in BUILT_IN:
         return BUILT_IN[name]
@@ -89,31 +90,33 @@ def find(name: str) -> Callable[[MethodInputs], CorrectionMethod]:
         return lambda _: own
     known = ", ".join([REFERENCE, *BUILT_IN, f"{_RIGID_FROM}<sensor>", *installed])
     raise LegsimError(
-        f"no correction method named {name!r}; there are: {known}, or your own as "
+        f"unknown correction method {name!r}; known: {known}, or your own as "
         "path/to/file.py:function"
     )
 
 
 def build(name: str, given: MethodInputs) -> CorrectionMethod:
-    """The method of that name; errors as in :func:`find`."""
+    """Builds the method of that name; errors as in :func:`find`."""
     return find(name)(given)
 
 
 def rigid_sensor(name: str) -> str | None:
-    """The sensor that a name such as ``rigid@thigh_l`` asks for; None for other names."""
+    """Finds the sensor of a name such as ``rigid@thigh_l``; None for other names."""
     return name.removeprefix(_RIGID_FROM) if name.startswith(_RIGID_FROM) else None
 
 
 def label(name: str) -> str:
-    """What a method is called in tables and file names: its name, or the function's where it comes
-    from a file.
+    """Label of a method in tables and file names.
+
+    It is the method's name, or the function's where it comes from a file.
     """
     return name.rpartition(":")[2]
 
 
 def fingerprint(name: str) -> str:
-    """Changes when the file of a user's own method changes, so that a run knows to compute it
-    again.
+    """Part of the key that changes with the file of a user's own method.
+
+    A run then computes the method again.
     """
     path, separator, _ = name.rpartition(":")
     if separator and Path(path).is_file():

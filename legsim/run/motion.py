@@ -1,4 +1,4 @@
-"""The recording of a run: solved as its [motion] settings say, and known by its content."""
+"""The recording of a run: solved by its [motion] settings, identified by its content."""
 
 from functools import cache
 from pathlib import Path
@@ -10,7 +10,7 @@ from legsim.kinematics.moving_leg import MovingLeg
 
 
 def solve(motion: MotionConfig, *, filter_coordinates: bool = False) -> MovingLeg:
-    """The person who moves in the configured recording; errors as in ``solve_kinematics``."""
+    """Solves the configured recording; errors as in ``solve_kinematics``."""
     return solve_kinematics(
         motion.file,
         marker_map=motion.marker_map,
@@ -28,7 +28,7 @@ def solve(motion: MotionConfig, *, filter_coordinates: bool = False) -> MovingLe
 
 
 def fingerprint(motion: MotionConfig) -> list[str]:
-    """Hashes of the files that :func:`solve` reads."""
+    """Hashes the files that :func:`solve` reads."""
     read = files_read(
         motion.file,
         marker_map=motion.marker_map,
@@ -41,5 +41,5 @@ def fingerprint(motion: MotionConfig) -> list[str]:
 
 @cache
 def _hash(path: Path, _changed_ns: int, _size: int) -> str:
-    """A recording is read once for its hash, however many stages ask for it."""
+    """Hashes a recording, read once however many stages ask for it."""
     return sha256(path)

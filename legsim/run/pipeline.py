@@ -1,5 +1,4 @@
-"""The whole chain on one screen: a recording becomes a moving leg, the leg a scan, the scan
-volumes, the volumes a table.
+"""The whole chain of a run, from recording to report.
 
 :func:`run_scan` lists the stages; each is skipped where the run folder's manifest confirms its
 files.
@@ -34,7 +33,7 @@ from legsim.simulation.simulated_scan import SimulatedScan
 
 @dataclass(frozen=True, slots=True)
 class RunResult:
-    """What a run ends with."""
+    """Result of a run."""
 
     folder: Path
     methods: tuple[MethodResult, ...]
@@ -45,7 +44,7 @@ class RunResult:
         return tuple(r.region for r in self.methods[0].metrics.regions)
 
     def columns(self) -> tuple[str, ...]:
-        """Heads of :meth:`rows`."""
+        """Column names of :meth:`rows`."""
         measures = (f"{kind} {region}" for kind in ("SSIM", "RMSE") for region in self.region_names)
         return (
             "method",
@@ -56,8 +55,10 @@ class RunResult:
         )
 
     def rows(self) -> list[tuple[str, ...]]:
-        """Method, SSIM by region, RMSE by region, what was not undone by structure and at the bones
-        in the images, seconds.
+        """Formats the scores of each method.
+
+        They are method, SSIM by region, RMSE by region, residual motion by structure and at the
+        bones in the images, seconds.
         """
         return [
             (
@@ -72,7 +73,7 @@ class RunResult:
         ]
 
     def places(self) -> list[str]:
-        """Where to look."""
+        """Lists the places of the results."""
         names = {
             "report": "report.html",
             "recording": "recording.rrd",
@@ -155,7 +156,7 @@ def _present(
     results: tuple[MethodResult, ...],
     starts: Starts,
 ) -> None:
-    """The recording, the pictures and the report."""
+    """Writes the recording, the pictures and the report."""
     settings, folder, setup = stage.settings, stage.folder, scan.setup
 
     def write() -> tuple[str, ...]:
@@ -191,7 +192,7 @@ def _present(
 def _summary(
     settings: RunConfig, results: tuple[MethodResult, ...], notes: Sequence[str]
 ) -> list[str]:
-    """The report's first sentences."""
+    """First sentences of the report."""
     scan, grid = settings.scan, settings.grid
     lines = [
         f"{scan.views} views of {scan.columns}x{scan.rows} pixels over "
@@ -219,8 +220,7 @@ def _summary(
     if "oracle-nonrigid" in shown:
         lines.append(
             "The phantom's soft tissue follows the bones by its own skinning, which moving least "
-            "squares between joints only resembles: "
-            "how the two differ is part of the error of the non-rigid methods, and a real leg "
-            "would differ from both."
+            "squares between joints only approximates: their difference is part of the error of "
+            "the non-rigid methods, and a real leg would differ from both."
         )
     return lines

@@ -33,7 +33,7 @@ def check(settings: ReconstructionConfig) -> None:
 
 
 def from_options(given: Mapping[str, Any]) -> ReconstructionConfig:
-    """The settings of a command line that names only these.
+    """Builds the settings of a command line that names only these.
 
     Raises:
         LegsimError: an option that the chosen algorithm does not read, whatever its value.
@@ -58,7 +58,7 @@ def _refusal(option: str, chooser: str, settings: ReconstructionConfig) -> Legsi
 
 
 def fdk_options(settings: ReconstructionConfig) -> FdkOptions:
-    """The options of filtered back-projection in SI units."""
+    """Converts the options of filtered back-projection to SI units."""
     water = 1e3 * settings.water_attenuation_per_mm
     return FdkOptions(
         window=settings.window,
@@ -76,7 +76,7 @@ def reconstruct(
     device: Device,
     progress: Callable[[int, int], None] | None = None,
 ) -> Volume:
-    """The volume (1/m) by the chosen algorithm; arguments as of :func:`fdk.fdk`."""
+    """Reconstructs the volume (1/m) by the chosen algorithm; arguments as in :func:`fdk.fdk`."""
     if settings.algorithm == "cgls":
         return cgls.cgls(
             scan,
@@ -99,7 +99,7 @@ def needed_bytes(
     motion: Motion | None = None,
     device: Device,
 ) -> int:
-    """Memory that :func:`reconstruct` takes beside projections and volume, the device's included.
+    """Memory of :func:`reconstruct` besides projections and volume, including the device's.
 
     Raises:
         LegsimError: the device has too little memory.

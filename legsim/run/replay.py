@@ -20,19 +20,19 @@ from legsim.scene import build
 
 @dataclass(frozen=True, slots=True)
 class ReplayResult:
-    """What a replay ends with."""
+    """Result of a replay."""
 
     text: tuple[str, ...]
 
     def lines(self) -> tuple[str, ...]:
-        """What to print."""
+        """Formats the output."""
         return self.text
 
 
 def replay(
     settings: RunConfig, out: Path, *, filtered: bool, image: Path | None, on_progress: OnProgress
 ) -> ReplayResult:
-    """Kinematics, IMU signals and a recording of one motion file; nothing is scanned."""
+    """Computes kinematics, IMU signals and a recording of one motion file; nothing is scanned."""
     about = {
         "legsim": __version__,
         "commit": commit(),

@@ -1,5 +1,6 @@
-"""Every method's volume against the motion-free one, and what each left of the motion; written to
-metrics.json.
+"""Scores of every method's volume against the motion-free one, and its residual motion.
+
+They are written to metrics.json.
 """
 
 import json
@@ -41,9 +42,10 @@ def score_methods(
     corrected: tuple[Reconstructed, ...],
     grid: VolumeGrid,
 ) -> tuple[MethodResult, ...]:
-    """One row per method; each is a stage of its own, so that a further method costs only itself.
+    """Scores the methods, one row each.
 
-    Regions are made at most once, and only where something is scored.
+    Each method is a stage of its own, so that an additional method costs only itself. Regions are
+    made at most once, and only where something is scored.
     """
     evaluation, folder = stage.settings.evaluation, stage.folder
     margin = 1e-3 * evaluation.air_margin_mm
@@ -76,7 +78,7 @@ def score_methods(
 def _registration_error(
     stage: StageContext, reference: Reconstructed, regions: Callable[[], tuple[Region, ...]]
 ) -> RegistrationError | None:
-    """Of the registration that all methods go through; None where there is none."""
+    """Error of the registration that all methods use; None without registration."""
     if not stage.settings.evaluation.register_volumes:
         return None
     path = stage.folder.path / REGISTRATION_ERROR_FILE
@@ -99,7 +101,7 @@ def _registration_error(
 def _write_all(
     stage: StageContext, results: list[MethodResult], missed: RegistrationError | None
 ) -> None:
-    """metrics.json: every method's."""
+    """Writes metrics.json for all methods."""
     content = {
         "scaling": (
             f"percentiles {SCALING_PERCENTILES} of each volume inside the regions to 0 and 1"
@@ -146,7 +148,7 @@ def _scored(
 
 
 def structures(setup: ScanSetup, grid: VolumeGrid) -> tuple[Structure, ...]:
-    """Points on the bones of the scanned knee and on its skin, and their true way.
+    """Points on the bones of the scanned knee and on its skin, and their true paths.
 
     They lie within the field of view and the grid.
     """

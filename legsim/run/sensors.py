@@ -14,7 +14,7 @@ from legsim.kinematics.moving_leg import MovingLeg
 
 
 def sensors(settings: ImuConfig) -> tuple[Sensor, ...]:
-    """The configured sensors in SI units."""
+    """Builds the configured sensors in SI units."""
     return tuple(
         Sensor(
             s.name,
@@ -28,12 +28,12 @@ def sensors(settings: ImuConfig) -> tuple[Sensor, ...]:
 
 
 def skin_mount(settings: config.SoftTissueConfig) -> SkinMount:
-    """The configured oscillator between a bone and what rides on it."""
+    """Builds the configured oscillator between a bone and what is attached to it."""
     return SkinMount(settings.frequency_hz, settings.damping, settings.amplitude)
 
 
 def sense(person: MovingLeg, settings: ImuConfig) -> ImuSignals:
-    """What the configured sensors read without noise."""
+    """Simulates the configured sensors without noise."""
     return simulate_imu(
         person,
         sensors(settings),
@@ -44,7 +44,7 @@ def sense(person: MovingLeg, settings: ImuConfig) -> ImuSignals:
 
 
 def noise_of(settings: NoiseConfig, *, imu_rate_hz: float, view_rate_hz: float) -> ImuNoise | None:
-    """The configured noise; None for clean sensors."""
+    """Builds the configured noise; None for sensors without noise."""
     if settings.kind == "none":
         return None
     if settings.kind == "density":
@@ -75,13 +75,13 @@ def noise_of(settings: NoiseConfig, *, imu_rate_hz: float, view_rate_hz: float) 
 def noisy(
     signals: ImuSignals, settings: ImuConfig, *, view_rate_hz: float, rng: np.random.Generator
 ) -> ImuSignals:
-    """The signals as the configured sensors read them."""
+    """Adds the configured noise to the signals."""
     noise = noise_of(settings.noise, imu_rate_hz=settings.rate_hz, view_rate_hz=view_rate_hz)
     return signals if noise is None else add_noise(signals, noise, rng)
 
 
 def noise_sentence(settings: ImuConfig, *, view_rate_hz: float) -> str:
-    """What the noise is, in SI units on single samples, with the convention it was read by."""
+    """Describes the noise in SI units on single samples, with its convention."""
     noise = noise_of(settings.noise, imu_rate_hz=settings.rate_hz, view_rate_hz=view_rate_hz)
     if noise is None:
         return "IMU signals are free of noise."
@@ -94,7 +94,7 @@ def noise_sentence(settings: ImuConfig, *, view_rate_hz: float) -> str:
     return (
         f"IMU signals carry white noise ({settings.noise.kind}{ladder}; {noise.convention} "
         f"convention) of {force:.3g} m/s^2 and "
-        f"{np.degrees(turn):.3g} deg/s RMS a sample, and biases of "
+        f"{np.degrees(turn):.3g} deg/s RMS per sample, and biases of "
         f"{settings.noise.acceleration_bias_mg:g} mg and "
         f"{settings.noise.angular_velocity_bias_deg_per_s:g} deg/s between sensors."
     )

@@ -1,4 +1,4 @@
-"""The stages of a run up to the scan, and what all stages share."""
+"""The stages of a run up to the scan, and the parts common to all stages."""
 
 import json
 from dataclasses import dataclass, replace
@@ -38,12 +38,12 @@ from legsim.simulation.setup import PhantomOptions, ScanSetup, prepare_scan
 from legsim.simulation.simulated_scan import expose
 
 _NOISE, _STARTS, _PHOTONS = 1, 2, 4
-"""streams of the run's seed"""
+"""random streams of the run's seed"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StageContext:
-    """Where a stage reads its settings and leaves its files."""
+    """Settings and folder of a stage."""
 
     settings: RunConfig
     folder: RunFolder
@@ -52,7 +52,7 @@ class StageContext:
 
     @property
     def scan_key(self) -> str:
-        """Of all that decides the projections."""
+        """Key of all that decides the projections."""
         settings = self.settings
         return key_of(
             motion_key(settings),
@@ -63,7 +63,7 @@ class StageContext:
 
 
 def motion_key(settings: RunConfig) -> str:
-    """Of all that decides the kinematics."""
+    """Key of all that decides the kinematics."""
     return key_of(
         __version__, settings.motion.model_dump(), run_motion.fingerprint(settings.motion)
     )
@@ -100,9 +100,9 @@ def write_kinematics(person: MovingLeg, folder: RunFolder, key: str) -> None:
 
 
 def read_sensors(settings: RunConfig, person: MovingLeg, folder: RunFolder, key: str) -> ImuSignals:
-    """The IMU signals over the whole recording, at the sensors' own rate.
+    """Simulates the IMU signals over the whole recording, at the sensors' own rate.
 
-    ``key`` is of the kinematics.
+    ``key`` is that of the kinematics.
     """
     drawn = () if settings.imu.noise.kind == "none" else (settings.seed, settings.scan.rate_hz)
     signals: list[ImuSignals] = []
@@ -147,7 +147,7 @@ def set_up(stage: StageContext) -> ScanSetup:
 
 
 def exposures(stage: StageContext, setup: ScanSetup) -> tuple[Projections, Projections]:
-    """Projections of the moving phantom, and of the one that keeps the first view's pose.
+    """Projects the moving phantom, and the one that keeps the first view's pose.
 
     Each has noise of its own.
     """
@@ -176,13 +176,16 @@ def exposures(stage: StageContext, setup: ScanSetup) -> tuple[Projections, Proje
 
 
 def _photons(settings: RunConfig, exposure: int) -> np.random.Generator:
-    """Drawn by the recording's content too: scans of one study share a seed, not their noise."""
+    """Random generator that also depends on the recording's content.
+
+    Scans of one study share a seed, not their noise.
+    """
     recording = int(run_motion.fingerprint(settings.motion)[0][:16], 16)
     return np.random.default_rng([settings.seed, _PHOTONS, exposure, recording])
 
 
 def starts(stage: StageContext, setup: ScanSetup, signals: ImuSignals) -> Starts:
-    """Where each sensor's integration begins, as methods.start says."""
+    """Starts of each sensor's integration, by methods.start."""
     settings, person = stage.settings, setup.person
     if settings.methods.start == "truth":
         return initialization.from_truth(

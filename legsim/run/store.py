@@ -1,8 +1,8 @@
-"""Finished stages that run folders share: one folder a stage and key, filled whole or not at all,
-its files hard links.
+"""Finished stages that run folders share: one folder per stage and key.
 
-A stage's key is a hash of all that decides its output, so that an entry never changes: several
-processes, also on other machines that see the same file system, may fill and read one store.
+A folder is filled as a whole or not at all; its files are hard links. A stage's key is a hash of
+all that decides its output, so that an entry never changes: several processes, also on other
+machines that see the same file system, may fill and read one store.
 """
 
 import contextlib
@@ -23,12 +23,13 @@ class StageCache:
     """A folder of finished stages."""
 
     def __init__(self, path: Path) -> None:
-        """Opens the store; its folder is made when something is kept."""
+        """Opens the store; its folder is made when a stage is kept."""
         self.path = path
 
     def fetch(self, stage: str, key: str, into: Path) -> dict[str, Any] | None:
-        """Puts the stage's files into the folder ``into`` and returns its manifest entry; None
-        where the store does not have it whole.
+        """Puts the stage's files into the folder ``into`` and returns its manifest entry.
+
+        None where the store does not have it as a whole.
         """
         place = self._place(stage, key)
         try:
@@ -41,8 +42,9 @@ class StageCache:
         return entry
 
     def keep(self, stage: str, key: str, entry: dict[str, Any], folder: Path) -> None:
-        """Keeps the files that ``entry`` names, as they are in ``folder``; whoever comes second
-        changes nothing.
+        """Keeps the files that ``entry`` names, as they are in ``folder``.
+
+        An existing entry is not changed.
         """
         place = self._place(stage, key)
         if (place / _ENTRY).exists():
@@ -55,18 +57,18 @@ class StageCache:
             (partial / _ENTRY).write_text(json.dumps(entry), "utf-8")
             with contextlib.suppress(
                 OSError
-            ):  # another process was faster: the same content is there already
+            ):  # another process was faster: the same content is already there
                 os.rename(partial, place)
         finally:
             shutil.rmtree(partial, ignore_errors=True)
 
     def drop(self, stage: str, key: str) -> None:
-        """Forgets a damaged entry, so that the next one who makes it is kept."""
+        """Removes a damaged entry, so that the next one is kept."""
         place = self._place(stage, key)
         aside = place.with_name(f".partial-{uuid.uuid4().hex}")
         with contextlib.suppress(
             FileNotFoundError
-        ):  # it never was there, or another process was faster
+        ):  # it was never there, or another process was faster
             os.rename(place, aside)
             shutil.rmtree(aside, ignore_errors=True)
 
@@ -75,8 +77,9 @@ class StageCache:
 
 
 def check_shared(store: Path, folder: Path) -> None:
-    """Sees that finished stages can go from the store into the folder and back without being
-    copied; makes both.
+    """Checks that stages can be linked between the store and the folder; makes both.
+
+    They are then not copied.
 
     Raises:
         LegsimError: they are on two file systems, or the store is a study's own folder.
@@ -113,7 +116,7 @@ def check_shared(store: Path, folder: Path) -> None:
 
 
 def _link(source: Path, target: Path) -> None:
-    """The same file under another name; a copy where the file system has no links."""
+    """Links the same file under another name; copies where the file system has no links."""
     partial = target.with_name(f".partial-{uuid.uuid4().hex}-{target.name}")
     try:
         os.link(source, partial)

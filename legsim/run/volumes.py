@@ -1,6 +1,4 @@
-"""Every method's volume: what the methods are built from, and the files they leave in the run
-folder.
-"""
+"""Every method's volume: the inputs of the methods, and their files in the run folder."""
 
 import json
 from dataclasses import dataclass
@@ -25,19 +23,19 @@ from legsim.simulation.setup import Side
 from legsim.simulation.simulated_scan import SimulatedScan
 
 _BEADS = 3
-"""stream of the run's seed"""
+"""random stream of the run's seed"""
 
 _NEED_NOTHING = (methods.REFERENCE, "uncorrected")
-"""names whose volumes hang on the scan and the grid alone"""
+"""names whose volumes depend on the scan and the grid only"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Reconstructed:
-    """One method's outcome."""
+    """Result of one method."""
 
     volume: NamedVolume
     motion: Motion | None
-    """that the back-projection followed"""
+    """motion that the back-projection followed"""
     warped_by: ControlPointMotion | None
     """points by which the images were warped"""
     notes: tuple[str, ...]
@@ -51,8 +49,8 @@ def check(settings: RunConfig) -> None:
     """Refuses, before anything is computed, methods that this configuration cannot run.
 
     Raises:
-        LegsimError: a name that is not there, two methods of one label, a sensor that a method
-            needs and nobody carries, or an option that the reconstruction does not read.
+        LegsimError: an unknown name, two methods of one label, a missing sensor, or an option that
+            the reconstruction does not read.
     """
     reconstruction.check(settings.reconstruction)
     run = [name for name in dict.fromkeys(settings.methods.run) if name != methods.REFERENCE]
@@ -70,7 +68,7 @@ def check(settings: RunConfig) -> None:
     for place, sensor in followed:
         if sensor is not None and sensor not in names:
             raise LegsimError(
-                f"{place}: there is no sensor {sensor!r}; name one of {', '.join(names)}, or add "
+                f"{place}: unknown sensor {sensor!r}; name one of {', '.join(names)}, or add "
                 "it to imu.sensors"
             )
     if set(run) & set(_FOLLOW_JOINTS):
@@ -100,7 +98,7 @@ def _check_carriers(settings: RunConfig) -> None:
 def reconstruct_methods(
     stage: StageContext, scan: SimulatedScan, grid: VolumeGrid
 ) -> tuple[Reconstructed, ...]:
-    """One volume per method, the motion-free one first."""
+    """Reconstructs one volume per method, the motion-free one first."""
     given = _method_inputs(stage, scan, grid)
     names = list(dict.fromkeys([methods.REFERENCE, *stage.settings.methods.run]))
     # all are built before the first is run: a wrong name is reported at once

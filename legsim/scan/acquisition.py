@@ -1,6 +1,4 @@
-"""The scan itself: when the views are taken, where the C-arm stands, what it sees of the moving and
-of the resting phantom.
-"""
+"""Acquisition: projections of the moving and of the resting phantom."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
@@ -23,10 +21,10 @@ _VIEWS_AT_ONCE = 31
 
 @dataclass(frozen=True, slots=True)
 class Imaging:
-    """How the beam is made and read; the default is one energy and a perfect detector."""
+    """Beam and detector; the default is one energy and a perfect detector."""
 
     spectrum: Spectrum | None = None
-    """None: the phantom's own attenuations, which are of one energy"""
+    """None: the phantom's own attenuations, which are at one energy"""
     water_precorrection: bool = False
     detector: Detector = field(default_factory=Detector)
 
@@ -42,16 +40,16 @@ def project(
     posed: Callable[[int], Sequence[FloatArray]] | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Projections:
-    """What the detector reads of a phantom; ``posed`` and ``progress`` as of
-    :func:`legsim.scan.projector.project`.
+    """Projections of a phantom as the detector reads them.
 
-    A pixel is the mean line integral of ``rays_per_pixel`` x ``rays_per_pixel`` rays, evenly over
-    its area: a single ray through its middle would alias every edge.
+    ``posed`` and ``progress`` are as in :func:`legsim.scan.projector.project`. A pixel is the mean
+    line integral of ``rays_per_pixel`` x ``rays_per_pixel`` rays, evenly over its area: a single
+    ray through its middle would alias every edge.
     """
     if rays_per_pixel == 1:
         arriving = _arriving(phantom, geometry, device, how, posed, progress)
     else:
-        # some views at a time, so that the finer images take little memory
+        # a few views at a time, so that the finer images take little memory
         parts = []
         for first in range(0, len(geometry), _VIEWS_AT_ONCE):
             views = range(first, min(first + _VIEWS_AT_ONCE, len(geometry)))
@@ -82,7 +80,7 @@ def _arriving(
     posed: Callable[[int], Sequence[FloatArray]] | None,
     progress: Callable[[int, int], None] | None,
 ) -> Projections:
-    """One ray a pixel, before the detector."""
+    """Projections with one ray per pixel, before the detector."""
     if how.spectrum is None:
         return projector.project(phantom, geometry, device, posed=posed, progress=progress)
     return projector.project_spectrum(
@@ -101,7 +99,7 @@ def expose(
     rays_per_pixel: int = 1,
     progress: Callable[[int, int], None] | None = None,
 ) -> Projections:
-    """Projections of the phantom as ``poses`` have it at every view."""
+    """Projections of the phantom posed by ``poses`` at every view."""
 
     def posed(view: int) -> tuple[FloatArray, ...]:
         return phantom.posed(poses.world_from_segment[view], poses.segment_names)

@@ -1,4 +1,4 @@
-"""The C-arm: when views are taken, where source and detector stand, how the beam is read."""
+"""The C-arm: when views are taken, where source and detector are, how the beam is read."""
 
 from dataclasses import dataclass, field, replace
 
@@ -21,8 +21,9 @@ class CArm:
     """
 
     angles: FloatArray
-    """(v,) rad of the source about the vertical; 0 is the subject's right (+z), 90 degrees the
-    front (+x)
+    """(v,) rad of the source about the vertical
+
+    0 is the subject's right (+z), 90 degrees the front (+x).
     """
     rate_hz: float
     """views per second"""
@@ -35,9 +36,9 @@ class CArm:
     pixel_pitch: float
     """m on the detector"""
     start: float | None = None
-    """s, time of the first view in the recording; None puts the scan in the recording's middle"""
+    """s, time of the first view in the recording; None puts the scan in its middle"""
     rays_per_pixel: int = 2
-    """along each axis: a pixel is the mean of so many rays squared"""
+    """along each axis: a pixel is the mean of this number of rays squared"""
     imaging: Imaging = field(default_factory=Imaging)
 
     def __post_init__(self) -> None:
@@ -49,7 +50,7 @@ class CArm:
                 raise LegsimError(f"CArm.{name} is {getattr(self, name)}; give a positive number")
         if self.source_detector <= self.source_isocenter:
             raise LegsimError(
-                f"the detector, {self.source_detector:g} m from the source, lies before the "
+                f"the detector, {self.source_detector:g} m from the source, is in front of the "
                 f"isocenter at {self.source_isocenter:g} m; exchange the two distances"
             )
 
@@ -81,7 +82,7 @@ class CArm:
 
     @property
     def field_of_view(self) -> float:
-        """Radius (m) of the cylinder about the axis that every view sees whole."""
+        """Radius (m) of the cylinder about the axis that every view sees completely."""
         half_fan = np.arctan(0.5 * self.shape_vu[1] * self.pixel_pitch / self.source_detector)
         return float(self.source_isocenter * np.sin(half_fan))
 

@@ -1,6 +1,4 @@
-"""What a scan geometry sees, in numbers: field of view, angular range, magnification, and what of a
-phantom is cut off.
-"""
+"""What a scan geometry sees: field of view, angular range, magnification, truncated parts."""
 
 from dataclasses import dataclass
 
@@ -13,13 +11,16 @@ from legsim.phantom.meshes import Phantom
 
 @dataclass(frozen=True, slots=True)
 class CutOff:
-    """How a part reaches beyond the detector."""
+    """How far a part reaches beyond the detector."""
 
     name: str
     views: int
-    """views in which it does"""
+    """number of views in which it does"""
     left: float
-    """largest reach in m, scaled to the isocenter, beyond the first column; likewise the others"""
+    """largest reach in m, scaled to the isocenter, beyond the first column
+
+    The others likewise.
+    """
     right: float
     below: float
     above: float
@@ -37,12 +38,12 @@ class GeometrySummary:
     isocenter: tuple[float, float, float]
     """point nearest to all principal rays"""
     axis: tuple[float, float, float]
-    """normal of the plane that the sources lie in; the vertical where they fill no plane"""
+    """normal of the plane of the sources; the vertical where they span no plane"""
     angular_range: float
-    """from first to last view, turned by the source about the axis"""
+    """from first to last view: rotation of the source about the axis"""
     largest_step: float
     fan_angle: float
-    """full opening across the columns"""
+    """full opening angle across the columns"""
     source_isocenter: tuple[float, float]
     source_detector: tuple[float, float]
     magnification: tuple[float, float]
@@ -50,11 +51,11 @@ class GeometrySummary:
     """of the detector, scaled to the isocenter"""
     height: float
     field_radius: float
-    """of the largest ball about the isocenter that every view sees whole across the columns"""
+    """radius of the largest ball about the isocenter that every view sees across the columns"""
     cut_off: tuple[CutOff, ...]
 
     def lines(self) -> tuple[str, ...]:
-        """For people: mm and degrees."""
+        """Formats the summary for people: mm and degrees."""
         rows, columns = self.shape_vu
         center = ", ".join(f"{1e3 * x:.1f}" for x in self.isocenter)
         axis = ", ".join(f"{x:.3f}" for x in self.axis)
@@ -81,7 +82,7 @@ class GeometrySummary:
 
 
 def summarize(geometry: ConeBeamGeometry, phantom: Phantom | None = None) -> GeometrySummary:
-    """The summary; with a phantom also which of its parts, at rest, some view cuts off."""
+    """Summarizes a geometry, and which parts of a phantom at rest some view cuts off."""
     center = geometry.rotation_center()
     sources = geometry.sources()
     axis, turned = _turning(sources - center)
@@ -132,8 +133,9 @@ def _cut_line(part: CutOff, views: int) -> str:
 
 
 def _turning(arms: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Axis (3,) that the sources turn about, upwards, and the angle (v,) turned since the first
-    view, continuous.
+    """Rotation axis (3,) of the sources, upwards, and the angle (v,) since the first view.
+
+    The angle is continuous.
     """
     _, sizes, directions = np.linalg.svd(arms)
     planar = len(arms) > 2 and sizes[1] > 1e-6 * sizes[0]
@@ -145,14 +147,15 @@ def _turning(arms: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def _column_planes(geometry: ConeBeamGeometry, u: float) -> FloatArray:
-    """(v, 4) plane through the source and the column at u, unit normal towards larger u."""
+    """Planes (v, 4) through the source and the column at u, unit normal towards larger u."""
     planes = geometry.matrices[:, 0] - u * geometry.matrices[:, 2]
     return planes / np.linalg.norm(planes[:, :3], axis=1, keepdims=True)
 
 
 def _edge_distances(geometry: ConeBeamGeometry, center: FloatArray) -> FloatArray:
-    """(v, 2) how far the center lies inside the outer edges of the first and the last column;
-    negative outside.
+    """Distances (v, 2) from the center to the outer edges of the first and the last column.
+
+    Negative outside.
     """
     point = np.append(center, 1.0)
     columns = geometry.shape_vu[1]
@@ -172,7 +175,7 @@ def _fan_angle(geometry: ConeBeamGeometry) -> float:
 
 
 def _cut_off(geometry: ConeBeamGeometry, phantom: Phantom, scale: FloatArray) -> tuple[CutOff, ...]:
-    """``scale`` (v,): m at the isocenter a pixel."""
+    """Parts that some view cuts off; ``scale`` (v,) is m at the isocenter per pixel."""
     rows, columns = geometry.shape_vu
     found = []
     for part in phantom.parts:

@@ -1,16 +1,14 @@
-"""What a flat-panel detector makes of line integrals: scatter, photon noise, blur, afterglow,
-electronic noise.
+"""A flat-panel detector: scatter, photon noise, blur, lag and electronic noise.
 
 Intensities are shares of the unattenuated beam. A view passes, in this order,
 
 1. scatter, added to the primary exp(-p),
 2. Poisson noise of the photons that are absorbed,
 3. blur by the light's spread in the scintillator: it follows the absorption, so it smooths the
-  quantum noise too,
+   quantum noise too,
 4. lag: a part of the charge is held in traps and read in later views (the exponential model of
-  Hsieh, Gurmen and King, Proc. SPIE 3977
-   (2000), by fraction and time instead of per frame); before the first view the detector rested in
-   the dark,
+   Hsieh, Gurmen and King, Proc. SPIE 3977 (2000), by fraction and time instead of per frame);
+   before the first view the detector was in the dark,
 5. electronic noise of the readout, white,
 
 and the logarithm. A reading below half a photon counts as half a photon; without photon noise the
@@ -28,7 +26,7 @@ from legsim.core.values import FloatArray
 from legsim.geometry.cone_beam import Projections
 
 _FWHM = 2 * np.sqrt(2 * np.log(2))
-"""of a Gaussian of unit standard deviation"""
+"""FWHM of a Gaussian of unit standard deviation"""
 
 LEAST_PHOTONS = 0.5
 
@@ -40,22 +38,20 @@ _DARKEST = float(np.finfo(float).tiny)
 
 @dataclass(frozen=True, slots=True)
 class Detector:
-    """What is wrong with a detector; the default is a perfect one."""
+    """Imperfections of a detector; the default is a perfect one."""
 
     photons: float = 0.0
-    """of the unattenuated beam in one pixel and view; 0: as many as one likes, no noise"""
+    """per pixel and view of the unattenuated beam; 0: unlimited, no noise"""
     electronic_noise: float = 0.0
-    """photons, RMS of one reading"""
+    """photons, RMS of one readout"""
     blur_fwhm: float = 0.0
     """m on the detector, of a Gaussian"""
     lag: tuple[tuple[float, float], ...] = ()
-    """(fraction of the signal that is held back, s in which what is left of it falls to 1/e), a
-    pair an exponential
-    """
+    """(fraction of the signal that is held back, s to 1/e of it), one pair per exponential"""
     scatter_to_primary: float = 0.0
     """in every view: mean scatter over mean primary within the shadow"""
     scatter_fwhm: float = 0.1
-    """m on the detector, of the Gaussian by which the scatter is smooth"""
+    """m on the detector, of the Gaussian that smooths the scatter"""
 
     def __post_init__(self) -> None:
         named = (
@@ -74,7 +70,7 @@ class Detector:
                 )
         if self.photons > MOST_PHOTONS:
             raise LegsimError(
-                f"{self.photons:g} photons a pixel are noise-free (at most {MOST_PHOTONS:g} are "
+                f"{self.photons:g} photons per pixel are noise-free (at most {MOST_PHOTONS:g} are "
                 "counted): set 0 for no noise"
             )
         if self.electronic_noise > 0 and self.photons == 0:
@@ -94,7 +90,7 @@ class Detector:
 
     @property
     def perfect(self) -> bool:
-        """Whether line integrals pass as they are."""
+        """Whether line integrals pass unchanged."""
         return not (
             self.photons
             or self.blur_fwhm
@@ -104,7 +100,7 @@ class Detector:
 
 
 def detect(projections: Projections, detector: Detector, rng: np.random.Generator) -> Projections:
-    """The projections as the detector reads them; a perfect one hands back the very same.
+    """Applies the detector to the projections; a perfect one returns them unchanged.
 
     Every view draws from a stream of its own, so its noise depends on the generator's seed and the
     view's number alone.
@@ -124,7 +120,7 @@ def detect(projections: Projections, detector: Detector, rng: np.random.Generato
         if detector.photons:
             intensity = stream.poisson(detector.photons * intensity) / detector.photons
         if detector.blur_fwhm:
-            # what leaves over the edge comes in again: the total stays
+            # the edges are mirrored, so that the total stays
             intensity = gaussian_filter(
                 intensity, detector.blur_fwhm / _FWHM / pitch, mode="reflect"
             )
@@ -142,9 +138,11 @@ def detect(projections: Projections, detector: Detector, rng: np.random.Generato
 
 
 def _scatter(primary: FloatArray, detector: Detector, pitch: float) -> FloatArray:
-    """Scatter of a view, from where photons both come through and are attenuated, I ln(1 / I),
-    smoothed: the form of Ohnesorge, Flohr and Klingenbeck-Regn, Eur. Radiol. 9 (1999) 563. Scaled
-    to the stated ratio."""
+    """Scatter of a view, I ln(1 / I) smoothed and scaled to the stated ratio.
+
+    It comes from where photons are both transmitted and attenuated: the form of Ohnesorge, Flohr
+    and Klingenbeck-Regn, Eur. Radiol. 9 (1999) 563.
+    """
     shadow = primary < 1
     source = np.where(shadow, -primary * np.log(np.maximum(primary, _DARKEST)), 0.0)
     smooth = _widely_smoothed(source, detector.scatter_fwhm / _FWHM / pitch)
@@ -157,7 +155,10 @@ def _scatter(primary: FloatArray, detector: Detector, pitch: float) -> FloatArra
 
 
 def _widely_smoothed(image: FloatArray, sigma: float) -> FloatArray:
-    """A Gaussian of many pixels, mirrored at the edges: quick as a product of cosine transforms."""
+    """Smooths by a Gaussian of many pixels, mirrored at the edges.
+
+    It is fast as a product of cosine transforms.
+    """
     rows, columns = (np.exp(-0.5 * (sigma * np.pi * np.arange(n) / n) ** 2) for n in image.shape)
     return np.asarray(idctn(dctn(image) * rows[:, None] * columns), float)
 
@@ -165,8 +166,9 @@ def _widely_smoothed(image: FloatArray, sigma: float) -> FloatArray:
 def _lagging(
     arriving: FloatArray, held: FloatArray, detector: Detector, interval: float
 ) -> FloatArray:
-    """What is read of an exposure and of what is ``held`` (exponentials, rows, columns) from those
-    before; updates ``held``.
+    """Readout of an exposure and of the charge ``held`` from earlier views.
+
+    ``held`` (exponentials, rows, columns) is updated.
     """
     reading = arriving
     for charge, (fraction, time) in zip(held, detector.lag, strict=True):

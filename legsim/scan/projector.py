@@ -1,5 +1,6 @@
-"""Phantom and geometry to projections: exact line integrals through triangle meshes, no voxels and
-no sampling along the ray.
+"""Phantom and geometry to projections: exact line integrals through triangle meshes.
+
+There are no voxels and there is no sampling along the ray.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -27,12 +28,12 @@ def project(
     posed: Callable[[int], Sequence[FloatArray]] | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Projections:
-    """Line integrals of attenuation from the source through each pixel's center and all of the
-    phantom, also what lies beyond the detector.
+    """Line integrals of attenuation from the source through each pixel's center.
 
-    At each point the attenuation is that of the last part that contains it, 0 outside all. A part
-    contains a point that its surface winds around, in either direction; so inner surfaces that face
-    inward leave hollows.
+    They run through all of the phantom, also the part beyond the detector. At each point the
+    attenuation is that of the last part that contains it, 0 outside all. A part contains a point
+    that its surface winds around, in either direction; so inner surfaces that face inward leave
+    hollows.
 
     Args:
         posed: world vertices of every part, (p, 3) m each, at a view; None leaves the phantom at
@@ -62,11 +63,11 @@ def project_spectrum(
     posed: Callable[[int], Sequence[FloatArray]] | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Projections:
-    """As :func:`project`, -ln of the share of a spectrum that comes through: beams harden.
+    """Projects as :func:`project`, by -ln of the transmitted share of a spectrum: beams harden.
 
-    The path through each material is exact; then the share of each energy. Parts of a known
-    material attenuate as it does, at every energy; others by their own attenuation, the same at all
-    energies.
+    The path through each material is exact, and the share of each energy follows from it. Parts of
+    a known material attenuate as it does, at every energy; others by their own attenuation, the
+    same at all energies.
     """
     known = materials.names()
     fillings = [
@@ -97,8 +98,9 @@ def _views(
     values: np.ndarray,
     posed: Callable[[int], Sequence[FloatArray]] | None,
 ) -> Iterator[Float32Array]:
-    """For each view the integrals (channels, rows, columns) of ``values`` (parts + 1, channels);
-    the array is used again for the next.
+    """Integrals (channels, rows, columns) of ``values`` (parts + 1, channels), view by view.
+
+    The array is reused for the next view.
     """
     raster = MeshRaster(phantom, device)
     images = np.empty((values.shape[1], *geometry.shape_vu), np.float32)

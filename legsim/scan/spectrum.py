@@ -1,4 +1,4 @@
-"""Where a spectrum comes from: a tube's, by SpekPy's model, or a table of one's own."""
+"""Spectra: a tube's, by SpekPy's model, or a table of the user."""
 
 import csv
 from dataclasses import dataclass
@@ -18,12 +18,12 @@ _RAYS_AT_ONCE = 4096
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Spectrum:
-    """Photons by energy, as the detector weighs them."""
+    """Photons by energy, as the detector weights them."""
 
     energies_kev: FloatArray
     """(e,)"""
     weights: FloatArray
-    """(e,) sum 1"""
+    """(e,) of sum 1"""
 
     def __post_init__(self) -> None:
         object.__setattr__(
@@ -41,12 +41,13 @@ class Spectrum:
         )
 
     def attenuations(self, name: str) -> FloatArray:
-        """(e,) 1/m of a material at each energy."""
+        """Linear attenuations (e,) in 1/m of a material at each energy."""
         return np.array([attenuation(name, float(energy)) for energy in self.energies_kev])
 
     def line_integral(self, attenuations: ArrayLike, path_lengths: ArrayLike) -> FloatArray:
-        """-ln of the transmitted share (...,) through path lengths (..., m) in m of materials of
-        ``attenuations`` (m, e) 1/m.
+        """Line integrals -ln of the transmitted share (...,) through several materials.
+
+        Path lengths (..., m) are in m, ``attenuations`` (m, e) in 1/m.
         """
         coefficients, lengths = np.asarray(attenuations, float), np.asarray(path_lengths, float)
         rays = lengths.reshape(-1, lengths.shape[-1])
@@ -56,14 +57,16 @@ class Spectrum:
             exponents = rays[chosen] @ coefficients
             least = exponents.min(
                 -1, keepdims=True
-            )  # taken out of the sum, so that thick objects do not underflow
+            )  # factored out of the sum, so that thick objects do not underflow
             integrals[chosen] = least[:, 0] - np.log(np.exp(least - exponents) @ self.weights)
         return integrals.reshape(lengths.shape[:-1])
 
     def as_of_water(self, line_integrals: ArrayLike) -> FloatArray:
-        """Line integrals without the beam hardening that water would have caused: what water of the
-        same transmission would have read at its mean attenuation. Below 0, as noise has it, nothing
-        changes; beyond 2 m of water the last slope goes on."""
+        """Line integrals without the beam hardening that water would have caused.
+
+        The result is what water of the same transmission would have at its mean attenuation. Below
+        0, where only noise leads, nothing changes; beyond 2 m of water the last slope continues.
+        """
         values, water = np.asarray(line_integrals, float), self.attenuations("water")
         lengths = np.linspace(0.0, 2.0, 4001)
         measured, mean = (
@@ -87,11 +90,11 @@ _BIN_KEV = 1.0
 def tube(
     *, kvp: float, anode_deg: float, aluminum_mm: float, copper_mm: float, response: Response
 ) -> Spectrum:
-    """A tungsten tube's spectrum behind filters, in bins of 1 keV (SpekPy: Poludniowski et al.,
-    Med. Phys. 48 (2021) 3630).
+    """Spectrum of a tungsten tube behind filters, in bins of 1 keV.
 
-    ``response`` "energy" weighs each photon by its energy, as a flat panel that stops them all
-    does; "count" weighs all alike.
+    Model: SpekPy (Poludniowski et al., Med. Phys. 48 (2021) 3630). ``response`` "energy" weights
+    each photon by its energy, as a flat panel that absorbs all of them does; "count" weights all
+    alike.
 
     Raises:
         LegsimError: SpekPy is not installed, or has no spectrum for these values.
@@ -101,7 +104,7 @@ def tube(
     except ImportError:
         raise LegsimError(
             "a tube's spectrum needs SpekPy, which is not installed: pip install "
-            "'legsim[spectra]', or give a table of your own"
+            "'legsim[spectra]', or give your own table"
         ) from None
     try:
         model = spekpy.Spek(kvp=kvp, th=anode_deg, dk=_BIN_KEV)
@@ -118,11 +121,12 @@ def tube(
 
 
 def load(path: Path | str) -> Spectrum:
-    """Reads a table ``energy_kev,weight``, a line a photon energy: photons as the detector weighs
-    them, in any unit.
+    """Reads a table ``energy_kev,weight``, one line per photon energy.
+
+    Weights are photons as the detector weights them, in any unit.
 
     Raises:
-        LegsimError: not such a table, or an energy where no cross sections are.
+        LegsimError: not such a table, or an energy without cross sections.
     """
     path = Path(path)
     reader = csv.reader(files.read(path, "CSV"))
@@ -159,4 +163,4 @@ def load(path: Path | str) -> Spectrum:
         energies, weights = np.array(table, float).reshape(-1, 2).T
         return Spectrum(energies, weights)
     except LegsimError as error:
-        raise file_error(path, str(error), "mend the table") from error
+        raise file_error(path, str(error), "fix the table") from error

@@ -1,4 +1,4 @@
-"""What there is to see of a replay or a scan, for figures and recordings."""
+"""Contents of a replay or a scan for figures and recordings."""
 
 import lazy_loader
 

@@ -25,10 +25,10 @@ _AXIAL_OFFSET = 0.05
 def replay_scene(
     person: MovingLeg, signals: ImuSignals, phantom: LegPhantom | None = None
 ) -> ReplayScene:
-    """Skeleton with bones, markers, sensors and curves; the bones are the phantom's.
+    """Builds a scene of skeleton with bones, markers, sensors and curves.
 
-    ``signals`` know where their sensors are strapped on. Without a phantom it is the coarse one at
-    the person's size.
+    The bones are the phantom's. ``signals`` hold where their sensors are strapped on. Without a
+    phantom the coarse one at the person's size is used.
     """
     poses = person.leg.segment_poses(person.trajectories)
     fit = person.fit
@@ -50,7 +50,7 @@ def replay_scene(
 
 
 def _bones(phantom: LegPhantom) -> tuple[SegmentMesh, ...]:
-    """The outer surface of each bone, in the frame of its segment."""
+    """Extracts the outer surface of each bone, in the frame of its segment."""
     meshes = []
     for part, segment in zip(phantom.phantom.parts, phantom.segments, strict=True):
         if part.name.rsplit("_", 1)[0] in _SHOWN_SURFACES[1:]:
@@ -69,7 +69,10 @@ def _floor(poses: SegmentPoses) -> float:
 
 
 def scan_scene(scan: SimulatedScan, volumes: Sequence[NamedVolume], every: int = 8) -> ScanScene:
-    """The replay with skin, C-arm, projections and slices; skin at every ``every``-th view."""
+    """Builds the replay with skin, C-arm, projections and slices.
+
+    The skin is at every ``every``-th view.
+    """
     setup = scan.setup
     phantom, poses = setup.phantom, setup.poses
     replay = replay_scene(setup.person, scan.seen.signals, phantom)
@@ -97,6 +100,6 @@ def scan_scene(scan: SimulatedScan, volumes: Sequence[NamedVolume], every: int =
 
 
 def slice_planes(center: Sequence[float] | FloatArray) -> SlicePlanes:
-    """Below and above ``center`` (3,), which is the knee's, and sagittal through it."""
+    """Planes below and above the knee ``center`` (3,), and sagittal through it."""
     _, y, z = (float(c) for c in center)
     return SlicePlanes(y - _AXIAL_OFFSET, y + _AXIAL_OFFSET, z)

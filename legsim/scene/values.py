@@ -1,6 +1,4 @@
-"""What there is to see of a run, gathered for the recording and the figures: skeleton, surfaces,
-sensors, slices.
-"""
+"""Values for the recording and the figures: skeleton, surfaces, sensors, slices."""
 
 from dataclasses import dataclass
 
@@ -81,15 +79,17 @@ BONES = (
         for a, b in (("ankle", "calcn"), ("calcn", "toes"), ("toes", "ankle"))
     ),
 )
-"""Joint centers, and origins of gait2392's segments, that a line joins in the skeleton; those that
-are not there are left out.
+"""joint centers, and origins of gait2392's segments, that a line connects in the skeleton
+
+Missing ones are left out.
 """
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ReplayScene:
-    """A replayed recording. What a run does not have (markers of a coordinate file, say) is None or
-    empty.
+    """A replayed recording.
+
+    Values that a run does not have (markers of a coordinate file, for instance) are None or empty.
     """
 
     name: str
@@ -101,7 +101,7 @@ class ReplayScene:
     """world_from_sensor over time, with the sensors as the segments"""
     measured: MarkerTrajectories | None = None
     modelled: MarkerTrajectories | None = None
-    """where the solved model has the same markers at the same times"""
+    """positions of the same markers on the solved model at the same times"""
     segment_meshes: tuple[SegmentMesh, ...] = ()
     bones: tuple[tuple[str, str], ...] = BONES
     shifts: tuple[str, ...] = ("pelvis_tx", "pelvis_ty", "pelvis_tz")
@@ -126,14 +126,14 @@ class ReplayScene:
             or self.modelled.marker_names != self.measured.marker_names
             or not np.array_equal(self.modelled.times, self.measured.times)
         ):
-            raise LegsimError("modelled markers need measured ones with the same names and times")
+            raise LegsimError("modeled markers need measured ones with the same names and times")
 
     def angles(self) -> tuple[str, ...]:
         """Names of the coordinates in rad."""
         return tuple(n for n in self.trajectories.coordinate_names if n not in self.shifts)
 
     def bone_lines(self) -> FloatArray:
-        """(n, b, 2, 3) m in world: both ends of each bone, at the times of the joint centers."""
+        """Both ends of each bone, (n, b, 2, 3) m in world, at the times of the joint centers."""
         places = {
             name: self.joint_centers.positions_world[:, k]
             for k, name in enumerate(self.joint_centers.names)
@@ -151,8 +151,9 @@ class ReplayScene:
         return np.stack(lines, 1) if lines else np.empty((len(self.joint_centers.times), 0, 2, 3))
 
     def marker_residuals(self) -> FloatArray | None:
-        """(n, m) m from measured to modelled marker, NaN where not seen; None without markers of
-        both kinds.
+        """Distances (n, m) in m from measured to modeled marker.
+
+        NaN where not seen; None without markers of both kinds.
         """
         if self.measured is None or self.modelled is None:
             return None
@@ -175,9 +176,7 @@ class SlicePlanes:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ScanScene:
-    """A simulated scan: the replay that it scans, what the detector sees and what was
-    reconstructed.
-    """
+    """A simulated scan: its replay, its projections and its volumes."""
 
     replay: ReplayScene
     projections: Projections
@@ -194,25 +193,26 @@ class ScanScene:
 
 
 def axial(volume: Volume, y: float) -> Float32Array:
-    """Slice (x, z) at world height ``y`` (m, nearest voxel), 1/m: rows towards the front, columns
-    towards the subject's left.
+    """Slice (x, z) at world height ``y`` (m, nearest voxel), 1/m.
 
-    Drawn with the origin below it is the radiological view from the feet: front above, the
-    subject's right on the left.
+    Rows run towards the front, columns towards the subject's left. Drawn with the origin below it
+    is the radiological view from the feet: front above, the subject's right on the left.
     """
     return volume.attenuation[:, _nearest(volume.grid.axes()[1], y), :].T[:, ::-1]
 
 
 def sagittal(volume: Volume, z: float) -> Float32Array:
-    """Slice (y, x) at world ``z`` (m, nearest voxel), 1/m: rows upwards, columns towards the back
-    (seen from the subject's left).
+    """Slice (y, x) at world ``z`` (m, nearest voxel), 1/m.
+
+    Rows run upwards, columns towards the back (seen from the subject's left).
     """
     return volume.attenuation[_nearest(volume.grid.axes()[2], z)][:, ::-1]
 
 
 def white_level(volume: Volume) -> float:
-    """What pictures show as white, 1/m: the 99.6th percentile, which leaves the gray of soft tissue
-    in the middle of the scale.
+    """Attenuation in 1/m that pictures show as white: the 99.6th percentile.
+
+    It leaves the gray of soft tissue in the middle of the scale.
     """
     return float(np.percentile(volume.attenuation, 99.6)) or 1.0
 

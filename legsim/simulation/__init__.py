@@ -1,4 +1,4 @@
-"""One simulated scan as a value: what a method may see, the scan at rest, the truth."""
+"""One simulated scan as a value: the input of methods, the scan at rest, the truth."""
 
 import lazy_loader
 

@@ -1,4 +1,4 @@
-"""Several methods on one simulated scan: their volumes, and a table of how well each did."""
+"""Several methods on one simulated scan: their volumes and a table of their scores."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -25,7 +25,7 @@ class ScoreTable:
     def __getitem__(self, method: str) -> Scores:
         if method not in self.scores:
             raise LegsimError(
-                f"no method named {method!r}; there are: {', '.join(map(str, self.scores))}"
+                f"unknown method {method!r}; known: {', '.join(map(str, self.scores))}"
             )
         return self.scores[method]
 
@@ -33,12 +33,12 @@ class ScoreTable:
         return iter(self.scores)
 
     def columns(self) -> tuple[str, ...]:
-        """Heads of :meth:`rows`."""
+        """Column names of :meth:`rows`."""
         regions = next(iter(self.scores.values())).regions
         return ("method", *(f"{kind} {r.region}" for kind in ("SSIM", "RMSE") for r in regions))
 
     def rows(self) -> tuple[tuple[str, ...], ...]:
-        """Method, SSIM by region and RMSE by region as text."""
+        """Formats method, SSIM by region and RMSE by region as text."""
         return tuple(
             (
                 name,
@@ -55,7 +55,7 @@ class ScoreTable:
         return "\n".join(line.rstrip() for line in lines)
 
     def _repr_html_(self) -> str:
-        """A table, which notebooks show."""
+        """Formats the scores as an HTML table for notebooks."""
         head = "".join(f"<th>{escape(name)}</th>" for name in self.columns())
         body = "".join(
             f"<tr>{''.join(f'<td>{escape(cell)}</td>' for cell in row)}</tr>" for row in self.rows()
@@ -64,7 +64,7 @@ class ScoreTable:
 
 
 class Comparison(NamedTuple):
-    """What :func:`compare` gives."""
+    """Result of :func:`compare`."""
 
     volumes: dict[str, Volume]
     """of the scan at rest, under :data:`REFERENCE`, and of each method"""

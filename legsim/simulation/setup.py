@@ -1,4 +1,4 @@
-"""Everything that stands still before a scan: who moves, where the C-arm and the sensors are."""
+"""The setup of a scan: the person, the C-arm and the sensors."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -25,7 +25,7 @@ from legsim.scan.c_arm import CArm
 
 Side = Literal["left", "right"]
 _AIR_MARGIN = 0.005
-"""m of air around the leg that counts as its region, so that the skin's edge does"""
+"""m of air around the leg that belongs to its region, so that the skin's edge counts"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,9 +33,7 @@ class PhantomOptions:
     """Which phantom is scanned."""
 
     legs: Literal["both", "scanned"] = "both"
-    """"scanned": that leg alone, as if the other stood far off; the other one's edges leave streaks
-    wherever the views are few
-    """
+    """"scanned": that leg alone; the other one's edges leave streaks where views are few"""
     detail: Literal["coarse", "fine"] = "coarse"
     energy_kev: float = 60.0
     tissue_swing: SkinMount | None = None
@@ -98,7 +96,7 @@ def prepare_scan(
         person: who moves.
         c_arm: how the scan runs.
         side: of the leg in the isocenter.
-        center: (3,) m, a point of the world to turn about; None for the knee's center at the
+        center: (3,) m, the rotation center in world; None for the knee's center at the
             first view.
         sensors: on the person; None for the two of the published study on that leg.
         phantom: which phantom is scanned.
@@ -137,9 +135,9 @@ def prepare_scan(
 def scan_regions(
     setup: ScanSetup, grid: VolumeGrid, device: Device, *, margin: float = _AIR_MARGIN
 ) -> tuple[Region, ...]:
-    """Whole leg, shank and thigh of the scanned leg, from the phantom's truth at the first view.
+    """Regions whole leg, shank and thigh of the scanned leg, at the first view.
 
-    ``margin`` (m) of air around the leg belongs to its region.
+    They come from the phantom's truth. ``margin`` (m) of air around the leg belongs to its region.
     """
     vertices, parts = setup.scanned_leg(), setup.phantom.phantom.parts
     chosen = [k for k, part in enumerate(parts) if part.name.endswith(setup.named(""))]
@@ -150,17 +148,18 @@ def scan_regions(
 
 
 def sensor_on(sensors: tuple[Sensor, ...], segment: str) -> str | None:
-    """Name of the first sensor on a segment; None where none is."""
+    """Finds the name of the first sensor on a segment; None where there is none."""
     return next((s.name for s in sensors if s.segment == segment), None)
 
 
 def joints_on_sensors(
     setup: ScanSetup, sides: tuple[Side, ...] | None = None, *, points_per_segment: int = 0
 ) -> tuple[tuple[AttachedPoint, ...], ...]:
-    """Per leg hip (on the thigh's sensor), knee and ankle (on the shank's), and points between.
+    """Joints on the sensors, per leg: hip, knee and ankle, and points between them.
 
-    Their places on the sensors are taken from the truth at the first view: how sensors were
-    strapped on is known. A leg without both sensors is left out.
+    The hip is on the thigh's sensor, knee and ankle on the shank's. Their positions in the sensors
+    are taken from the truth at the first view: how sensors were strapped on is known. A leg without
+    both sensors is left out.
 
     Args:
         setup: of the scan.

@@ -1,4 +1,4 @@
-"""A simulated scan as one value: what a method may see, the scan at rest, and the truth."""
+"""A simulated scan as one value: the input of methods, the scan at rest, and the truth."""
 
 from dataclasses import dataclass
 from functools import partial
@@ -35,12 +35,12 @@ from legsim.simulation.setup import (
 )
 
 _PHOTONS, _BEADS = 4, 3
-"""streams of the seed"""
+"""random streams of the seed"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ScanTruth:
-    """What no method may see: how the leg really moved."""
+    """The true motion of the leg, which no method sees."""
 
     setup: ScanSetup
     device: Device
@@ -62,11 +62,11 @@ class ScanTruth:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SimulatedScan:
-    """A scan with all that is known of it."""
+    """A scan with its truth."""
 
     setup: ScanSetup
     seen: Scan
-    """all that a method may see: projections, IMU signals, starts, joints on the sensors"""
+    """input of methods: projections, IMU signals, starts, joints on the sensors"""
     at_rest: Projections
     """of the phantom that keeps the pose of the first view, with noise of its own"""
     device: Device
@@ -76,7 +76,7 @@ class SimulatedScan:
 
     @property
     def truth(self) -> ScanTruth:
-        """How the leg really moved."""
+        """True motion of the leg."""
         return ScanTruth(self.setup, self.device)
 
     def grid(self, voxels: int = 256, voxel: float = 1e-3) -> VolumeGrid:
@@ -85,11 +85,11 @@ class SimulatedScan:
         return VolumeGrid.cubic(voxels, voxel, [float(c) for c in center])
 
     def regions(self, grid: VolumeGrid) -> tuple[Region, ...]:
-        """Whole leg, shank and thigh on a grid, from the phantom's truth at the first view."""
+        """Regions whole leg, shank and thigh on a grid, from the truth at the first view."""
         return scan_regions(self.setup, grid, self.device)
 
     def beads(self, beads: Beads | None = None, *, seed: int = 0) -> BeadScan:
-        """A second scan of the same motion with beads on the skin."""
+        """Simulates a second scan of the same motion with beads on the skin."""
         return add_beads(
             self.seen.projections,
             self.setup.phantom,
@@ -121,15 +121,15 @@ def simulate_scan(
         c_arm: how the scan runs; None for the published scan.
         imu: what the sensors on that person read; None for noise-free ones on the scanned leg.
         side: of the leg in the isocenter.
-        center: (3,) m, a point of the world to turn about; None for the scanned knee.
+        center: (3,) m, the rotation center in world; None for the scanned knee.
         phantom: which phantom is scanned.
         seed: of the photon noise.
         device: that projects; None opens the fastest.
-        progress: is called with the name of the work, steps done and steps in all.
+        progress: is called with the name of the work, steps done and total steps.
 
     Raises:
-        LegsimError: a recording shorter than the scan, signals whose sensors have no known place,
-            no OpenCL device.
+        LegsimError: a recording shorter than the scan, signals whose sensors have no known
+            position, no OpenCL device.
 
     >>> scan = simulate_scan(person, CArm.half(), imu)
     >>> scan.seen.projections.line_integrals.shape

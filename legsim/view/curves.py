@@ -52,7 +52,7 @@ def _color(name: str) -> tuple[int, ...]:
 
 
 def log_imu(recorder: Recorder, imu: ImuSignals) -> None:
-    """Specific force (m/s^2) and angular velocity (rad/s) of each sensor, three lines each."""
+    """Logs specific force (m/s^2) and angular velocity (rad/s) of each sensor, three lines each."""
     for name in imu.sensor_names:
         angular_velocity, specific_force = imu.sensor(name)
         for kind, unit, values in (
@@ -75,9 +75,7 @@ def log_imu(recorder: Recorder, imu: ImuSignals) -> None:
 
 
 def log_residuals(recorder: Recorder, scene: ReplayScene) -> None:
-    """RMS and worst distance between measured and modelled markers, frame by frame, in
-    millimeters.
-    """
+    """Logs RMS and worst distance between measured and modeled markers per frame, in mm."""
     residuals = scene.marker_residuals()
     if residuals is None or scene.measured is None:
         return

@@ -7,12 +7,12 @@ from legsim.scene.values import ReplayScene, ScanScene
 
 
 def replay(scene: ReplayScene) -> rrb.Blueprint:
-    """The body on the left, curves on the right."""
+    """Lays out the body on the left, curves on the right."""
     return _blueprint(rrb.Horizontal(_body(scene, 1.0), _curves(scene), column_shares=[3, 2]))
 
 
 def scan(scene: ScanScene) -> rrb.Blueprint:
-    """Body and C-arm, what the detector sees, the slices, and the curves."""
+    """Lays out body and C-arm, projections, slices, and curves."""
     reach = float(
         np.linalg.norm(
             scene.projections.geometry.sources() - scene.projections.geometry.rotation_center(),
@@ -40,8 +40,9 @@ def _blueprint(root: rrb.Container) -> rrb.Blueprint:
 
 
 def _body(scene: ReplayScene, distance: float) -> rrb.Spatial3DView:
-    """Seen from the front right, somewhat above, far enough to see all joints of the first frame
-    and ``distance`` m around them.
+    """View from the front right, somewhat above.
+
+    It shows all joints of the first frame and ``distance`` m around them.
     """
     centers = scene.joint_centers.positions_world[0]
     middle = 0.5 * (centers.min(0) + centers.max(0))

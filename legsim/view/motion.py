@@ -18,8 +18,9 @@ GRID = 0.1  # m between the lines of the floor
 
 
 def log_floor(recorder: Recorder, scene: ReplayScene) -> None:
-    """A grid with a line every 10 cm under all places that a joint reaches, half a meter further on
-    each side.
+    """Logs a grid with a line every 10 cm under all positions of the joints.
+
+    It extends half a meter further on each side.
     """
     centers = scene.joint_centers.positions_world.reshape(-1, 3)[:, [0, 2]]
     low = np.floor(np.nanmin(centers, 0) / GRID - 5) * GRID
@@ -35,7 +36,7 @@ def log_floor(recorder: Recorder, scene: ReplayScene) -> None:
 
 
 def log_skeleton(recorder: Recorder, scene: ReplayScene) -> None:
-    """Joint centers as balls and bones as lines between them."""
+    """Logs joint centers as balls and bones as lines between them."""
     centers = scene.joint_centers
     count = len(centers.names)
     positions = centers.positions_world.astype(np.float32)
@@ -60,7 +61,7 @@ def log_skeleton(recorder: Recorder, scene: ReplayScene) -> None:
 
 
 def log_segments(recorder: Recorder, scene: ReplayScene) -> None:
-    """Every segment's frame over time, and the meshes that ride in them."""
+    """Logs every segment's frame over time, and the meshes that move with it."""
     for segment in scene.poses.segment_names:
         recorder.poses(f"world/segments/{segment}", scene.poses.times, scene.poses.of(segment))
     for mesh in scene.segment_meshes:
@@ -75,9 +76,7 @@ def log_segments(recorder: Recorder, scene: ReplayScene) -> None:
 
 
 def log_markers(recorder: Recorder, scene: ReplayScene) -> None:
-    """Measured markers, the model's, and an arrow from each measured one to where the model has
-    it.
-    """
+    """Logs measured markers, the model's, and an arrow from each measured one to the model's."""
     if scene.measured is not None:
         _log_points(recorder, "world/markers/measured", scene.measured, MEASURED)
     if scene.measured is not None and scene.modelled is not None:
@@ -96,7 +95,7 @@ def log_markers(recorder: Recorder, scene: ReplayScene) -> None:
 
 
 def log_sensors(recorder: Recorder, sensor_poses: SegmentPoses) -> None:
-    """A box and the axes of each sensor: x red, y green, z blue."""
+    """Logs a box and the axes of each sensor: x red, y green, z blue."""
     for name in sensor_poses.segment_names:
         entity = f"world/sensors/{name}"
         recorder.poses(entity, sensor_poses.times, sensor_poses.of(name))
@@ -137,8 +136,9 @@ def _log_points(
 
 
 def vertex_normals(vertices: FloatArray, triangles: np.ndarray) -> FloatArray:
-    """(p, 3) unit normals, each the area-weighted mean of the triangles around a vertex; without
-    them meshes are drawn unlit.
+    """Unit normals (p, 3), each the area-weighted mean of the triangles around a vertex.
+
+    Without them meshes are drawn unlit.
     """
     corners = vertices[triangles]
     faces = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])

@@ -1,5 +1,6 @@
-"""Writing a recording: one stream, two timelines, a name that follows from the content, whole or
-not at all.
+"""Writes a recording: one stream, two timelines, a name from a hash of the content.
+
+It is written as a whole or not at all.
 """
 
 import dataclasses
@@ -37,17 +38,17 @@ def write_scan(path: Path, scene: ScanScene) -> None:
 
 
 def new_stream(scene: ReplayScene | ScanScene) -> rr.RecordingStream:
-    """A stream named by the content of a scene, still empty and without a sink."""
+    """Creates a stream named by the content of a scene, still empty and without a sink."""
     return rr.RecordingStream("legsim", recording_id=content_id(scene), send_properties=False)
 
 
 def blueprint(scene: ReplayScene | ScanScene) -> rrb.Blueprint:
-    """Which views the viewer opens with."""
+    """Layout with which the viewer opens."""
     return layout.scan(scene) if isinstance(scene, ScanScene) else layout.replay(scene)
 
 
 def record(stream: rr.RecordingStream, scene: ReplayScene | ScanScene) -> None:
-    """Logs everything that a scene holds."""
+    """Logs the contents of a scene."""
     replay = scene.replay if isinstance(scene, ScanScene) else scene
     stream.send_recording_name(replay.name)
     stream.log("world", rr.ViewCoordinates.RIGHT_HAND_Y_UP, static=True)
@@ -81,7 +82,7 @@ def _write(path: Path, scene: ReplayScene | ScanScene) -> None:
             stream.save(target, default_blueprint=blueprint(scene))
             record(stream, scene)
         finally:
-            stream.disconnect()  # writes all that waits and the footer
+            stream.disconnect()  # writes pending data and the footer
 
 
 @contextmanager
@@ -98,8 +99,9 @@ def _encodable(path: Path) -> Iterator[Path]:
 
 
 def content_id(value: Any) -> str:
-    """A hash of a value with all that it holds: equal for equal scenes, whenever and wherever they
-    are made.
+    """Hashes a value with all that it holds.
+
+    Equal scenes give equal hashes, whenever and wherever they are made.
     """
     digest = hashlib.blake2b(digest_size=16)
     for leaf in _leaves(value):

@@ -12,21 +12,21 @@ from legsim.view.motion import vertex_normals
 from legsim.view.stream import Recorder
 
 IMAGE_COLUMNS = 200
-"""Columns kept of a projection, about: a recording is to look at, the .mha file to measure in"""
+"""approximate columns kept of a projection: a recording is to look at, the .mha file to measure"""
 PATH = (110, 150, 190)
 SURFACE_VALUES = 500_000  # vertices times logged times that a surface may take: 6 MB
 SURFACE_VERTICES = 6_000
 
 
 def log_c_arm(recorder: Recorder, projections: Projections) -> None:
-    """Source, its path, and the detector with what it sees, turning with the views."""
+    """Logs source, its path, and the detector with its image, turning with the views."""
     rows, columns = projections.geometry.shape_vu
     binned = projections.coarser(max(1, min(columns // IMAGE_COLUMNS, rows)))
     geometry = binned.geometry
     intrinsics, world_from_camera, mirrored = cameras(geometry)
     times, rows = recorder.from_start(geometry.times)
     recorder.poses("world/c_arm", times, world_from_camera[rows])
-    # the viewer wants a pinhole whole: split between static and moving parts it finds no transform
+    # the viewer needs a complete pinhole: split into static and moving parts it finds no transform
     pinholes = rr.Pinhole.columns(
         image_from_camera=intrinsics[rows],
         resolution=np.tile(geometry.shape_vu[::-1], (len(rows), 1)),
@@ -57,12 +57,11 @@ def log_c_arm(recorder: Recorder, projections: Projections) -> None:
 
 
 def cameras(geometry: ConeBeamGeometry) -> tuple[FloatArray, FloatArray, bool]:
-    """Splits the matrices into what rerun wants: intrinsics (v, 3, 3), world_from_camera (v, 4, 4),
-    and whether columns are mirrored.
+    """Splits the matrices into rerun's: intrinsics (v, 3, 3) and world_from_camera (v, 4, 4).
 
-    Pictures have their first row above, so rows are turned round; rerun's pixel centers lie at
-    halves. The split is an RQ decomposition; where rotation and rows' sense do not make a
-    right-handed camera, the columns are turned round too.
+    Also returns whether columns are mirrored. Pictures have their first row above, so rows are
+    reversed; rerun's pixel centers lie at halves. The split is an RQ decomposition; where rotation
+    and rows' sense do not make a right-handed camera, the columns are reversed too.
     """
     rows, columns = geometry.shape_vu
     left_handed = bool(np.linalg.det(geometry.matrices[0, :, :3]) > 0)
@@ -77,7 +76,7 @@ def cameras(geometry: ConeBeamGeometry) -> tuple[FloatArray, FloatArray, bool]:
 
 
 def _rq(matrices: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Upper-triangular with positive diagonal times orthonormal, for (v, 3, 3)."""
+    """Decomposes (v, 3, 3) into upper-triangular with positive diagonal times orthonormal."""
     reverse = np.eye(3)[::-1]
     q, r = np.linalg.qr(np.swapaxes(reverse @ matrices, -1, -2))
     upper = reverse @ np.swapaxes(r, -1, -2) @ reverse
@@ -87,8 +86,9 @@ def _rq(matrices: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def log_surface(recorder: Recorder, surface: MovingSurface) -> None:
-    """A deforming surface: thinned in space and in time until it fits, with the normals of its
-    first shape.
+    """Logs a deforming surface, thinned in space and in time until it fits.
+
+    It has the normals of its first shape.
     """
     kept, triangles = thinned(surface.vertices[0], surface.triangles, SURFACE_VERTICES)
     step = -(-len(surface.times) * len(kept) // SURFACE_VALUES)
@@ -109,11 +109,11 @@ def log_surface(recorder: Recorder, surface: MovingSurface) -> None:
 def thinned(
     vertices: Float32Array, triangles: np.ndarray, count: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """(indices of kept vertices, triangles among them): one vertex a cell of a grid, coarse enough
-    to keep at most ``count``.
+    """Thins a surface: indices of kept vertices, and triangles among them.
 
-    Vertex clustering (Rossignac and Borrel 1993). Indices, not positions, so that it holds for
-    every shape that the surface takes.
+    One vertex per cell of a grid is kept, coarse enough to keep at most ``count``. Vertex
+    clustering (Rossignac and Borrel 1993). Indices, not positions, so that it holds for every shape
+    of the surface.
     """
     low, high = vertices.min(0), vertices.max(0)
     cell = float((high - low).max()) / 512
@@ -136,8 +136,9 @@ def thinned(
 
 
 def log_slices(recorder: Recorder, volumes: tuple[NamedVolume, ...], planes: SlicePlanes) -> None:
-    """All methods side by side in one picture: shank, thigh and sagittal slices as rows, one gray
-    window.
+    """Logs all methods next to each other in one picture, in one gray window.
+
+    Rows are shank, thigh and sagittal slices.
     """
     rows = [
         [np.flipud(values.axial(v.volume, planes.shank_y)) for v in volumes],
@@ -172,7 +173,7 @@ def _grey(image: Float32Array, top: float) -> np.ndarray:
 
 
 def _log_images(recorder: Recorder, entity: str, times: FloatArray, images: np.ndarray) -> None:
-    """(n, rows, columns) 8-bit pictures."""
+    """Logs (n, rows, columns) 8-bit pictures."""
     count, rows, columns = images.shape
     shape = rr.components.ImageFormat(
         width=columns, height=rows, color_model="L", channel_datatype="U8"

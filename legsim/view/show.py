@@ -24,7 +24,7 @@ def show(
     """Shows a scan, or a person that moves, with volumes as slices, in the rerun viewer.
 
     In a notebook the viewer is the cell's output (needs the extra "notebook"); elsewhere a window
-    opens and Python goes on.
+    opens and Python continues.
 
     Args:
         content: a simulated scan, or a person.

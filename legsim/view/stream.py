@@ -1,5 +1,6 @@
-"""The rerun stream of one recording with its clock: the timelines `time` (seconds) and `frame`
-(samples of the motion).
+"""The rerun stream of one recording with its timelines.
+
+The timelines are `time` (seconds) and `frame` (samples of the motion).
 """
 
 from collections.abc import Iterable
@@ -18,14 +19,12 @@ class Recorder:
 
     stream: rr.RecordingStream
     clock: FloatArray
-    """(n,) s, the times of the motion's frames; anything at other times takes the nearest frame's
-    number
-    """
+    """(n,) s, the times of the motion's frames; other times take the nearest frame's number"""
 
     def columns(
         self, entity: str, times: FloatArray, columns: Iterable[rr.ComponentColumn]
     ) -> None:
-        """Logs one row of ``columns`` a time (n,)."""
+        """Logs one row of ``columns`` per time (n,)."""
         middles = 0.5 * (self.clock[1:] + self.clock[:-1])
         frames = np.searchsorted(middles, times)
         self.stream.send_columns(
@@ -35,11 +34,10 @@ class Recorder:
         )
 
     def from_start(self, times: FloatArray) -> tuple[FloatArray, np.ndarray]:
-        """(times, indices into what is logged at them): with the first row once more at the clock's
-        start where it comes later.
+        """Prepends the first row at the clock's start where it comes later.
 
-        A scan begins within the motion; until then the C-arm waits at its first view, instead of
-        missing from the picture.
+        Returns (times, indices into the logged values). A scan begins within the motion; until then
+        the C-arm waits at its first view, instead of missing from the picture.
         """
         rows = np.arange(len(times))
         if times[0] <= self.clock[0]:
@@ -47,7 +45,7 @@ class Recorder:
         return np.concatenate([self.clock[:1], times]), np.concatenate([rows[:1], rows])
 
     def static(self, entity: str, *content: rr.AsComponents) -> None:
-        """Logs what holds at all times: styles, triangles, pictures that do not change."""
+        """Logs static content: styles, triangles, pictures that do not change."""
         self.stream.log(entity, *content, static=True)
 
     def poses(self, entity: str, times: FloatArray, world_from_entity: FloatArray) -> None:

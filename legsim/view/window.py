@@ -14,7 +14,7 @@ def open_viewer(path: Path) -> None:
     """Opens a recording in the rerun viewer and returns when its window is closed.
 
     Raises:
-        LegsimError: there is no such file, or the viewer cannot start.
+        LegsimError: missing file, or the viewer cannot start.
     """
     _must_exist(path)
     outcome = subprocess.run([sys.executable, "-m", "rerun", str(path)], check=False)
@@ -28,11 +28,12 @@ def open_viewer(path: Path) -> None:
 
 
 def screenshot(path: Path, picture: Path, *, time_s: float) -> None:
-    """Saves what the viewer first shows of a recording at ``time_s`` as a PNG; needs a Vulkan
-    driver but no screen.
+    """Saves the viewer's first view of a recording at ``time_s`` as a PNG.
+
+    It needs a Vulkan driver but no screen.
 
     Raises:
-        LegsimError: there is no such file, or the viewer cannot start or draw.
+        LegsimError: missing file, or the viewer cannot start or draw.
     """
     _must_exist(path)
     from rerun.experimental import ViewerClient  # slow to import, and experimental
@@ -47,7 +48,7 @@ def screenshot(path: Path, picture: Path, *, time_s: float) -> None:
         ) as viewer:
             viewer.open(str(path.resolve()))
             viewer.set_time("time", duration=time_s, play_state="paused")
-            time.sleep(2.0)  # the viewer streams the file in; nothing tells when it is done
+            time.sleep(2.0)  # the viewer streams the file; nothing reports when it is done
             picture.write_bytes(viewer.take_screenshot())
     except (RuntimeError, OSError) as error:
         reason = str(error).splitlines()[0]
@@ -68,8 +69,9 @@ def _must_exist(path: Path) -> None:
 
 
 def _executable() -> Path:
-    """The viewer that comes with rerun-sdk, whether or not the environment's folder of commands is
-    on the PATH.
+    """Finds the viewer that comes with rerun-sdk.
+
+    The environment's folder of commands need not be on the PATH.
     """
     spec = importlib.util.find_spec("rerun_cli")
     if spec is None or spec.origin is None:

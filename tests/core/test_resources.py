@@ -22,7 +22,7 @@ def test_a_missing_file_is_named_with_what_is_there():
     with pytest.raises(
         LegsimError,
         match=(
-            r"models/leg\.xml is not part of this legsim installation; there are: "
+            r"models/leg\.xml is not part of this legsim installation; known: "
             r".*lower_body.*reinstall"
         ),
     ):

@@ -59,7 +59,9 @@ def test_small_angles_keep_their_digits(angle):
 def test_quaternions_of_half_turns(axis):
     rotation = transforms.rotation_from_vector(np.pi * axis)
     np.testing.assert_allclose(
-        transforms.rotation_from_quaternion(transforms.quaternion_from_rotation(rotation)),
+        Rotation.from_quat(
+            transforms.quaternion_from_rotation(rotation), scalar_first=True
+        ).as_matrix(),
         rotation,
         atol=1e-14,
     )

@@ -86,7 +86,7 @@ def _counts(scan: Scan, /) -> Correction:
         (
             _raises,
             r"method mine failed in .*test_method\.py, line \d+: ValueError: first line "
-            r"second line; mend it",
+            r"second line; fix it",
         ),
         (
             _says_nothing,
@@ -104,7 +104,9 @@ def _counts(scan: Scan, /) -> Correction:
         (lambda: None, "method mine failed in .*: TypeError: .*takes 0 positional arguments"),
     ],
 )
-def test_troubles_of_a_users_method_are_told_in_one_line(method: CorrectionMethod, message: str):
+def test_troubles_of_a_users_method_are_reported_in_one_line(
+    method: CorrectionMethod, message: str
+):
     with pytest.raises(LegsimError, match=message) as caught:
         correction_method.checked("mine", method)(scan())
     assert "\n" not in str(caught.value)
@@ -122,9 +124,9 @@ def test_refuses_images_that_are_not_numbers_or_no_images():
 
 
 def test_refuses_unknown_order_and_sensor():
-    with pytest.raises(LegsimError, match="there are: pose, paper"):
+    with pytest.raises(LegsimError, match="known: pose, paper"):
         rigid_motion(VIEWS, Sway.standing(0).poses(VIEWS), order="left")  # type: ignore[arg-type]
-    with pytest.raises(LegsimError, match="no sensor named 'thigh'; there are: shank"):
+    with pytest.raises(LegsimError, match="unknown sensor 'thigh'; known: shank"):
         scan().start("thigh")
     given = scan()
     with pytest.raises(LegsimError, match="0 starts for 1 sensors"):

@@ -104,7 +104,7 @@ def test_nothing_moves_at_the_first_view_and_rigidly_where_all_moves_as_one():
 
 
 def test_a_swing_of_the_soft_tissue_is_in_the_field():
-    """The skin goes with it, the bones do not; 4 mm, which fades out over 20 mm, is told to a tenth
+    """The skin goes with it, the bones do not; 4 mm, which fades out over 20 mm, is resolved to a tenth
     by nodes 6 mm apart.
     """
     swinging = leg_phantom.load_leg_phantom(swinging=True)

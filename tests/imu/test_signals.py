@@ -18,7 +18,7 @@ def test_a_sensor_is_found_by_its_name(rng: np.random.Generator):
     turn, force = recorded.sensor("shank")
     np.testing.assert_array_equal(turn, recorded.angular_velocity[:, 1])
     np.testing.assert_array_equal(force, recorded.specific_force[:, 1])
-    with pytest.raises(LegsimError, match=r"no sensor named 'foot'; there are: thigh, shank"):
+    with pytest.raises(LegsimError, match=r"unknown sensor 'foot'; known: thigh, shank"):
         recorded.sensor("foot")
 
 

@@ -243,7 +243,7 @@ def test_refuses_samples_that_are_not_numbers():
 
 
 def test_refuses_a_start_that_is_no_pose():
-    with pytest.raises(LegsimError, match="no rigid pose"):
+    with pytest.raises(LegsimError, match="not a rigid pose"):
         SensorStart(np.diag([1.0, 1.0, -1.0, 1.0]), np.zeros(3))
     with pytest.raises(LegsimError, match="not finite"):
         SensorStart(np.eye(4), np.array([np.nan, 0, 0]))
@@ -251,7 +251,7 @@ def test_refuses_a_start_that_is_no_pose():
 
 def test_refuses_unknown_schemes():
     sway, times = Sway.standing(0), np.arange(120) / 120
-    with pytest.raises(LegsimError, match="there are: accurate, paper"):
+    with pytest.raises(LegsimError, match="known: accurate, paper"):
         strapdown.integrate(
             times, *sway.signals(times), start_of(sway, times), times, scheme="fast"
         )  # type: ignore[arg-type]

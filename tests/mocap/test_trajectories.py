@@ -25,7 +25,7 @@ def test_values_copy_what_they_are_given():
 def test_things_are_found_by_name():
     motion = MarkerTrajectories([0, 1], ("a", "b"), np.arange(12.0).reshape(2, 2, 3))
     np.testing.assert_array_equal(motion.marker("b"), [[3, 4, 5], [9, 10, 11]])
-    with pytest.raises(LegsimError, match="no marker named 'c'; there are: a, b"):
+    with pytest.raises(LegsimError, match="unknown marker 'c'; known: a, b"):
         motion.marker("c")
     trajectories = JointTrajectories([0, 1], ("knee_angle_l",), [[1], [2]])
     np.testing.assert_array_equal(trajectories.coordinate("knee_angle_l"), [1, 2])
@@ -57,7 +57,7 @@ def test_motion_of_a_body_carries_its_reference_pose_to_each_later_one(rng):
             lambda: MarkerTrajectories([0, np.nan], ("a",), np.zeros((2, 1, 3))),
             "not a number at index 1",
         ),
-        (lambda: MarkerTrajectories([0, 1], ("a", "a"), np.zeros((2, 2, 3))), "twice: a"),
+        (lambda: MarkerTrajectories([0, 1], ("a", "a"), np.zeros((2, 2, 3))), "repeated: a"),
         (
             lambda: MarkerTrajectories([0, 1], ("a",), np.zeros((2, 3, 1))),
             r"shape \(2, 3, 1\); expected \(2, 1, 3\)",

@@ -1,6 +1,4 @@
-"""PHANTOM.toml: every kind of mesh loads to the same surface, and each fault is told of the file it
-is in.
-"""
+"""PHANTOM.toml: every kind of mesh loads to the same surface, and each fault names its file."""
 
 import re
 from pathlib import Path
@@ -155,7 +153,7 @@ def test_an_obj_with_comments_anywhere_continued_lines_and_foreign_letters(tmp_p
     )
 
 
-def test_a_binary_ply_of_triangles_and_quads_is_told_what_to_do(tmp_path):
+def test_a_binary_ply_of_triangles_and_quads_is_reported_with_the_fix(tmp_path):
     header = [
         "ply",
         "format binary_little_endian 1.0",
@@ -231,7 +229,7 @@ def test_overlaps_are_remarked_and_nesting_is_not(tmp_path):
     )
     remarks = phantom_files.read(path).remarks
     assert len(remarks) == 1
-    assert "parts 'a' and 'c' overlap; 'c' counts" in remarks[0]
+    assert "parts 'a' and 'c' overlap; 'c' decides" in remarks[0]
 
 
 def refuse(path, message: str) -> None:
@@ -240,7 +238,7 @@ def refuse(path, message: str) -> None:
     assert "\n" not in str(caught.value)
 
 
-def test_open_and_disoriented_meshes_are_told_of_their_file(tmp_path):
+def test_open_and_disoriented_meshes_are_reported_with_their_file(tmp_path):
     opened, turned = ball(30), ball(30)
     opened.update_faces(np.arange(320) != 7)
     turned.faces = np.concatenate([turned.faces[:1, ::-1], turned.faces[1:]])
@@ -278,14 +276,14 @@ def test_a_whole_phantom_of_a_few_mm_is_remarked_and_a_bead_in_a_larger_one_is_n
     assert phantom_files.read(path).remarks == ()
 
 
-def test_a_hidden_part_is_told(tmp_path):
+def test_a_hidden_part_is_reported(tmp_path):
     path = write(
         tmp_path, entry("bone", "b.ply"), entry("skin", "s.ply"), b_ply=ball(20), s_ply=ball(50)
     )
     refuse(
         path,
         r"part 'bone' \(b\.ply\) lies inside the later part 'skin' \(s\.ply\), which displaces it "
-        r"whole; list 'skin' before 'bone'",
+        r"completely; list 'skin' before 'bone'",
     )
 
 
@@ -298,13 +296,13 @@ def test_a_hidden_part_is_told(tmp_path):
         ("title = 3", "unknown key 'title'"),
         (
             "[[part]]\nname = 'a'\nfiles = 'x'",
-            r"\(part 1\): unknown key 'files'; known are name, file, unit",
+            r"\(part 1\): unknown key 'files'; known: name, file, unit",
         ),
         ("[[part]]\nname = 'a'", r"\(part 1\): lacks file, unit"),
         ("[[part]]\nname = 3", r"name = 3 is of the wrong type"),
         (
             "[[part]]\nname = 'a'\nfile = 'x.ply'\nunit = 'cm'\nmaterial = 'water'",
-            "unit = 'cm'; known are mm, m",
+            "unit = 'cm'; known: mm, m",
         ),
         (
             "[[part]]\nname = 'a'\nfile = 'x.ply'\nunit = 'mm'",
@@ -324,7 +322,7 @@ def test_a_hidden_part_is_told(tmp_path):
         ),
         (
             "[[part]]\nname = 'a'\nfile = 'x.ply'\nunit = 'mm'\nmaterial = 'cheese'",
-            r"\(part 1, 'a'\): no material named 'cheese'",
+            r"\(part 1, 'a'\): unknown material 'cheese'",
         ),
         (
             "[[part]]\nname = 'a'\nfile = 'x.ply'\nunit = 'mm'\nmaterial = 'water'",
@@ -336,7 +334,7 @@ def test_a_hidden_part_is_told(tmp_path):
         ),
     ],
 )
-def test_a_malformed_toml_is_told_where(tmp_path, content, message):
+def test_a_malformed_toml_is_reported_with_its_place(tmp_path, content, message):
     (tmp_path / "phantom.toml").write_text(content)
     refuse(tmp_path / "phantom.toml", message)
 
@@ -353,7 +351,7 @@ def test_other_refusals(tmp_path):
         )
 
 
-def test_meshes_that_no_reader_takes_are_told_in_words_of_the_file(tmp_path):
+def test_meshes_that_no_reader_takes_are_reported_in_words_of_the_file(tmp_path):
     mesh = ball(30)
     mesh.export(tmp_path / "cut.stl")
     (tmp_path / "cut.stl").write_bytes((tmp_path / "cut.stl").read_bytes()[:3000])
@@ -368,7 +366,7 @@ def test_meshes_that_no_reader_takes_are_told_in_words_of_the_file(tmp_path):
         (tmp_path / "beyond.ply").write_text("\n".join([*lines[:-1], f"3 1 2 {index}"]) + "\n")
         refuse(
             write(tmp_path, entry("a", "beyond.ply")),
-            r"a triangle names a vertex beyond the 162 there are",
+            r"a triangle names a vertex beyond the 162 of the file",
         )
 
 

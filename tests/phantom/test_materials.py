@@ -95,7 +95,7 @@ def test_water_read_as_of_water_is_linear_and_noise_below_zero_stays():
 
 def test_refusals_name_the_cure():
     with pytest.raises(
-        LegsimError, match=r"no material named 'bone'; there are: skin, fat.*attenuation_per_mm"
+        LegsimError, match=r"unknown material 'bone'; known: skin, fat.*attenuation_per_mm"
     ):
         materials.attenuation("bone")
     with pytest.raises(LegsimError, match="outside 5 to 800 keV"):

@@ -39,8 +39,8 @@ def test_moving_a_phantom_keeps_all_but_the_vertices():
         ),
         (lambda: tetrahedron(vertices=CORNERS * np.nan), "not a finite number"),
         (lambda: tetrahedron(attenuation=-1.0), "at least 0"),
-        (lambda: Phantom((tetrahedron(), tetrahedron())), "twice: a"),
-        (lambda: Phantom(()), "no part at all"),
+        (lambda: Phantom((tetrahedron(), tetrahedron())), "repeated: a"),
+        (lambda: Phantom(()), "it has no part"),
     ],
 )
 def test_impossible_values_are_refused(make, message):

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import trimesh
+from scipy.spatial.transform import Rotation
 
 from legsim.core import transforms
 from legsim.phantom import skinning
@@ -115,9 +116,9 @@ def test_a_shared_turn_agrees_with_the_plain_blend_of_quaternions(rng):
         if s == 1:
             expected = transforms.apply(tibia, point[None])[0]
         else:
-            turn = transforms.rotation_from_quaternion(
-                (1 - s) * np.array([1, 0, 0, 0]) + s * quaternion
-            )
+            turn = Rotation.from_quat(
+                (1 - s) * np.array([1, 0, 0, 0]) + s * quaternion, scalar_first=True
+            ).as_matrix()
             expected = (
                 knee
                 + turn @ (point - knee)

@@ -73,7 +73,7 @@ def test_a_resting_body_does_not_swing_whatever_its_pose(leg):
 def test_a_swing_that_would_fold_layers_is_refused(leg):
     with pytest.raises(
         LegsimError,
-        match=r"would swing .* mm; its layers bear 5\.3 mm: .* phantom\.tissue_swing\.amplitude",
+        match=r"would swing .* mm; its layers allow 5\.3 mm: .* phantom\.tissue_swing\.amplitude",
     ):
         swung(leg, shaken(3.0, 0.02), TIMES[100:200], SkinMount(10.0, 0.25, amplitude=10.0))
 

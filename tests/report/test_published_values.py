@@ -18,14 +18,14 @@ def test_what_the_study_does_not_have_is_none():
     assert published_values.rmse("rigid", "foot") is None
 
 
-@pytest.mark.parametrize("condition", published_values.CONDITIONS)
+@pytest.mark.parametrize("condition", ["30", "60", "all"])
 @pytest.mark.parametrize("region", published_values.REGIONS)
 def test_every_correction_beats_no_correction(condition, region):
     before, error = (
         published_values.ssim("uncorrected", region, condition),
         published_values.rmse("uncorrected", region, condition),
     )
-    for method in published_values.METHODS[1:]:
+    for method in ("marker-based", "rigid", "nonrigid-2d", "nonrigid-3d"):
         assert published_values.ssim(method, region, condition).mean > before.mean
         assert published_values.rmse(method, region, condition).mean < error.mean
 

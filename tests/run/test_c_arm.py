@@ -101,7 +101,8 @@ def test_the_report_says_what_the_projections_are_of():
         read, config.PhantomConfig(tissue_swing=config.SoftTissueConfig(amplitude=1))
     )
     assert (
-        "has 20000 photons a pixel of the open beam, with 0 of readout noise, lag of 1.5 %." in said
+        "has 20000 photons per pixel of the open beam, with 0 of readout noise, lag of 1.5 %."
+        in said
     )
     assert "swings at 10 Hz" in said
 

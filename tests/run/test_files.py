@@ -36,7 +36,7 @@ def test_poses_and_motion_survive_the_file(tmp_path, rng):
     poses = SegmentPoses(np.arange(3.0), ("a", "b"), rng.normal(size=(3, 2, 4, 4)))
     save_poses(tmp_path / "p.npz", poses)
     np.testing.assert_array_equal(
-        load_poses(tmp_path / "p.npz").world_from_segment, poses.world_from_segment
+        np.load(tmp_path / "p.npz")["world_from_segment"], poses.world_from_segment
     )
     motion = RigidMotion(np.arange(3.0), rng.normal(size=(3, 4, 4)))
     save_motion(tmp_path / "m.npz", motion)

@@ -110,7 +110,7 @@ def test_an_installed_method_that_cannot_be_loaded_is_named(
 @pytest.mark.parametrize(
     ("name", "message"),
     [
-        ("magic", "no correction method named 'magic'; there are: static, uncorrected"),
+        ("magic", "unknown correction method 'magic'; known: static, uncorrected"),
         ("nowhere.py:half", r"nowhere\.py: no such file"),
         ("{own}:missing", "has no function 'missing'"),
         ("{own}:nothing", "has no function 'nothing'"),

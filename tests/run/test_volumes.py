@@ -158,19 +158,19 @@ SHANK = config.SensorConfig(name="shank_l", segment="tibia_l", distance_mm=140)
         (
             {},
             {"run": ("rigid",), "sensor": "knee"},
-            r"methods\.sensor: there is no sensor 'knee'; name one of shank_l, thigh_l, or add it",
+            r"methods\.sensor: unknown sensor 'knee'; name one of shank_l, thigh_l, or add it",
         ),
-        ({}, {"run": ("rigid@knee",)}, "methods.run: rigid@knee: there is no sensor 'knee'"),
+        ({}, {"run": ("rigid@knee",)}, "methods.run: rigid@knee: unknown sensor 'knee'"),
         (
             {},
             {"run": ("rigid", "{own}:rigid")},
             "rigid would be called 'rigid' like another method; rename its function",
         ),
         ({}, {"run": ("{own}:static",)}, "would be called 'static' like another method"),
-        ({}, {"run": ("magic",)}, "no correction method named 'magic'"),
+        ({}, {"run": ("magic",)}, "unknown correction method 'magic'"),
     ],
 )
-def test_what_cannot_be_run_is_told_before_anything_is_computed(
+def test_what_cannot_be_run_is_reported_before_anything_is_computed(
     tiny_settings, tmp_path, imu, chosen, message
 ):
     (tmp_path / "own.py").write_text(

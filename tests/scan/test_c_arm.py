@@ -37,7 +37,10 @@ def test_changes_are_laid_over_the_published_scan():
         ({"rate_hz": 0.0}, r"CArm\.rate_hz is 0\.0; give a positive number"),
         ({"pixel_pitch": -1e-3}, r"CArm\.pixel_pitch is -0\.001"),
         ({"source_isocenter": np.nan}, r"CArm\.source_isocenter is nan"),
-        ({"source_detector": 0.5}, r"0\.5 m from the source, lies before the isocenter at 0\.78 m"),
+        (
+            {"source_detector": 0.5},
+            r"0\.5 m from the source, is in front of the isocenter at 0\.78 m",
+        ),
     ],
 )
 def test_what_is_no_c_arm_is_refused(changes, message):

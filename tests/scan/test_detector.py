@@ -153,7 +153,7 @@ def test_scatter_is_the_stated_part_of_the_primary_within_the_shadow_and_smooth(
     ("values", "message"),
     [
         ({"photons": -1.0}, "photons must be a number, at least 0"),
-        ({"photons": 1e19}, "1e\\+19 photons a pixel are noise-free .*: set 0 for no noise"),
+        ({"photons": 1e19}, "1e\\+19 photons per pixel are noise-free .*: set 0 for no noise"),
         ({"blur_fwhm": np.nan}, "blur_fwhm must be a number"),
         ({"electronic_noise": 3.0}, "set the detector's photons too"),
         ({"lag": ((0.7, 1.0), (0.5, 1.0))}, "fractions of at most 1 in all"),

@@ -31,7 +31,7 @@ def test_rows_have_a_cell_per_column():
 
 def test_a_method_is_found_by_name_or_the_names_are_listed():
     assert TABLE["rigid"].of("leg").ssim == 0.75
-    with pytest.raises(LegsimError, match="no method named 'x'; there are: own <b>, rigid"):
+    with pytest.raises(LegsimError, match="unknown method 'x'; known: own <b>, rigid"):
         TABLE["x"]
 
 

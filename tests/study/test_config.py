@@ -128,7 +128,7 @@ def test_noise_goes_into_the_runs(tmp_path):
             "settings.motion.file is not used .* write recording = ",
         ),
         ('[[noise]]\nconvention = "SI"\nlevels = []', "noise.0.levels"),
-        ('[[noise]]\nconvention = "SI"\nlevels = [["None", 1]]', "mend the value in the file$"),
+        ('[[noise]]\nconvention = "SI"\nlevels = [["None", 1]]', "fix the value in the file$"),
         ('[[noise]]\nconvention = "SI"\nlevels = [[1, 1]]\nmethods = []', "noise.0.methods"),
         (
             '[[noise]]\nconvention = "SI"\nlevels = [[1, 1], [1.0, 1]]',

@@ -1,8 +1,8 @@
 """Skeleton, segments and markers of a recording are where the motion has them."""
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
-from legsim.core import transforms
 from tests.examples.recordings import read
 
 
@@ -31,9 +31,7 @@ def test_segment_poses_come_back_as_transforms(scene, written):
     poses = scene.replay.poses.of("tibia_r")
     xyzw = np.stack(quaternions)[:, 0]
     np.testing.assert_allclose(np.stack(translations)[:, 0], poses[:, :3, 3], atol=1e-6)
-    np.testing.assert_allclose(
-        transforms.rotation_from_quaternion(xyzw[:, [3, 0, 1, 2]]), poses[:, :3, :3], atol=1e-6
-    )
+    np.testing.assert_allclose(Rotation.from_quat(xyzw).as_matrix(), poses[:, :3, :3], atol=1e-6)
 
 
 def test_only_seen_markers_are_drawn_and_keep_their_names(scene, written):
