@@ -166,11 +166,11 @@ def _check_seen(
             "another view or placement"
         )
     within = _within(pixels, geometry.shape_vu)
-    beside = [name for name, inside in zip(FIDUCIAL_NAMES, within, strict=True) if not inside]
-    if beside and detector == "bounded":
+    outside = [name for name, inside in zip(FIDUCIAL_NAMES, within, strict=True) if not inside]
+    if outside and detector == "bounded":
         rows, columns = geometry.shape_vu
         raise LegsimError(
-            f"view {view}: fiducial {', '.join(beside)} is off the detector of {columns} x {rows} "
+            f"view {view}: fiducial {', '.join(outside)} is off the detector of {columns} x {rows} "
             "pixels; place the sensor nearer to the "
             'knee, or ask for the paper\'s detector without bounds (detector = "unbounded")'
         )

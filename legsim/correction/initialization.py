@@ -153,12 +153,12 @@ def _how(options: FiducialOptions) -> str:
 
 def _visible(name: str, on_detector: np.ndarray) -> str:
     """Describes which fiducials of one sensor (views, 4) fall off the real detector."""
-    beside = [
+    outside = [
         fiducial
         for fiducial, seen in zip(FIDUCIAL_NAMES, np.asarray(on_detector.all(0)), strict=True)
         if not seen
     ]
-    return f"Sensor {name}: fiducials off the real detector: {', '.join(beside) or 'none'}."
+    return f"Sensor {name}: fiducials off the real detector: {', '.join(outside) or 'none'}."
 
 
 def _seen(

@@ -70,7 +70,7 @@ class Sensor:
 
     @property
     def segment_from_sensor(self) -> FloatArray:
-        """(4, 4)"""
+        """Pose of the sensor in its segment, (4, 4)."""
         return transforms.rigid(
             self.segment_from_sensor_rotation, self.offset - [0.0, self.distance, 0.0]
         )

@@ -38,7 +38,7 @@ SMALLEST, LARGEST = 0.5e-3, 5.0
 """m: extents of a part below or above which its unit is taken for mistaken"""
 
 _SMALL_WHOLE = 10e-3
-"""m: below this length a whole phantom's unit is taken for mistaken"""
+"""m: below this length a phantom's unit is taken for mistaken"""
 
 _KEYS = {
     "name": str,
@@ -135,7 +135,7 @@ def read(path: Path | str, *, energy_kev: float = materials.DEFAULT_ENERGY_KEV) 
     length = np.ptp(corners, axis=0).max()
     if length < _SMALL_WHOLE:
         remarks.append(
-            f"{path}: the whole phantom is {1e3 * length:.3g} mm long; if that is too small, its "
+            f"{path}: the phantom is {1e3 * length:.3g} mm long; if that is too small, its "
             "files are in m, not mm"
         )
     return PhantomFile(

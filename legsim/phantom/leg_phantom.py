@@ -86,11 +86,11 @@ class LegPhantom:
     def posed(
         self, world_from_segment: ArrayLike, segment_names: Sequence[str]
     ) -> tuple[FloatArray, ...]:
-        """Vertices of every part, each (p, 3) m in world, for one pose (s, 4, 4) of the named
-        segments.
+        """Vertices of every part, each (p, 3) m in world, for one pose (s, 4, 4).
 
-        Where the names hold :func:`legsim.phantom.skinning.swing_of` a bone, its soft tissue is
-        shifted by that pose's translation.
+        The pose is that of the named segments. Where the names hold
+        :func:`legsim.phantom.skinning.swing_of` a bone, its soft tissue is shifted by that pose's
+        translation.
 
         Raises:
             LegsimError: a segment that carries a part has no pose, or the soft tissue swings and
@@ -316,7 +316,7 @@ class _Poses:
     def __getitem__(self, name: str) -> FloatArray:
         if name not in self.names:
             raise LegsimError(
-                f"no pose for the segment {name}, which carries a part; there are: "
+                f"no pose for the segment {name}, which carries a part; known: "
                 f"{', '.join(self.names)}"
             )
         return self.world_from_segment[self.names.index(name)]

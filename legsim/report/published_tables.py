@@ -76,7 +76,7 @@ def table(
     ``head`` is the heading of the first column. ``source`` says in the note where the published
     values are.
     """
-    beside = any(e.published is not None for e in entries)
+    compared = any(e.published is not None for e in entries)
     columns = tuple(dict.fromkeys(e.column for e in entries))
     found = {(e.group, e.row, e.column): e for e in entries}
     rows: list[tuple[str, ...]] = []
@@ -87,14 +87,14 @@ def table(
             rows.append((group,))
         cells = [found.get((*place, column)) for column in columns]
         rows.append(
-            (place[1], *(cell for entry in cells for cell in _cells(entry)[: 3 if beside else 1]))
+            (place[1], *(cell for entry in cells for cell in _cells(entry)[: 3 if compared else 1]))
         )
     heads = (
         h
         for column in columns
-        for h in (column, f"published {column}", f"difference {column}")[: 3 if beside else 1]
+        for h in (column, f"published {column}", f"difference {column}")[: 3 if compared else 1]
     )
-    note = f"{note} Published: {source}; {CAVEAT}." if beside and source else note
+    note = f"{note} Published: {source}; {CAVEAT}." if compared and source else note
     return Table(caption, (head, *heads), tuple(rows), note, name)
 
 

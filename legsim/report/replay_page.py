@@ -207,12 +207,14 @@ def coordinate_table(recovered: MovingLeg) -> Table:
     note = "Knee flexion is negative, as in gait2392." if own else "By the signs of the model."
     if fit is None:
         return Table("Joint coordinates", heads, tuple(rows), note)
-    told = " Decided by markers: 1 where the markers alone decide it, 0 where the stated priors do."
+    shares = (
+        " Decided by markers: 1 where the markers alone decide it, 0 where the stated priors do."
+    )
     return Table(
         "Joint coordinates",
         (*heads, "decided by markers", "frames at limit"),
         tuple(rows),
-        note + told,
+        note + shares,
     )
 
 

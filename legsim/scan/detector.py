@@ -31,7 +31,7 @@ _FWHM = 2 * np.sqrt(2 * np.log(2))
 LEAST_PHOTONS = 0.5
 
 MOST_PHOTONS = 1e12
-"""more are free of noise to float32, and soon too many for a whole number to count"""
+"""more are free of noise in float32, and soon overflow an integer"""
 
 _DARKEST = float(np.finfo(float).tiny)
 

@@ -118,7 +118,7 @@ class ReplayScene:
         )
         if unknown:
             raise LegsimError(
-                f"meshes of segments without a pose: {', '.join(unknown)}; there are: "
+                f"meshes of segments without a pose: {', '.join(unknown)}; known: "
                 f"{', '.join(self.poses.segment_names)}"
             )
         if self.modelled is not None and (

@@ -42,7 +42,7 @@ def log_c_arm(recorder: Recorder, projections: Projections) -> None:
         recorder,
         "world/c_arm/detector/projection",
         times,
-        _grey(upright, float(np.percentile(upright, 99.9)))[rows],
+        _gray(upright, float(np.percentile(upright, 99.9)))[rows],
     )
     recorder.static(
         "world/source_path",
@@ -154,7 +154,7 @@ def log_slices(recorder: Recorder, volumes: tuple[NamedVolume, ...], planes: Sli
     for row, height in zip(rows, heights, strict=True):
         for column, image in enumerate(row):
             x = column * (width + gap)
-            canvas[y : y + image.shape[0], x : x + image.shape[1]] = _grey(image, top)
+            canvas[y : y + image.shape[0], x : x + image.shape[1]] = _gray(image, top)
         y += height + gap
     recorder.static("slices/picture", rr.Image(canvas))
     places = [
@@ -168,7 +168,7 @@ def log_slices(recorder: Recorder, volumes: tuple[NamedVolume, ...], planes: Sli
     )
 
 
-def _grey(image: Float32Array, top: float) -> np.ndarray:
+def _gray(image: Float32Array, top: float) -> np.ndarray:
     return np.clip(image * (255 / max(top, 1e-30)), 0, 255).astype(np.uint8)
 
 

@@ -90,7 +90,7 @@ def test_version(capsys):
         (("run", "--set", "scan.views=9000", "--out", "{tmp}"), "the recording lasts"),
         (
             ("run", "--set", 'methods.run=["magic"]', "--out", "{tmp}"),
-            "no correction method named 'magic'",
+            "unknown correction method 'magic'",
         ),
         (
             ("run", "--device", "abacus", "--out", "{tmp}"),

@@ -7,10 +7,10 @@ from legsim.core.errors import file_error, printable
 
 def test_the_line_names_file_place_problem_and_cure():
     assert (
-        str(errors.file_error("a.trc", "no number", "mend it", place="line 3"))
-        == "a.trc (line 3): no number; mend it"
+        str(errors.file_error("a.trc", "no number", "fix it", place="line 3"))
+        == "a.trc (line 3): no number; fix it"
     )
-    assert str(errors.file_error("a.trc", "no number", "mend it")) == "a.trc: no number; mend it"
+    assert str(errors.file_error("a.trc", "no number", "fix it")) == "a.trc: no number; fix it"
 
 
 def test_a_name_that_is_no_utf8_becomes_text_that_can_be_encoded():

@@ -75,7 +75,7 @@ def field(*poses: np.ndarray, spacing: float = 0.012) -> tuple[FieldMotion, Segm
 
 
 def test_bones_and_soft_tissue_go_where_the_phantom_has_them():
-    """One degree is 0.4 mm between the joint faces, less than a node apart: most of that is told,
+    """One degree is 0.4 mm between the joint faces, less than a node apart: most of that is resolved,
     and all of it away from the joint.
     """
     motion, poses = field(bent(30), bent(31), spacing=0.006)

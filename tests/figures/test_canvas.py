@@ -108,8 +108,10 @@ def test_axes_carry_units(made, kind, unit):
 )
 def test_curves_are_explained_once_where_no_curve_is_hidden(made, kind, words):
     figure = made[kind]
-    told = " ".join(text.get_text() for legend in figure.legends for text in legend.get_texts())
-    assert words in told
+    legend_text = " ".join(
+        text.get_text() for legend in figure.legends for text in legend.get_texts()
+    )
+    assert words in legend_text
     assert not any(ax.get_legend() for ax in figure.axes)
 
 

@@ -265,7 +265,7 @@ def test_a_whole_phantom_of_a_few_mm_is_remarked_and_a_bead_in_a_larger_one_is_n
     """A meter taken for a millimeter passes as a small bead would."""
     meters = trimesh.creation.box(extents=(0.3, 1.0, 0.2))
     (remark,) = phantom_files.read(write(tmp_path, entry("leg", "leg.ply"), leg_ply=meters)).remarks
-    assert "the whole phantom is 1 mm long; if that is too small, its files are in m" in remark
+    assert "the phantom is 1 mm long; if that is too small, its files are in m" in remark
     path = write(
         tmp_path,
         entry("ball", "ball.ply"),

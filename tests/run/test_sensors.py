@@ -57,13 +57,13 @@ def test_the_sentence_names_size_and_convention():
     assert (
         sensors.noise_sentence(ImuConfig(), view_rate_hz=31.0) == "IMU signals are free of noise."
     )
-    told = sensors.noise_sentence(
+    sentence = sensors.noise_sentence(
         ImuConfig(noise=NoiseConfig(kind="paper", f_a=2, f_g=3, convention="per-sample")),
         view_rate_hz=31.0,
     )
-    assert "per-sample convention" in told
-    assert "f_a = 2.0, f_g = 3.0" in told
+    assert "per-sample convention" in sentence
+    assert "f_a = 2.0, f_g = 3.0" in sentence
     rms = noise.ImuNoise.paper(
         acceleration_exponent=2, angular_velocity_exponent=3, convention="per-sample"
     ).sample_rms(120)[0]
-    assert f"{rms:.3g} m/s^2" in told
+    assert f"{rms:.3g} m/s^2" in sentence

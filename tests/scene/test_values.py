@@ -62,7 +62,7 @@ def test_modelled_markers_must_match_the_measured(replay):
 
 def test_a_mesh_needs_a_segment_with_a_pose(replay):
     mesh = SegmentMesh("patella", "patella_r", *example_scene.tube(0.01, 0.02))
-    with pytest.raises(LegsimError, match=r"without a pose: patella_r; there are: femur_r"):
+    with pytest.raises(LegsimError, match=r"without a pose: patella_r; known: femur_r"):
         replace(replay, segment_meshes=(mesh,))
 
 
