@@ -7,7 +7,7 @@ from legsim.deformation.models import RigidMotion
 from legsim.imu.signals import ImuSignals
 from legsim.kinematics.skeleton import SegmentPoses
 from legsim.mocap.trajectories import MarkerTrajectories
-from legsim.run.files import load_imu, load_poses, save_imu, save_marker_errors, save_poses
+from legsim.run.files import load_imu, save_imu, save_marker_errors, save_poses
 
 
 def test_imu_signals_survive_the_file_to_the_last_bit(tmp_path, rng):
