@@ -57,6 +57,11 @@ class MotionConfig(ConfigSection):
     """OpenSim model (.osim) to use, with its markers and of its size; empty: legsim's own leg"""
     scale_file: str = ""
     """OpenSim's scale factors (.xml), for legsim's own leg or for the model; empty: none"""
+    registration: bool = True
+    """find lengths, hip centers and the places of the markers together with the poses
+
+    Else the leg stays as scaled and markers sit where the model has them.
+    """
 
 
 class SensorConfig(ConfigSection):

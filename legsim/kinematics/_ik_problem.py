@@ -90,15 +90,15 @@ class Problem:
         self._pelvis_turns = [k for k, name in enumerate(pelvis) if name not in leg.shifts]
         self._diagonal = np.arange(len(names))
         self._feet = [segment_index(f"calcn_{side}") for side in "rl"]
-        self._prior_weights, self._prior_values = np.zeros((2, len(names)))
+        self.prior_weights, self.prior_values = np.zeros((2, len(names)))
         for prior in config.priors:
             if prior.coordinate not in names:
                 raise LegsimError(
-                    f"no coordinate named {prior.coordinate!r} for a prior; there are: "
+                    f"unknown coordinate {prior.coordinate!r} for a prior; known: "
                     f"{', '.join(names)}"
                 )
             column = names.index(prior.coordinate)
-            self._prior_weights[column], self._prior_values[column] = prior.weight, prior.value
+            self.prior_weights[column], self.prior_values[column] = prior.weight, prior.value
         limits = leg.coordinate_ranges.copy()
         limits[: leg.pelvis_coordinates] = -np.inf, np.inf
         self.low, self.high = limits.T
@@ -125,12 +125,12 @@ class Problem:
         gradient, upper, bend = self._composite(
             angular, linear, points - center, residuals, weights
         )
-        away = values - self._prior_values
-        gradient += self._prior_weights * away
-        upper[:, self._diagonal, self._diagonal] += self._prior_weights
+        away = values - self.prior_values
+        gradient += self.prior_weights * away
+        upper[:, self._diagonal, self._diagonal] += self.prior_weights
         cost = (
             cost
-            + 0.5 * (self._prior_weights * away**2).sum(1)
+            + 0.5 * (self.prior_weights * away**2).sum(1)
             + self._add_flat_feet(pose, gradient, upper, bend)
         )
         scale = np.einsum("ncc->nc", upper).copy()

@@ -15,15 +15,19 @@ from legsim.kinematics import (
     marker_sites,
     on_osim_model,
     osim_scaling,
+    registration,
     scaling,
     smoothing,
+    uncertainty,
 )
+from legsim.kinematics._ik_problem import Problem, ReplayConfig
 from legsim.kinematics.from_coordinates import gap_note, low_passed, moving_leg, named
 from legsim.kinematics.inverse_kinematics import Solution
 from legsim.kinematics.leg import Leg
 from legsim.kinematics.leg_model import LegModel
 from legsim.kinematics.marker_sites import MarkerSites
 from legsim.kinematics.moving_leg import MarkerFit, MovingLeg
+from legsim.kinematics.registration import Registration
 from legsim.kinematics.scaling import Scaling
 from legsim.kinematics.skeleton import SegmentScales
 from legsim.mocap import cleaning as mocap_cleaning
@@ -102,6 +106,7 @@ def solve_kinematics(
     scale_file: str | Path | None = None,
     filter_coordinates: bool = False,
     in_degrees: bool | None = None,
+    register: bool = True,
 ) -> MovingLeg:
     """Reads a recording, cleans it, scales the leg model to the person and solves for joint angles.
 
@@ -126,6 +131,9 @@ def solve_kinematics(
         filter_coordinates: low-pass joint coordinates of a .mot, .sto or .csv too.
         in_degrees: whether the angles of a .mot or .sto are in degrees; None believes the header
             as far as the angles bear it out.
+        register: find the person's lengths, hip centers and the places of the markers together with
+            the poses; else the leg stays as scaled and markers where the model has them. Not where
+            ``model`` or ``scale_file`` give the size.
 
     Raises:
         LegsimError: anything that a careful person would object to, with file, place and fix.
@@ -174,8 +182,14 @@ def solve_kinematics(
     loose = marker_sites.calibrated_roles() & set(measured.marker_names)
     if loose:
         placed = inverse_kinematics.calibrate(leg, reference, placed, loose)
-    solution = named(path, lambda: inverse_kinematics.solve(leg, measured, placed))
-    how = _Fitting(fitted, scaled_from.name, notes)
+    settings, registered = ReplayConfig(), None
+    if register and not scale_file:
+        registered = named(
+            scaled_from, lambda: registration.register(leg, reference, placed, loose, settings)
+        )
+        leg, placed, settings = registered.leg, registered.sites, registered.config
+    solution = named(path, lambda: inverse_kinematics.solve(leg, measured, placed, settings))
+    how = _Fitting(fitted, scaled_from.name, notes, settings, registered)
     return _solved(reading, path, leg, solution, measured, placed, cleaning, how)
 
 
@@ -186,6 +200,8 @@ class _Fitting:
     scaling: Scaling
     source: str
     notes: tuple[str, ...]
+    options: ReplayConfig
+    registration: Registration | None = None
 
 
 def _solved(
@@ -211,14 +227,22 @@ def _solved(
         filter_hz=reading.filter_hz,
     )
     fit = MarkerFit(
-        shown,
-        solution.modelled,
-        placed.only(names),
-        cleaning,
-        how.scaling,
-        solution.report,
-        printable(how.source),
-        settled_hz,
+        measured=shown,
+        modelled=solution.modelled,
+        sites=placed.only(names),
+        cleaning=cleaning,
+        scaling=how.scaling,
+        options=how.options,
+        registration=how.registration,
+        spread=uncertainty.coordinate_spread(
+            Problem(leg, placed.only(names), how.options),
+            how.registration,
+            solution.trajectories.values,
+            np.asarray(np.isfinite(shown.positions_world).all(-1)),
+        ),
+        ik=solution.report,
+        scaled_from=printable(how.source),
+        settled_hz=settled_hz,
     )
     return MovingLeg(printable(path.name), leg, settled, fit, how.notes)
 
@@ -249,6 +273,7 @@ def _markers_on_model(
         Scaling(leg.scales, sites, ()),
         leg.model.path.name,
         (*read_notes, *cleaning.notes, *notes, *said, *size, *locked),
+        config,
     )
     return _solved(reading, path, leg, solution, measured, sites, cleaning, known)
 

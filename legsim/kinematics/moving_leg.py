@@ -8,10 +8,14 @@ from typing import Any
 
 import numpy as np
 
+from legsim.core.values import FloatArray
+from legsim.kinematics import plausibility
+from legsim.kinematics._ik_problem import ReplayConfig
 from legsim.kinematics.inverse_kinematics import IkReport
 from legsim.kinematics.joint_splines import JointSplines
 from legsim.kinematics.leg import Leg
 from legsim.kinematics.marker_sites import MarkerSites
+from legsim.kinematics.registration import Registration
 from legsim.kinematics.scaling import Scaling
 from legsim.mocap.cleaning import CleaningReport
 from legsim.mocap.trajectories import JointTrajectories, MarkerTrajectories
@@ -36,6 +40,14 @@ class MarkerFit:
     """where they sit on the model's segments"""
     cleaning: CleaningReport
     scaling: Scaling
+    options: ReplayConfig
+    """that inverse kinematics ran with"""
+    registration: Registration | None
+    """None where the leg stayed as scaled"""
+    spread: FloatArray
+    """(c,) rad and m: standard deviation of each coordinate, by what the markers and the priors
+    tell
+    """
     ik: IkReport
     scaled_from: str
     """name of the recording that the model's size comes from"""
@@ -84,6 +96,28 @@ class MovingLeg:
             f"MovingLeg({self.name}: {len(times)} samples over {times[-1] - times[0]:.4g} s{fit})"
         )
 
+    @cached_property
+    def implausible(self) -> tuple[str, ...]:
+        """Sentences on what no person's leg does, with names and times; such a leg is not to be
+        scanned.
+        """
+        return plausibility.objections(self.leg, self.trajectories)
+
+    @cached_property
+    def warnings(self) -> tuple[str, ...]:
+        """What a reader should know before using the movement: all that is implausible, and what is
+        doubtful.
+        """
+        doubts = list(plausibility.at_limits(self.leg, self.trajectories))
+        if self.fit is not None and len(self.fit.ik.frames_jumping):
+            jumps = self.fit.ik.frames_jumping
+            first = int(jumps[0])
+            doubts.append(
+                f"the solution jumps to another one after {len(jumps)} frames, "
+                f"the first is frame {first} ({self.trajectories.times[first]:.3f} s)"
+            )
+        return (*self.implausible, *doubts)
+
     def ranges(self) -> tuple[CoordinateRange, ...]:
         """Mean, spread and extremes of every coordinate."""
         rows, times = [], self.trajectories.times
@@ -102,6 +136,21 @@ class MovingLeg:
             )
         return tuple(rows)
 
+    def _least_known(self) -> str:
+        """The three least certain joint angles of hips and knees."""
+        known = zip(self.ranges(), self.standard_deviations(), strict=True)
+        angles = [(sd, row.name) for row, sd in known if row.name.startswith(("hip", "knee"))]
+        return ", ".join(f"{name} {sd:.1f} deg" for sd, name in sorted(angles, reverse=True)[:3])
+
+    def standard_deviations(self) -> tuple[float, ...]:
+        """Of each coordinate, in its unit of :meth:`ranges`; none where the file held
+        coordinates.
+        """
+        if self.fit is None:
+            return ()
+        factors = [1e3 if row.unit == "mm" else np.degrees(1.0) for row in self.ranges()]
+        return tuple(float(f * s) for f, s in zip(factors, self.fit.spread, strict=True))
+
     def summary(self) -> dict[str, Any]:
         """Numbers about the fit, for kinematics.json."""
         if self.fit is None:
@@ -110,6 +159,7 @@ class MovingLeg:
                 "source": "coordinates",
                 "file": self.name,
                 "notes": list(self.notes),
+                "warnings": list(self.warnings),
                 "coordinates": ranges,
             }
         ik, cleaning = self.fit.ik, self.fit.cleaning
@@ -123,6 +173,8 @@ class MovingLeg:
             "coordinate_filter_hz": self.fit.settled_hz,
             "marker_rms_mm": 1e3 * ik.rms,
             "frames_unconverged": len(ik.frames_unconverged),
+            "warnings": list(self.warnings),
+            "registration": _registration_summary(self.fit),
             "markers": [
                 {
                     "role": name,
@@ -146,6 +198,7 @@ class MovingLeg:
                     **asdict(row),
                     "decided_by_markers": float(ik.coordinate_share[k]),
                     "frames_at_limit": int(ik.coordinate_at_limit[k]),
+                    "standard_deviation": self.standard_deviations()[k],
                 }
                 for k, row in enumerate(self.ranges())
             ],
@@ -160,6 +213,7 @@ class MovingLeg:
                 f"{self.name}: {count} samples of {len(self.trajectories.coordinate_names)} "
                 "coordinates",
                 *self.notes,
+                *(f"warning: {line}" for line in self.warnings),
             ]
         ik, cleaning = self.fit.ik, self.fit.cleaning
         filled, jumps = (
@@ -209,9 +263,40 @@ class MovingLeg:
             lines.append(
                 f"decided by the stated priors rather than the markers: {', '.join(loose)}"
             )
+        lines.append(f"least known, by one standard deviation: {self._least_known()}")
+        lines += [f"warning: {line}" for line in self.warnings]
         if len(ik.frames_unconverged):
             lines.append(
                 f"{len(ik.frames_unconverged)} frames did not converge, the first is frame "
                 f"{ik.frames_unconverged[0]}"
             )
         return lines
+
+
+def _registration_summary(fit: MarkerFit) -> dict[str, Any] | None:
+    """What registration changed, in mm and degrees."""
+    found = fit.registration
+    if found is None:
+        return None
+    values = {prior.coordinate: prior.value for prior in found.config.priors}
+    return {
+        "frames": found.frames,
+        "marker_rms_before_mm": 1e3 * found.rms_before,
+        "marker_rms_mm": 1e3 * found.rms_after,
+        "marker_error_mm": 1e3 * found.error,
+        "lengths_mm": {
+            f"{name}_{side}": 1e3 * length(side)
+            for name, length in (
+                ("thigh", found.leg.thigh_length),
+                ("shank", found.leg.shank_length),
+            )
+            for side in "rl"
+        },
+        "habitual_hip_rotation_deg": {
+            side: float(np.degrees(values[f"hip_rotation_{side}"])) for side in "rl"
+        },
+        "marker_places_mm": {
+            name: [1e3 * float(x) for x in place]
+            for name, place in zip(found.sites.names, found.sites.positions, strict=True)
+        },
+    }

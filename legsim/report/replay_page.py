@@ -116,7 +116,7 @@ def content(
             FileNote("kinematics.json", "the numbers of this page"),
             FileNote("manifest.json", "versions, seconds and sha256 of every file"),
         ),
-        warnings=() if fit is None else warnings(fit),
+        warnings=(*recovered.warnings, *(() if fit is None else warnings(fit))),
     )
 
 
@@ -179,7 +179,7 @@ def marker_table(fit: MarkerFit) -> Table:
 def coordinate_table(recovered: MovingLeg) -> Table:
     """Builds one row per coordinate: its range, and what decides it."""
     fit = recovered.fit
-    rows = []
+    rows, spread = [], recovered.standard_deviations()
     for k, row in enumerate(recovered.ranges()):
         cells = (
             row.name,
@@ -190,7 +190,11 @@ def coordinate_table(recovered: MovingLeg) -> Table:
         known = (
             ()
             if fit is None
-            else (f"{fit.ik.coordinate_share[k]:.2f}", str(fit.ik.coordinate_at_limit[k]))
+            else (
+                f"{spread[k]:.1f}",
+                f"{fit.ik.coordinate_share[k]:.2f}",
+                str(fit.ik.coordinate_at_limit[k]),
+            )
         )
         rows.append((*cells, *rate, *known))
     heads = (
@@ -208,11 +212,12 @@ def coordinate_table(recovered: MovingLeg) -> Table:
     if fit is None:
         return Table("Joint coordinates", heads, tuple(rows), note)
     shares = (
-        " Decided by markers: 1 where the markers alone decide it, 0 where the stated priors do."
+        " Standard deviation: what errors and places of the markers, and the priors, leave open. "
+        "Decided by markers: 1 where the markers alone decide it, 0 where the stated priors do."
     )
     return Table(
         "Joint coordinates",
-        (*heads, "decided by markers", "frames at limit"),
+        (*heads, "standard deviation", "decided by markers", "frames at limit"),
         tuple(rows),
         note + shares,
     )
@@ -262,7 +267,26 @@ def _marker_tables(fit: MarkerFit) -> tuple[Table, ...]:
         ("length", "measured (mm)"),
         scales,
     )
-    return (marker_table(fit), lengths) if scales else (marker_table(fit),)
+    tables = (marker_table(fit), lengths) if scales else (marker_table(fit),)
+    return *tables, *_registration_tables(fit)
+
+
+def _registration_tables(fit: MarkerFit) -> tuple[Table, ...]:
+    """Where registration has the markers, against where the scaled model has them."""
+    found = fit.registration
+    if found is None:
+        return ()
+    rows = []
+    for name, place in zip(found.sites.names, found.sites.positions, strict=True):
+        off = 1e3 * (place - fit.scaling.sites.position(name))
+        rows.append((name, *(f"{x:.1f}" for x in off)))
+    note = (
+        f"Found together with the poses over {found.frames} frames of {fit.scaled_from}: RMS "
+        f"{1e3 * found.rms_before:.1f} mm before, {1e3 * found.rms_after:.1f} mm after. Against "
+        "the scaled model's places, along x (forward), y (up) and z (right) of the segment."
+    )
+    heads = ("role", "x (mm)", "y (mm)", "z (mm)")
+    return (Table("Places of the markers", heads, tuple(rows), note),)
 
 
 def _drawn(pictures: Sequence[tuple[str, str, Figure]]) -> tuple[Picture, ...]:

@@ -24,6 +24,7 @@ def solve(motion: MotionConfig, *, filter_coordinates: bool = False) -> MovingLe
         scale_file=motion.scale_file or None,
         filter_coordinates=filter_coordinates,
         in_degrees=None if motion.angles == "file" else motion.angles == "degrees",
+        register=motion.registration,
     )
 
 

@@ -1,0 +1,111 @@
+"""What no leg does: rates, steps, lengths and limits that say that a recording or its solution is
+wrong somewhere.
+"""
+
+import numpy as np
+
+from legsim.core.values import FloatArray
+from legsim.kinematics.leg import Leg
+from legsim.mocap.trajectories import JointTrajectories
+
+_FASTEST_DEG_PER_S = 1500.0
+"""a sprinter's knee turns by 1200 deg/s"""
+
+_FASTEST_M_PER_S = 12.0
+"""a sprinter's pelvis"""
+
+_STRONGEST = 20 * 9.80665
+"""m/s^2 of a segment's origin: impacts at the shank of a runner are 10 g"""
+
+_UNLIKE = 0.04
+"""of the lengths of a person's thighs or shanks; 5 of 100 people differ by more than 2 %"""
+
+_LONG_AT_LIMIT = 0.2
+"""share of the frames"""
+
+
+def objections(leg: Leg, trajectories: JointTrajectories) -> tuple[str, ...]:
+    """Sentences on what a person's leg cannot do, each with names and times; none where all is
+    plausible.
+
+    First and last frames are held to the same as all others.
+    """
+    values = leg.values_of(trajectories)
+    return (
+        *_too_fast(leg, values, trajectories.times),
+        *_too_strong(leg, values, trajectories.times),
+        *_unlike_lengths(leg),
+    )
+
+
+def at_limits(leg: Leg, trajectories: JointTrajectories) -> tuple[str, ...]:
+    """Sentences on knees that stay at their limit: the markers would bend them further."""
+    lines = []
+    for side in "rl":
+        name = f"knee_angle_{side}"
+        if name not in leg.coordinate_names:
+            continue
+        angle = trajectories.coordinate(name)
+        limits = leg.coordinate_ranges[leg.coordinate_names.index(name)]
+        share = float(np.mean((angle < limits[0] + 1e-6) | (angle > limits[1] - 1e-6)))
+        if share > _LONG_AT_LIMIT:
+            lines.append(
+                f"knee_angle_{side} is at its limit in {100 * share:.0f} % of the frames: the "
+                "markers of that leg do not sit where the model has them"
+            )
+    return tuple(lines)
+
+
+def _too_fast(leg: Leg, values: FloatArray, times: FloatArray) -> list[str]:
+    if len(times) < 2:
+        return []
+    rates = np.abs(np.diff(values, axis=0)) / np.diff(times)[:, None]
+    slides = np.array([name in leg.shifts for name in leg.coordinate_names])
+    limits = np.where(slides, _FASTEST_M_PER_S, np.radians(_FASTEST_DEG_PER_S))
+    lines = []
+    for k in np.flatnonzero((rates > limits).any(0)):
+        frame = int(rates[:, k].argmax())
+        fastest = (
+            f"{rates[frame, k]:.0f} m/s"
+            if 3 <= k < 6
+            else f"{np.degrees(rates[frame, k]):.0f} deg/s"
+        )
+        count = int((rates[:, k] > limits[k]).sum())
+        lines.append(
+            f"{leg.coordinate_names[k]} steps at {fastest} from frame {frame} "
+            f"({times[frame]:.3f} s) to the next, and in {count} places faster than any joint moves"
+        )
+    return lines
+
+
+def _too_strong(leg: Leg, values: FloatArray, times: FloatArray) -> list[str]:
+    if len(times) < 3:
+        return []
+    poses = leg.segment_poses(JointTrajectories(times, leg.coordinate_names, values))
+    lines = []
+    for segment in ("pelvis", "tibia_r", "tibia_l"):
+        place = poses.of(segment)[:, :3, 3]
+        speed = np.diff(place, axis=0) / np.diff(times)[:, None]
+        middle = 0.5 * (times[2:] - times[:-2])
+        strength = np.linalg.norm(np.diff(speed, axis=0), axis=1) / middle
+        frame = int(strength.argmax()) + 1
+        highest = float(strength.max())
+        if highest > _STRONGEST:
+            lines.append(
+                f"{segment} is accelerated by {highest / 9.80665:.0f} g at frame {frame} "
+                f"({times[frame]:.3f} s), more than any impact"
+            )
+    return lines
+
+
+def _unlike_lengths(leg: Leg) -> list[str]:
+    lines = []
+    for name, length in (("thighs", leg.thigh_length), ("shanks", leg.shank_length)):
+        right, left = length("r"), length("l")
+        unlike = abs(right - left) / (0.5 * (right + left))
+        if unlike > _UNLIKE:
+            lines.append(
+                f"the {name} differ by {100 * unlike:.0f} % in length (right {1e3 * right:.0f} mm, "
+                f"left {1e3 * left:.0f} mm): a marker of one leg sits elsewhere than its role says"
+            )
+    return lines

@@ -1,0 +1,299 @@
+"""A person's leg found together with the poses: lengths, hip centers, and where each marker sits.
+
+Scaling takes a person's size from distances between markers, as if each sat where the model's does.
+People's do not: a marker over the epicondyle that lies 15 mm further out turns the thigh by 15
+degrees. Registration minimizes over some frames, that differ in posture,
+
+    sum over frames of (IK's own sum) + e^2 (theta - c)' P (theta - c)
+
+where theta are the person's parameters, c and P the mean and precision of their prior, in units of
+the error e of a marker. The poses are eliminated: at each theta they are those of inverse
+kinematics, and the Hessian of theta is the Schur complement (variable projection, Golub and
+Pereyra 1973). OpenSim's marker placer and AddBiomechanics (Werling et al. 2023) do likewise.
+"""
+
+from collections.abc import Collection
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from legsim.core import transforms
+from legsim.core.values import FloatArray, frozen
+from legsim.kinematics import _ik_branches
+from legsim.kinematics._ik_newton import held_at_limits, minimize
+from legsim.kinematics._ik_problem import Problem, ReplayConfig, State
+from legsim.kinematics._registration_model import Person, PersonModel, joint_blocks
+from legsim.kinematics.leg import Leg
+from legsim.kinematics.marker_sites import MarkerSites
+from legsim.mocap.trajectories import MarkerTrajectories
+
+MARKER_ERROR = 0.003
+"""m per axis, of a marker of weight 1: what skin slides between postures. A recording of many
+postures shows its own
+"""
+
+_LEAST_ERROR, _MOST_ERROR = 0.0003, 0.02
+"""m that a recording may show"""
+
+_MANY = 8
+"""postures that show the error of markers"""
+
+_MOST_FRAMES = 60
+
+_INDEPENDENT = 2.0
+"""frames that count in full; more share that weight, because skin slides alike in like postures"""
+
+_APART = 0.015
+"""m: postures differ where a marker has moved by so much against the pelvis"""
+
+_MOST_STEPS = 40
+
+_MOST_ROUNDS = 8
+
+_SAME_ERROR = 0.1
+"""relative change of the markers' error that is none"""
+
+_SETTLED = 1e-5
+"""relative decrease of the sum below which a step is the last"""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Registration:
+    """What :func:`register` finds."""
+
+    leg: Leg
+    sites: MarkerSites
+    """where the markers sit on the leg"""
+    config: ReplayConfig
+    """as it was given, with the person's habitual hip rotation as that prior's value"""
+    frames: int
+    """how many frames were used"""
+    rms_before: float
+    """m, of the markers in those frames on the leg as scaled"""
+    rms_after: float
+    """m"""
+    model: PersonModel
+    covariance: FloatArray
+    """(p, p) of the parameters, given the markers, their errors and the priors"""
+    error: float
+    """m per axis, of a marker of weight 1: what the recording showed, or MARKER_ERROR where it has
+    too few postures to show it
+    """
+
+    def covariance_of(self, model: PersonModel) -> FloatArray:
+        """The covariance of the parameters of a model with some of the markers."""
+        columns = self.model.columns_of(model)
+        return self.covariance[np.ix_(columns, columns)]
+
+
+def register(
+    leg: Leg,
+    motion: MarkerTrajectories,
+    sites: MarkerSites,
+    loose: Collection[str] = (),
+    config: ReplayConfig | None = None,
+) -> Registration:
+    """The leg, the places of the markers and the habitual hip rotation that a recording shows.
+
+    Args:
+        leg: scaled from the same person (:func:`legsim.kinematics.scaling.fit`).
+        motion: markers named like ``sites``; up to 60 frames that differ in posture are used.
+        sites: places on the scaled leg.
+        loose: markers whose places differ between laboratories.
+        config: of inverse kinematics.
+
+    Raises:
+        LegsimError: no frame shows three markers of the pelvis, or a leg has no marker at all.
+    """
+    config = config or ReplayConfig()
+    sites = sites.only([name for name in motion.marker_names if name in sites.names])
+    measured = motion.positions_world[:, [motion.marker_names.index(n) for n in sites.names]]
+    chosen = _postures(Problem(leg, sites, config), measured)
+    fit = _Fit(PersonModel(leg, sites, loose), config, measured[chosen])
+    fit.settle()
+    return fit.result()
+
+
+def _postures(problem: Problem, measured: FloatArray) -> np.ndarray:
+    """Frames that show the most markers and differ in posture, each the farthest from those before
+    it.
+    """
+    seen = np.asarray(np.isfinite(measured).all(-1))
+    count = np.where(seen[:, problem.pelvis_rows].sum(1) >= 3, seen.sum(1), -1)
+    frames = np.flatnonzero(count == count.max())
+    frames = frames[:: max(1, len(frames) // 600)]
+    shown = seen[frames[0]] & seen[frames].all(0)
+    pelvis = np.array(problem.pelvis_rows)
+    local = []
+    for frame in measured[frames]:
+        use = pelvis[np.isfinite(frame[pelvis, 0])]
+        pose = transforms.best_rigid(
+            problem.sites.positions[use], frame[use], problem.sites.weights[use]
+        )
+        local.append(transforms.apply(transforms.inverse(pose), frame[shown]))
+    shapes = np.array(local)
+    chosen = [int(np.linalg.norm(shapes - np.median(shapes, 0), axis=-1).max(1).argmin())]
+    away = np.full(len(frames), np.inf)
+    while len(chosen) < _MOST_FRAMES:
+        away = np.minimum(away, np.linalg.norm(shapes - shapes[chosen[-1]], axis=-1).max(1))
+        if away.max() < _APART:
+            break
+        chosen.append(int(away.argmax()))
+    return np.sort(frames[chosen])
+
+
+class _Fit:
+    """Levenberg-Marquardt on the person's parameters; poses follow."""
+
+    def __init__(self, model: PersonModel, config: ReplayConfig, measured: FloatArray) -> None:
+        self._model, self._config = model, config
+        self._seen = np.asarray(np.isfinite(measured).all(-1))
+        self._measured = np.nan_to_num(measured)
+        self._share = min(1.0, _INDEPENDENT / len(measured))
+        self.theta = np.zeros(model.size)
+        self._expect(MARKER_ERROR)
+        self._weights = self._seen * self._problem.sites.weights
+        self.state = self._posed_from_scratch()
+        self.rms_before = self._rms()
+
+    def _at(self, theta: FloatArray) -> tuple[Person, Problem]:
+        person = self._model(theta)
+        return person, Problem(person.leg, person.sites, self._settings(person))
+
+    def _settings(self, person: Person) -> ReplayConfig:
+        """Hip rotation is pulled to the habitual one by as much as markers of this error leave it
+        open.
+        """
+        return with_neutral(self._config, person.neutral, min(1.0, self.error / MARKER_ERROR) ** 2)
+
+    def _posed_from_scratch(self) -> State:
+        pelvis = self._problem.pelvis_starts(
+            np.where(self._seen[..., None], self._measured, np.nan)
+        )
+        minima = _ik_branches.find(self._problem, pelvis, self._measured, self._weights)
+        return self._posed(self._problem, np.array([m.values[0] for m in minima]))
+
+    def _posed(self, problem: Problem, starts: FloatArray) -> State:
+        return minimize(problem, starts, self._measured, self._weights)[0]
+
+    def _total(self, state: State, theta: FloatArray) -> float:
+        away = theta - self._model.center
+        return float(state.cost.sum()) + 0.5 * float(away @ self._precision @ away)
+
+    def _expect(self, error: float) -> None:
+        """Weighs the prior for markers of this error, m."""
+        self.error = error
+        self._unit = error**2 / self._share
+        self._precision = self._unit * self._model.precision
+        self.person, self._problem = self._at(self.theta)
+
+    def settle(self) -> None:
+        """Steps until the sum stays, with the error that the markers show, then looks for postures
+        that cost less now.
+        """
+        for _ in range(_MOST_ROUNDS):
+            self._descend()
+            total = self._total(self.state, self.theta)
+            again = self._posed_from_scratch()
+            cheaper = self._total(again, self.theta) < total * (1 - _SETTLED)
+            if cheaper:
+                self.state = again
+            before = self.error
+            if len(self._measured) >= _MANY:
+                self._expect(float(np.clip(self._shown_error(), _LEAST_ERROR, _MOST_ERROR)))
+                self.state = self._posed(self._problem, self.state.values)
+            if not cheaper and abs(np.log(self.error / before)) < _SAME_ERROR:
+                break
+
+    def _shown_error(self) -> float:
+        """m: root of the weighted sum of squares over the degrees of freedom that neither poses nor
+        parameters take.
+        """
+        plain = np.zeros(len(self._measured), bool)
+        values, problem = self.state.values, self._problem
+        nothing = problem.at(values, self._measured, 0 * self._weights, plain)
+        whole = problem.at(values, self._measured, self._weights, plain)
+        faint = 1e-12 * np.eye(values.shape[1])
+        open_share = np.linalg.solve(whole.curvature + faint, nothing.curvature + faint)
+        posed = values.shape[1] - np.einsum("ncc->n", open_share)
+        _, hessian, _ = self._system()
+        placed = self._model.size - np.trace(np.linalg.solve(hessian, self._precision))
+        freedom = 3 * int(self._seen.sum()) - float(posed.sum()) - float(placed)
+        squares = 2 * float((whole.cost - nothing.cost).sum())
+        return float(np.sqrt(max(squares, 0.0) / max(freedom, 1.0)))
+
+    def _descend(self) -> None:
+        damping, total = 1e-4, self._total(self.state, self.theta)
+        for _ in range(_MOST_STEPS):
+            gradient, hessian, follow = self._system()
+            damped = hessian + damping * np.diag(np.diag(hessian))
+            step = -np.linalg.solve(damped, gradient)
+            theta = self.theta + step
+            person, problem = self._at(theta)
+            state = self._posed(problem, self.state.values - follow @ step)
+            trial = self._total(state, theta)
+            if trial > total:
+                damping = 10 * max(damping, 1e-4)
+                if damping > 1e6:
+                    break
+                continue
+            self.theta, self.person, self._problem, self.state = theta, person, problem, state
+            damping, gain, total = damping / 10, total - trial, trial
+            if gain <= _SETTLED * total:
+                break
+
+    def _system(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Gradient (p,) and Hessian (p, p) with the poses eliminated; (n, c, p) how poses follow
+        the parameters, turned about.
+        """
+        person, problem, values = self.person, self._problem, self.state.values
+        plain = np.zeros(len(values), bool)
+        state = problem.at(values, self._measured, self._weights, plain)
+        crossing, own, gradient = joint_blocks(
+            self._model, person, problem, values, self._measured, self._weights
+        )
+        free = ~held_at_limits(problem, state)
+        curvature = state.curvature * (free[:, :, None] & free[:, None])
+        diagonal = np.arange(values.shape[1])
+        curvature[:, diagonal, diagonal] += np.where(free, 1e-12, 1.0)
+        crossing = crossing * free[..., None]
+        follow = np.asarray(np.linalg.solve(curvature, crossing), np.float64)
+        hessian = own - np.einsum("ncp,ncq->pq", crossing, follow) + self._precision
+        gradient = gradient + self._precision @ (self.theta - self._model.center)
+        return gradient, hessian, follow
+
+    def _rms(self) -> float:
+        where = self.person.leg.marker_positions(self.state.values, self.person.sites)
+        squares = ((where - self._measured) ** 2).sum(-1)
+        return float(np.sqrt(squares[self._seen].mean()))
+
+    def result(self) -> Registration:
+        """What was found."""
+        _, hessian, _ = self._system()
+        return Registration(
+            leg=self.person.leg,
+            sites=self.person.sites,
+            config=self._settings(self.person),
+            frames=len(self._measured),
+            rms_before=self.rms_before,
+            rms_after=self._rms(),
+            model=self._model,
+            error=self.error,
+            covariance=frozen("covariance", self._unit * np.linalg.inv(hessian), hessian.shape),
+        )
+
+
+def with_neutral(config: ReplayConfig, neutral: FloatArray, share: float) -> ReplayConfig:
+    """The settings with the hip's prior at the habitual rotations (2,) rad of right and left, its
+    weight times ``share``.
+    """
+    values: dict[str, float] = {
+        f"hip_rotation_{side}": float(value) for side, value in zip("rl", neutral, strict=True)
+    }
+    priors = tuple(
+        replace(prior, weight=share * prior.weight, value=prior.value + values[prior.coordinate])
+        if prior.coordinate in values
+        else prior
+        for prior in config.priors
+    )
+    return replace(config, priors=priors)
