@@ -41,7 +41,7 @@ def test_the_numbers_tell_what_was_done_to_each_marker(folder):
     )
     assert ankle["jumps_removed"] >= 1
     assert all(m["rms_mm"] <= m["worst_mm"] for m in summary["markers"])
-    assert "lengths in m, y up" in summary["notes"]
+    assert "lengths in m, y up (the body is upright along it)" in summary["notes"]
 
 
 def test_the_numbers_tell_where_each_coordinate_goes(folder):
