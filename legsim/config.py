@@ -31,11 +31,11 @@ class MotionConfig(ConfigSection):
     "auto" takes the shipped one that covers the file.
     """
     unit: Literal["file", "m", "cm", "mm"] = "file"
-    """"file" believes the header"""
+    """"file" takes the header's unit"""
     up: Literal["file", "x", "y", "z", "-x", "-y", "-z"] = "file"
-    """"file" believes a file that says it, and guesses it where the format does not"""
+    """"file" takes the file's, or guesses it where the format does not state it"""
     angles: Literal["file", "degrees", "radians"] = "file"
-    """of joint coordinates; "file" believes the header as far as the angles bear it out"""
+    """unit of joint coordinates; "file" takes the header's unless the angles contradict it"""
     filter_hz: float = Field(default=6.0, ge=0)
     """cut-off of the 2nd-order zero-phase Butterworth filter; 0 leaves the markers as they are"""
     longest_gap_s: float = Field(default=2.0, ge=0)
@@ -54,7 +54,7 @@ class MotionConfig(ConfigSection):
     Empty: the person's active squats for legsim's own recordings, else the same one.
     """
     model: str = ""
-    """OpenSim model (.osim) to use, with its markers and of its size; empty: legsim's own leg"""
+    """OpenSim model (.osim) to use, with its own markers and size; empty: legsim's own leg"""
     scale_file: str = ""
     """OpenSim's scale factors (.xml), for legsim's own leg or for the model; empty: none"""
     registration: bool = True
@@ -410,7 +410,7 @@ def validated(model: type[_Model], tree: dict[str, Any], where: Path | None) -> 
 
 
 def dump(config: RunConfig) -> str:
-    """The whole tree as TOML; :func:`load_settings` gives it back."""
+    """Returns the whole tree as TOML, which :func:`load_settings` reads back."""
     return tomli_w.dumps(config.model_dump(mode="json", exclude_none=True))
 
 

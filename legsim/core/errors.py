@@ -11,15 +11,16 @@ class LegsimError(Exception):
     """
 
 
-def file_error(path: Path | str, problem: str, cure: str, *, place: str = "") -> LegsimError:
-    """Builds the usual error about a file: ``path (place): problem; cure``."""
+def file_error(path: Path | str, problem: str, fix: str, *, place: str = "") -> LegsimError:
+    """Builds the usual error about a file: ``path (place): problem; fix``."""
     name = printable(path)
     where = f"{name} ({place})" if place else name
-    return LegsimError(f"{where}: {problem}; {cure}")
+    return LegsimError(f"{where}: {problem}; {fix}")
 
 
 def printable(name: Path | str) -> str:
-    """A file's name as text that can be written, drawn and encoded: bytes that are no UTF-8 become
-    the replacement character.
+    """Returns a file's name as text that can be written, drawn and encoded.
+
+    Bytes that are not UTF-8 become the replacement character.
     """
     return os.fsencode(name).decode("utf-8", "replace")

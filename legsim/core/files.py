@@ -113,8 +113,9 @@ def whole(path: Path | str) -> Iterator[Path]:
 
 
 def write_text(path: Path | str, text: str) -> None:
-    """Writes a whole UTF-8 text file, its lines as they are; what cannot be encoded, from a file's
-    name that is no UTF-8, becomes "?".
+    """Writes a whole UTF-8 text file, its lines unchanged.
+
+    Characters that cannot be encoded, from a file's name that is not UTF-8, become "?".
 
     Raises:
         LegsimError: as :func:`whole`.

@@ -3,8 +3,8 @@
 from collections.abc import Callable
 
 OnProgress = Callable[[str, int, int], None]
-"""name of the stage, how much of it is done, how much there is"""
+"""name of the stage, steps done, total steps"""
 
 
 def silent(_stage: str, _done: int, _whole: int, /) -> None:
-    """Progress that nobody reads."""
+    """Ignores the progress."""

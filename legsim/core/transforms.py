@@ -135,11 +135,11 @@ def axis_rotation(axis: ArrayLike, angle: ArrayLike) -> FloatArray:
 def best_rigid(
     points_b: ArrayLike, points_a: ArrayLike, weights: ArrayLike | None = None
 ) -> FloatArray:
-    """a_from_b (..., 4, 4) minimising the weighted sum of |points_a - a_from_b points_b|^2 over
-    points (..., p, 3), whose leading axes are broadcast against each other.
+    """Rigid a_from_b (..., 4, 4) of least weighted squared distance between points (..., p, 3).
 
-    ``weights`` (p,) are of the points. Kabsch's method with the determinant fixed to +1 (Arun 1987;
-    Umeyama 1991).
+    Minimizes the weighted sum of |points_a - a_from_b points_b|^2. Leading axes are broadcast
+    against each other. ``weights`` (p,) are of the points. Kabsch's method with the determinant
+    fixed to +1 (Arun 1987; Umeyama 1991).
     """
     b, a = np.asarray(points_b, float), np.asarray(points_a, float)
     w = np.ones(b.shape[-2]) if weights is None else np.asarray(weights, float)

@@ -53,7 +53,7 @@ class Starts:
 
 
 def from_truth(leg: Leg, splines: JointSplines, placed: Sequence[Sensor], time: float) -> Starts:
-    """Exact pose and velocity of each sensor at the first view."""
+    """Takes the exact pose and velocity of each sensor at the first view."""
     return Starts(
         tuple(simulation.true_start(leg, splines, sensor, time) for sensor in placed),
         ("Poses start from the truth.",),

@@ -21,7 +21,7 @@ _TITLE = 0.18
 
 
 def joint_angles(trajectories: JointTrajectories, names: Sequence[str]) -> Figure:
-    """Coordinates ``names`` in degrees over time, right and left of a kind in one plot."""
+    """Plots coordinates ``names`` in degrees over time, right and left of a kind in one plot."""
     chosen = list(names)
     kinds = list(dict.fromkeys(_kind(name) for name in chosen))
     columns = 2 if len(kinds) > 3 else 1

@@ -32,7 +32,7 @@ def plot_slices(*, window_per_mm: tuple[float, float] | None = None, **volumes: 
 
 
 def plot_angles(person: MovingLeg, names: Sequence[str] = ()) -> Figure:
-    """Joint angles in degrees over time, right and left in one plot; all, or ``names`` of them."""
+    """Plots joint angles in degrees over time, right with left; all, or ``names`` of them."""
     known = person.trajectories.coordinate_names
     angles = [name for name in known if name not in person.leg.shifts]
     return curves.joint_angles(person.trajectories, names or angles)

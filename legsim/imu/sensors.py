@@ -83,10 +83,10 @@ def default_sensors(side: Literal["left", "right"] = "left") -> tuple[Sensor, Se
     with their segment.
 
     Raises:
-        LegsimError: a side that is none.
+        LegsimError: an unknown side.
     """
     if side not in ("left", "right"):
-        raise LegsimError(f"sensors sit on one leg, and side is {side!r}; give left or right")
+        raise LegsimError(f"sensors are on one leg, and side is {side!r}; give left or right")
     end = side[0]
     return (
         Sensor.placed(f"shank_{end}", f"tibia_{end}", 0.14),

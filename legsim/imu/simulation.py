@@ -92,8 +92,9 @@ def sensor_poses(
 
 
 def true_start(leg: Leg, splines: JointSplines, sensor: Sensor, time: float) -> SensorStart:
-    """True pose and velocity of a sensor at one time: what initialization from the projections has
-    to find.
+    """True pose and velocity of a sensor at one time.
+
+    Initialization from the projections has to find them.
 
     Raises:
         LegsimError: as :func:`simulate`; a sensor on a patella.

@@ -27,7 +27,7 @@ REPLAY_FILES = (
     FileNote("imu.csv", "what the sensors read, in their own frames"),
     FileNote("scaled_model.osim", "legsim's leg in this person's size, with markers, for OpenSim"),
     FileNote("model_markers.trc", "where the model has the markers"),
-    FileNote("marker_errors.sto", "distances of measured from modelled markers, by frame, m"),
+    FileNote("marker_errors.sto", "distances of measured from modeled markers, by frame, m"),
 )
 """of a replay, and among those of a run"""
 
@@ -58,8 +58,9 @@ def replay_figures(scene: ReplayScene) -> tuple[tuple[str, str, Figure], ...]:
 
 
 def replay_files(recovered: MovingLeg) -> tuple[FileNote, ...]:
-    """The files that a replay leaves of this person: of a user's own model no scaled one, and
-    nothing about markers where there were none.
+    """Lists the files that a replay leaves of this person.
+
+    A user's own model has no scaled model; without markers there are no marker files.
     """
     left_out = set() if isinstance(recovered.leg, LegModel) else {"scaled_model.osim"}
     left_out |= {"model_markers.trc", "marker_errors.sto"} if recovered.fit is None else set()
@@ -67,7 +68,7 @@ def replay_files(recovered: MovingLeg) -> tuple[FileNote, ...]:
 
 
 def replay_report_lines(recovered: MovingLeg, out: Path) -> list[str]:
-    """What `legsim replay` prints."""
+    """Formats the output of `legsim replay`."""
     files = ", ".join(note.name for note in replay_files(recovered))
     return [
         *recovered.lines(),

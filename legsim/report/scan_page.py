@@ -170,9 +170,7 @@ def _number(value: float | None) -> str:
 
 
 def _condition(recovered: MovingLeg, side: str) -> str:
-    """Which block of the published table to show beside ours: by the mean bend of the scanned
-    knee.
-    """
+    """Block of the published table to compare with, by the mean bend of the scanned knee."""
     poses = recovered.leg.segment_poses(recovered.trajectories)
     bend = float(np.degrees(poses.knee_flexion(side[0]).mean()))
     return "30" if 15 <= bend < 45 else "60" if 45 <= bend <= 75 else "all"

@@ -34,9 +34,10 @@ def save_joint_centers(
 def save_marker_errors(
     path: Path, measured: MarkerTrajectories, modelled: MarkerTrajectories
 ) -> None:
-    """OpenSim's storage of inverse kinematics' errors, frame by frame: total squared error (m^2),
-    RMS and largest (m) over the markers seen, then each marker's distance; NaN where it is not
-    seen.
+    """Writes OpenSim's storage of inverse kinematics' errors, frame by frame.
+
+    Columns are total squared error (m^2), RMS and largest (m) over the markers seen, then each
+    marker's distance; NaN where it is not seen.
     """
     away = np.linalg.norm(measured.positions_world - modelled.positions_world, axis=-1)
     seen = np.isfinite(away)

@@ -94,15 +94,15 @@ def run_scan(
     store: StageCache | None = None,
     presented: bool = True,
 ) -> RunResult:
-    """One scan, from the recording to report and recording in the folder ``out``.
+    """Runs one scan, from the recording to report and recording in the folder ``out``.
 
     Finished stages are kept: a second run there computes only what changed.
 
     Args:
         settings: of the run, as :func:`legsim.config.load_settings` gives them.
-        out: folder of the results; made where it is not there.
+        out: folder of the results; made where it is missing.
         device: part of an OpenCL device's name, or "cpu" or "gpu"; None for the fastest.
-        on_progress: is called with the name of the stage, steps done and steps in all.
+        on_progress: is called with the name of the stage, steps done and total steps.
         store: finished stages that runs share.
         presented: False ends the run at the numbers: no report, no recording.
 
@@ -111,7 +111,7 @@ def run_scan(
 
     >>> result = run_scan(load_settings(preset="demo"), "out")
     """
-    # what cannot be run is reported before anything is computed
+    # wrong settings are reported before anything is computed
     volumes.check(settings)
     c_arm.imaging(settings.scan)
     opened, out = open_device(device), Path(out)

@@ -70,8 +70,9 @@ def motion_key(settings: RunConfig) -> str:
 
 
 def write_kinematics(person: MovingLeg, folder: RunFolder, key: str) -> None:
-    """Coordinates, joint centers, segment poses, how well the markers are followed, and legsim's
-    own leg as an OpenSim model.
+    """Writes coordinates, joint centers, segment poses, marker residuals and the OpenSim model.
+
+    The OpenSim model is legsim's own leg.
     """
 
     def write() -> tuple[str, ...]:

@@ -102,7 +102,7 @@ def prepare_scan(
         phantom: which phantom is scanned.
 
     Raises:
-        LegsimError: a side that is none, a center that is no point, a recording shorter than the
+        LegsimError: an unknown side, an impossible center, a recording shorter than the
             scan.
     """
     if side not in ("left", "right"):

@@ -20,8 +20,9 @@ HUES = (
 
 
 def log_coordinates(recorder: Recorder, scene: ReplayScene) -> None:
-    """Angles in degrees under `angles/`, the pelvis's way in millimeters from its start under
-    `translations/`.
+    """Logs angles in degrees under `angles/`, the pelvis's path under `translations/`.
+
+    The path is in millimeters from its start.
     """
     trajectories = scene.trajectories
     for name in trajectories.coordinate_names:

@@ -87,8 +87,10 @@ def _write(path: Path, scene: ReplayScene | ScanScene) -> None:
 
 @contextmanager
 def _encodable(path: Path) -> Iterator[Path]:
-    """A path that rerun can open: ``path``, or, where its name is no UTF-8, one in a temporary
-    folder whose file is moved there at the end.
+    """Yields a path that rerun can open.
+
+    It is ``path``, or, where its name is not UTF-8, one in a temporary folder whose file is moved
+    there at the end.
     """
     if printable(path) == str(path):
         yield path
