@@ -307,7 +307,9 @@ def test_too_few_markers_are_refused(used, message):
 
 
 def test_an_unknown_coordinate_is_refused():
-    with pytest.raises(LegsimError, match="unknown coordinate 'knee' for a prior; known: pelvis_tilt"):
+    with pytest.raises(
+        LegsimError, match="unknown coordinate 'knee' for a prior; known: pelvis_tilt"
+    ):
         inverse_kinematics.solve(
             LEG,
             recording(squats(20), sites(SEVEN)),
