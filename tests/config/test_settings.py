@@ -93,7 +93,7 @@ def test_a_missing_file_is_named(tmp_path):
 
 
 def test_the_detector_in_the_documents_can_be_set(tmp_path):
-    page = (Path(__file__).parents[1] / "docs/projector.md").read_text()
+    page = (Path(__file__).parents[2] / "docs/projector.md").read_text()
     text = re.findall(r"```toml\n(.*?)```", page.partition("## Detector")[2], re.S)[0]
     (tmp_path / "c.toml").write_text(text)
     scan = config.load_settings(tmp_path / "c.toml").scan

@@ -1,0 +1,63 @@
+"""Settings of the motion corrections."""
+
+from typing import Literal
+
+from pydantic import Field
+
+from legsim.config.tree import ConfigSection
+
+
+class FiducialsConfig(ConfigSection):
+    """Four metal points in each sensor, which give its start where methods.start is "fiducials"."""
+
+    axis_length_mm: float = Field(default=10.0, gt=0)
+    views: int = Field(default=2, ge=2)
+    """number of first views used; 2 is as published, more average the errors of detection"""
+    detector: Literal["bounded", "unbounded"] = "bounded"
+    """"unbounded": the paper's virtual detector
+
+    It also sees what is above and below the real one.
+    """
+    found: Literal["exact", "images"] = "exact"
+    """"exact" projects the points; "images" renders them as beads and finds their shadows"""
+    error_px: float = Field(default=0.0, ge=0)
+    """standard deviation along u and v added to exact points"""
+    bead_mm: float = Field(default=2.0, gt=0)
+    """diameter of the rendered beads, tantalum"""
+
+
+class BeadsConfig(ConfigSection):
+    """Metal beads on the skin around the knee, for the marker-based method.
+
+    They are in no reconstruction.
+    """
+
+    count: int = Field(default=12, ge=4)
+    diameter_mm: float = Field(default=2.0, gt=0)
+    reach_mm: float = Field(default=70.0, gt=0)
+    """farthest above and below the knee"""
+    guess_error_mm: float = Field(default=2.0, ge=0)
+    """standard deviation per axis of the positions from which the search starts"""
+
+
+class MethodsConfig(ConfigSection):
+    """Which corrections are compared, and their inputs."""
+
+    run: tuple[str, ...] = (
+        *("static", "uncorrected", "marker-based", "rigid", "nonrigid-2d", "nonrigid-3d"),
+        *("oracle", "oracle-nonrigid"),
+    )
+    scheme: Literal["accurate", "paper"] = "accurate"
+    """how poses are integrated from the IMU signals"""
+    sensor: str = "shank_l"
+    """the sensor that the rigid correction follows"""
+    start: Literal["truth", "fiducials"] = "truth"
+    """where each sensor's integration starts from at the first view"""
+    legs: Literal["scanned", "both"] = "scanned"
+    """legs whose joints the non-rigid methods follow; the other leg needs its own sensors"""
+    points_per_segment: int = Field(default=0, ge=0)
+    """additional control points of the non-rigid methods, evenly between a segment's joints"""
+    node_mm: float = Field(default=8.0, gt=0)
+    """spacing of displacement fields: of oracle-nonrigid, and of more than three control points"""
+    fiducials: FiducialsConfig = FiducialsConfig()
+    beads: BeadsConfig = BeadsConfig()

@@ -1,0 +1,51 @@
+"""Settings of the recording and of its kinematics."""
+
+from typing import Literal
+
+from pydantic import Field
+
+from legsim.config.tree import ConfigSection
+
+
+class MotionConfig(ConfigSection):
+    """The recording and how it is cleaned."""
+
+    file: str = "subject01/squat_60.trc"
+    """a path, or the name of one of the shipped recordings under motions/"""
+    marker_map: str = "auto"
+    """a TOML file, the name of a shipped marker set, or "auto"
+
+    "auto" takes the shipped one that covers the file.
+    """
+    unit: Literal["file", "m", "cm", "mm"] = "file"
+    """"file" takes the header's unit"""
+    up: Literal["file", "x", "y", "z", "-x", "-y", "-z"] = "file"
+    """"file" takes the file's, or guesses it where the format does not state it"""
+    angles: Literal["file", "degrees", "radians"] = "file"
+    """unit of joint coordinates; "file" takes the header's unless the angles contradict it"""
+    filter_hz: float = Field(default=6.0, ge=0)
+    """cut-off of the 2nd-order zero-phase Butterworth filter; 0 leaves the markers as they are"""
+    longest_gap_s: float = Field(default=2.0, ge=0)
+    """longest gap that is interpolated in time
+
+    In longer ones the marker stays unseen and is reported.
+    """
+    marker_noise_mm: float = Field(default=0.2, ge=0)
+    """RMS of a marker's white noise per axis; 0 leaves the joint angles as the filter does
+
+    Joint angles are filtered further, as low as that noise hides.
+    """
+    scaling_file: str = ""
+    """recording that the model is scaled from
+
+    Empty: the person's active squats for legsim's own recordings, else the same one.
+    """
+    model: str = ""
+    """OpenSim model (.osim) to use, with its own markers and size; empty: legsim's own leg"""
+    scale_file: str = ""
+    """OpenSim's scale factors (.xml), for legsim's own leg or for the model; empty: none"""
+    registration: bool = True
+    """find lengths, hip centers and the places of the markers together with the poses
+
+    Else the leg stays as scaled and markers sit where the model has them.
+    """

@@ -1,0 +1,38 @@
+"""Settings of the reconstructed volumes and of their comparison."""
+
+from typing import Literal
+
+from pydantic import Field
+
+from legsim.config.tree import ConfigSection
+
+
+class GridConfig(ConfigSection):
+    """The reconstructed cube around the isocenter."""
+
+    voxels: int = Field(default=512, ge=16)
+    voxel_mm: float = Field(default=0.5, gt=0)
+
+
+class ReconstructionConfig(ConfigSection):
+    """How every volume is reconstructed from its projections."""
+
+    algorithm: Literal["fdk", "cgls"] = "fdk"
+    """filtered back-projection, or conjugate gradients for few views, gaps and wide cones"""
+    window: Literal["ram-lak", "shepp-logan", "hann"] = "shepp-logan"
+    """fdk: the ramp filter, from sharp to smooth; the paper's is shepp-logan"""
+    water_attenuation_per_mm: float = Field(default=0.02, ge=0)
+    """fdk: width of the cylinder that continues a truncated object; 0 leaves rows truncated"""
+    redundancy: Literal["parker", "none"] = "parker"
+    """fdk: weights of lines measured more than once; "none" counts every view half"""
+    iterations: int = Field(default=15, ge=1)
+    """cgls: iterations; fewer are smoother"""
+    nonnegative: bool = False
+    """cgls: whether attenuation is kept at 0 or above"""
+
+
+class EvaluationConfig(ConfigSection):
+    """How volumes are compared."""
+
+    register_volumes: bool = True
+    air_margin_mm: float = Field(default=5.0, ge=0)

@@ -1,0 +1,106 @@
+"""TOML trees: read, overlaid, validated strictly as frozen sections."""
+
+import tomllib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, ClassVar, TypeVar, get_args
+
+from pydantic import BaseModel, ConfigDict, ValidationError
+
+from legsim.core.errors import LegsimError, file_error
+
+
+class ConfigSection(BaseModel):
+    """A part of the configuration: frozen, and strict about its keys."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+    has_overrides: ClassVar[bool] = False
+    """whether --set reaches its keys by their names"""
+
+
+_Model = TypeVar("_Model", bound=ConfigSection)
+
+
+def validated(model: type[_Model], tree: dict[str, Any], where: Path | None) -> _Model:
+    """Validates the tree as a configuration of type ``model``.
+
+    Raises:
+        LegsimError: a key or value that is not allowed; the line names file and key.
+    """
+    try:
+        return model.model_validate(tree)
+    except ValidationError as error:
+        raise LegsimError(_explain(error, model, where)) from error
+
+
+def read(path: Path) -> dict[str, Any]:
+    """Reads a TOML file without validation.
+
+    Raises:
+        LegsimError: missing file, or not TOML.
+    """
+    try:
+        return tomllib.loads(path.read_text("utf-8"))
+    except FileNotFoundError:
+        raise file_error(path, "no such file", "give the path of a TOML file") from None
+    except (OSError, UnicodeDecodeError) as error:
+        raise file_error(
+            path, f"cannot be read ({error})", "give the path of a TOML file"
+        ) from None
+    except tomllib.TOMLDecodeError as error:
+        raise file_error(path, f"is not TOML: {error}", "fix that place") from None
+
+
+def parse_override(text: str) -> dict[str, Any]:
+    """Parses ``section.key=value`` as a tree."""
+    key, separator, value = text.partition("=")
+    parts = key.strip().split(".")
+    if not separator or not all(parts):
+        raise LegsimError(f"--set {text}: expected section.key=value, as in --set scan.views=124")
+    try:
+        parsed: Any = tomllib.loads(f"v = {value.strip()}")["v"]
+    except tomllib.TOMLDecodeError:
+        parsed = value.strip()
+    for part in reversed(parts):
+        parsed = {part: parsed}
+    return parsed
+
+
+def merged(base: dict[str, Any], over: dict[str, Any]) -> dict[str, Any]:
+    """Overlays ``base`` by ``over``, section by section."""
+    result = dict(base)
+    for key, value in over.items():
+        nested = isinstance(value, dict) and isinstance(result.get(key), dict)
+        result[key] = merged(result[key], value) if nested else value
+    return result
+
+
+def _explain(error: ValidationError, model: type[ConfigSection], path: Path | None) -> str:
+    # a misspelled key comes with a missing one: the misspelling is what to report
+    first = min(error.errors(), key=lambda e: e["type"] != "extra_forbidden")
+    place = ".".join(str(part) for part in first["loc"])
+    where = f"{path or 'configuration'} ({place})"
+    if first["type"] == "extra_forbidden":
+        return f"{where}: unknown key; {_valid_keys(model, first['loc'])}"
+    more = f" (and {error.error_count() - 1} more)" if error.error_count() > 1 else ""
+    override = f" or with --set {place}=..." if model.has_overrides else ""
+    return (
+        f"{where}: {first['msg']}, not {first['input']!r}{more}; fix the value in the "
+        f"file{override}"
+    )
+
+
+def _valid_keys(model: type[ConfigSection], location: tuple[int | str, ...]) -> str:
+    section = model
+    for part in location[:-1]:
+        if isinstance(part, str) and part in section.model_fields:
+            section = next(_sections_in(section.model_fields[part].annotation), section)
+    return f"valid here: {', '.join(section.model_fields)}"
+
+
+def _sections_in(annotation: Any) -> Iterator[type[ConfigSection]]:
+    """Sections that a field's type names, also inside a tuple or next to None."""
+    if isinstance(annotation, type) and issubclass(annotation, ConfigSection):
+        yield annotation
+    for part in get_args(annotation):
+        yield from _sections_in(part)
