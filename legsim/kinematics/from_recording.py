@@ -21,6 +21,7 @@ from legsim.kinematics import (
     uncertainty,
 )
 from legsim.kinematics._ik_problem import Problem, ReplayConfig
+from legsim.kinematics._planted_feet import Pegs
 from legsim.kinematics.from_coordinates import gap_note, low_passed, moving_leg, named
 from legsim.kinematics.inverse_kinematics import Solution
 from legsim.kinematics.leg import Leg
@@ -188,8 +189,12 @@ def solve_kinematics(
             scaled_from, lambda: registration.register(leg, reference, placed, loose, settings)
         )
         leg, placed, settings = registered.leg, registered.sites, registered.config
-    solution = named(path, lambda: inverse_kinematics.solve(leg, measured, placed, settings))
-    how = _Fitting(fitted, scaled_from.name, notes, settings, registered)
+    # feet stand elsewhere in another recording
+    pegs = registered.pegs if registered and same else None
+    solution = named(
+        path, lambda: inverse_kinematics.solve(leg, measured, placed, settings, pegs=pegs)
+    )
+    how = _Fitting(fitted, scaled_from.name, notes, settings, registered, pegs)
     return _solved(reading, path, leg, solution, measured, placed, cleaning, how)
 
 
@@ -202,6 +207,7 @@ class _Fitting:
     notes: tuple[str, ...]
     options: ReplayConfig
     registration: Registration | None = None
+    pegs: Pegs | None = None
 
 
 def _solved(
@@ -226,6 +232,10 @@ def _solved(
         noise=reading.marker_noise,
         filter_hz=reading.filter_hz,
     )
+    held, seen = placed.only(names), np.isfinite(shown.positions_world).all(-1)
+    if how.pegs is not None:
+        held = how.pegs.beside(held)
+        seen = np.concatenate([seen, np.isfinite(how.pegs.targets).all(-1)], axis=1)
     fit = MarkerFit(
         measured=shown,
         modelled=solution.modelled,
@@ -235,10 +245,7 @@ def _solved(
         options=how.options,
         registration=how.registration,
         spread=uncertainty.coordinate_spread(
-            Problem(leg, placed.only(names), how.options),
-            how.registration,
-            solution.trajectories.values,
-            np.asarray(np.isfinite(shown.positions_world).all(-1)),
+            Problem(leg, held, how.options), how.registration, solution.trajectories.values, seen
         ),
         ik=solution.report,
         scaled_from=printable(how.source),

@@ -19,6 +19,7 @@ from legsim.core import transforms
 from legsim.core.values import FloatArray, frozen, frozen_owned
 from legsim.kinematics._ik_problem import Problem, ReplayConfig
 from legsim.kinematics._ik_trajectory import Progress, Trace, solve_all
+from legsim.kinematics._planted_feet import Pegs
 from legsim.kinematics.leg import Leg
 from legsim.kinematics.marker_sites import MarkerSites
 from legsim.mocap.trajectories import JointTrajectories, MarkerTrajectories
@@ -81,6 +82,7 @@ def solve(
     sites: MarkerSites,
     config: ReplayConfig | None = None,
     *,
+    pegs: Pegs | None = None,
     progress: Progress | None = None,
 ) -> Solution:
     """Joint coordinates that bring the model's markers closest to the measured ones, frame by
@@ -92,6 +94,7 @@ def solve(
         sites: where the markers sit on the scaled segments.
         config: priors and tolerances; the defaults suit the seven markers of the study as well as
             full sets.
+        pegs: of feet that stand still in ``motion``, as registration finds them.
         progress: told (frames done, frames in all).
 
     Raises:
@@ -106,13 +109,17 @@ def solve(
         ]
     )
     measured = motion.positions_world[:, [motion.marker_names.index(name) for name in sites.names]]
-    problem = Problem(leg, sites, config)
-    seen = np.asarray(np.isfinite(measured).all(-1))
-    values, trace = solve_all(problem, measured, seen, progress)
+    held, shown = sites, measured
+    if pegs is not None:
+        held, shown = pegs.beside(sites), np.concatenate([measured, pegs.targets], axis=1)
+    problem = Problem(leg, held, config)
+    seen = np.asarray(np.isfinite(shown).all(-1))
+    values, trace = solve_all(problem, shown, seen, progress)
     trajectories = JointTrajectories(motion.times, leg.coordinate_names, values)
     modelled = MarkerTrajectories(motion.times, sites.names, leg.marker_positions(values, sites))
+    share = _marker_share(problem, values, seen, len(sites.names))
     return Solution(
-        trajectories, _report(problem, values, trace, measured, seen, modelled), modelled
+        trajectories, _report(problem, values, trace, measured, modelled, share), modelled
     )
 
 
@@ -147,9 +154,10 @@ def _report(
     values: FloatArray,
     trace: Trace,
     measured: FloatArray,
-    seen: np.ndarray,
     modelled: MarkerTrajectories,
+    share: FloatArray,
 ) -> IkReport:
+    seen = np.asarray(np.isfinite(measured).all(-1))
     errors = np.linalg.norm(modelled.positions_world - measured, axis=-1)
     shown = np.where(seen, errors, -1.0)
     count = seen.sum(0)
@@ -157,13 +165,13 @@ def _report(
     rms = np.sqrt(squares.sum(0) / np.where(count > 0, count, np.nan))
     at_limit = (values <= problem.low + 1e-9) | (values >= problem.high - 1e-9)
     return IkReport(
-        marker_names=problem.sites.names,
+        marker_names=modelled.marker_names,
         marker_rms=frozen("marker_rms", rms, (None,)),
         marker_worst=frozen("marker_worst", np.where(count > 0, shown.max(0), np.nan), (None,)),
         marker_worst_frame=frozen_owned(shown.argmax(0)),
         marker_seen=frozen_owned(count),
         coordinate_names=problem.leg.coordinate_names,
-        coordinate_share=_marker_share(problem, values, seen),
+        coordinate_share=share,
         coordinate_at_limit=frozen_owned(at_limit.sum(0)),
         frames=len(values),
         frames_unseen=frozen_owned(np.flatnonzero(~seen.any(1))),
@@ -173,14 +181,19 @@ def _report(
     )
 
 
-def _marker_share(problem: Problem, values: FloatArray, seen: np.ndarray) -> FloatArray:
-    """Diagonal (20,) of (markers + priors)^-1 markers, mean over some twenty frames."""
+def _marker_share(
+    problem: Problem, values: FloatArray, seen: np.ndarray, markers: int
+) -> FloatArray:
+    """Diagonal (20,) of (markers + priors)^-1 markers, mean over some twenty frames; pegs, behind
+    the first sites, which are the markers, count as priors.
+    """
     some = np.unique(np.linspace(0, len(values) - 1, 20).astype(int))
     weights = seen[some] * problem.sites.weights
     measured = np.zeros((len(some), len(problem.rows), 3))
     plain = np.zeros(len(some), bool)
+    behind = np.arange(len(problem.rows)) >= markers
     whole = problem.at(values[some], measured, weights, plain).curvature
-    priors = problem.at(values[some], measured, 0 * weights, plain).curvature
+    priors = problem.at(values[some], measured, weights * behind, plain).curvature
     # what neither markers nor priors see belongs to nobody
     unseen = 1e-12 * np.eye(whole.shape[1])
     whole = whole + unseen

@@ -1,0 +1,191 @@
+"""Feet that stand still on the floor: points that neither move in the world nor on the foot.
+
+Two lateral markers hardly see how far a straight leg is turned about itself. But a foot that stays
+where it is keeps its heading, so the heading that is seen while the knee is bent holds while it is
+straight. Each foot that stands carries two pegs, far points ahead of it and above it. In the world
+they stay where they are, but for what foot, subtalar joint and a knee that is no hinge allow. Where
+they are on the foot, that is how far it is turned out, registration finds with all other places.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from legsim.core.values import FloatArray, frozen_owned
+from legsim.kinematics.leg import Leg
+from legsim.kinematics.marker_sites import MarkerSites
+from legsim.kinematics.skeleton import segment_index
+from legsim.mocap.trajectories import MarkerTrajectories
+
+PLAY = np.radians(4.0)
+"""rad that a foot on the floor turns about any axis against the model's, per posture: heels evert
+by 3 to 6 degrees in squats, and the shank turns in the knee as it bends, which the model's does not
+"""
+
+_FAR = 1.0
+"""m from the foot's origin to its pegs: so far that they hold the foot's directions, not its place
+"""
+
+_AXES = {"ahead": (1.0, 0.0, 0.0), "above": (0.0, 1.0, 0.0)}
+
+_SPREADS = {
+    "ahead": (0.02, _FAR * np.radians(5.0), _FAR * np.radians(20.0)),
+    "above": (_FAR * np.radians(5.0), 0.02, _FAR * np.radians(5.0)),
+}
+"""m along x, y, z of the foot: where pegs may be on it; feet turn out by 20 degrees, soles are level
+within 5
+"""
+
+_STAYS = 0.012
+"""m that an ankle may wander on the floor while its foot stands: the skin over it slides by half of
+that, and a foot that pivots by 15 degrees moves it by more
+"""
+
+_LASTS = 2.0
+"""s that a foot stands at least; in walking, feet stand for less than 1 s"""
+
+_MOST = 3
+"""stays of a foot that are used, the longest"""
+
+_NEAR = 0.1
+"""m from the ankle's center to a marker that shows how the foot stays"""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Pegs:
+    """Points fixed to feet that stand."""
+
+    sites: MarkerSites
+    """on the feet; as found, their weights count beside markers of an error of 1 m"""
+    targets: FloatArray
+    """(n, p, 3) m in world, NaN in frames in which the foot does not stand there"""
+
+    def beside(self, sites: MarkerSites) -> MarkerSites:
+        """Markers, and the pegs behind them."""
+        pegs = self.sites
+        return MarkerSites(
+            (*sites.names, *pegs.names),
+            (*sites.segments, *pegs.segments),
+            np.concatenate([sites.positions, pegs.positions]),
+            np.concatenate([sites.weights, pegs.weights]),
+        )
+
+
+def spread(name: str) -> tuple[float, float, float] | None:
+    """m along x, y, z of the foot: how uncertain the place of a peg is; None for a marker."""
+    return _SPREADS[name.split(":")[1]] if is_peg(name) else None
+
+
+def is_peg(name: str) -> bool:
+    """Whether a site is a peg, not a marker."""
+    return name.startswith("peg:")
+
+
+def weighed(sites: MarkerSites, error: float) -> MarkerSites:
+    """Sites whose pegs count beside markers of this error, m."""
+    unit = np.where([is_peg(name) for name in sites.names], error**2, 1.0)
+    return MarkerSites(sites.names, sites.segments, sites.positions, sites.weights * unit)
+
+
+def find(
+    leg: Leg,
+    sites: MarkerSites,
+    motion: MarkerTrajectories,
+    chosen: np.ndarray,
+    values: FloatArray,
+) -> Pegs | None:
+    """Pegs of the feet that stand for a while and carry no marker; None where none does.
+
+    Args:
+        leg: scaled.
+        sites: of the markers.
+        motion: markers named like ``sites``, n frames.
+        chosen: (s,) frames that differ in posture; a foot has pegs where it stands in two at least.
+        values: (s, c) coordinates of the leg in those, about as the markers have it.
+    """
+    pose, found = leg.kinematics(values), []
+    for side in "rl":
+        foot = segment_index(f"calcn_{side}")
+        path = _ankle_path(leg, sites, motion, side)
+        for stay in () if path is None else _stays(motion.times, path):
+            here = np.isin(chosen, stay)
+            if here.sum() < 2:
+                continue
+            ahead = pose.rotations[here, foot, :, 0].mean(0) * (1.0, 0.0, 1.0)
+            origin = np.median(pose.origins[here, foot], axis=0)
+            for way, axis in _AXES.items():
+                direction = ahead / np.linalg.norm(ahead) if way == "ahead" else np.array(axis)
+                target = np.full((len(motion.times), 3), np.nan)
+                target[stay] = origin + _FAR * direction
+                found.append((way, side, _FAR * np.array(axis), target))
+    if not found:
+        return None
+    sites = MarkerSites(
+        tuple(f"peg:{way}:{side}:{k}" for k, (way, side, _, _) in enumerate(found)),
+        tuple(f"calcn_{side}" for _, side, _, _ in found),
+        np.array([place for _, _, place, _ in found]),
+        np.full(len(found), (_FAR * PLAY) ** -2.0),
+    )
+    return Pegs(sites, frozen_owned(np.stack([target for _, _, _, target in found], axis=1)))
+
+
+def _ankle_path(
+    leg: Leg, sites: MarkerSites, motion: MarkerTrajectories, side: str
+) -> FloatArray | None:
+    """(n, 3) m: the marker at the ankle, moved along the shank to the height of the joint's center,
+    where bending the ankle does not move it; NaN where the hips are not above. None without such a
+    marker, or where the foot has markers of its own.
+    """
+    if {f"{bone}_{side}" for bone in _FOOT} & set(sites.segments):
+        return None
+    pose = leg.kinematics(leg.default_coordinates[None])
+    thigh, shank, below = (segment_index(f"{s}_{side}") for s in ("femur", "tibia", "talus"))
+    knee_center, ankle_center = (
+        (pose.origins[0, end] - pose.origins[0, start]) @ pose.rotations[0, start]
+        for start, end in ((thigh, shank), (shank, below))
+    )
+    knee = _nearest(sites, f"femur_{side}", knee_center)
+    ankle = _nearest(sites, f"tibia_{side}", ankle_center)
+    if knee is None or ankle is None:
+        return None
+    up = -ankle_center / np.linalg.norm(ankle_center)
+    above = float((sites.position(ankle) - ankle_center) @ up)
+    line = motion.marker(knee) - motion.marker(ankle)
+    path = motion.marker(ankle) - above * line / np.linalg.norm(line, axis=1, keepdims=True)
+    pelvis = [n for n, s in zip(sites.names, sites.segments, strict=True) if s == "pelvis"]
+    hips = np.mean([motion.marker(name)[:, 1] for name in pelvis], axis=0)
+    upright = hips - path[:, 1] > 0.5 * leg.shank_length(side)
+    return np.where(upright[:, None], path, np.nan)
+
+
+_FOOT = ("talus", "calcn", "toes")
+
+
+def _nearest(sites: MarkerSites, segment: str, center: FloatArray) -> str | None:
+    """The marker on a segment that is nearest to a point of it, if any is near."""
+    away = {
+        name: float(np.linalg.norm(sites.position(name) - center))
+        for name, carrier in zip(sites.names, sites.segments, strict=True)
+        if carrier == segment
+    }
+    near = min(away, key=away.__getitem__, default=None)
+    return near if near is not None and away[near] < _NEAR else None
+
+
+def _stays(times: FloatArray, path: FloatArray) -> Sequence[np.ndarray]:
+    """The frames of each of the longest times in which a path (n, 3) stays in place."""
+    shown = np.flatnonzero(np.isfinite(path).all(1))
+    flat, found, first = path[:, [0, 2]], [], 0
+    while first < len(shown):
+        low = high = flat[shown[first]]
+        last = first
+        for place in range(first + 1, len(shown)):
+            low, high = np.minimum(low, flat[shown[place]]), np.maximum(high, flat[shown[place]])
+            if np.hypot(*(high - low)) > _STAYS:
+                break
+            last = place
+        if times[shown[last]] - times[shown[first]] >= _LASTS:
+            found.append(shown[first : last + 1])
+        first = last + 1
+    return sorted(found, key=len, reverse=True)[:_MOST]
