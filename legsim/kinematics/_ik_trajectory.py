@@ -71,7 +71,8 @@ def solve_all(
     problem: Problem, measured: FloatArray, seen: np.ndarray, progress: Progress | None
 ) -> tuple[FloatArray, Trace]:
     """Values (n, c): a few frames from scratch, then ever more of them from between their
-    neighbors; frames that show nothing are bridged.
+    neighbors; frames that show nothing are bridged. ``seen`` (n, m): which markers each frame
+    shows, and by how much its pegs count (0 to 1).
     """
     n, weights = len(measured), seen * problem.sites.weights
     trace = Trace(np.zeros(n, int), np.zeros(n, bool), np.zeros(n, bool))
@@ -81,7 +82,8 @@ def solve_all(
     pelvis = np.full((n, problem.leg.pelvis_coordinates), np.nan)
     pelvis[upright] = problem.pelvis_starts(measured[upright])
     recording = Recording(measured, weights, pelvis)
-    usable = np.flatnonzero(_all_segments_shown(problem, seen, upright))
+    markers_seen = seen[:, problem.markers] > 0
+    usable = np.flatnonzero(_all_segments_shown(problem, markers_seen, upright))
     solved, values = _one_movement(problem, recording, usable)
     for stride in problem.config.strides[1:]:
         frames = _every(usable, stride)
@@ -233,10 +235,9 @@ def _all_segments_shown(problem: Problem, seen: np.ndarray, shown: np.ndarray) -
     """(n,) which of the frames ``shown`` show a marker of every segment that has one, as far as
     there are such frames.
     """
-    for segment in sorted({problem.sites.segments[k] for k in range(seen.shape[1])} - {"pelvis"}):
-        here = seen[:, [k for k, name in enumerate(problem.sites.segments) if name == segment]].any(
-            1
-        )
+    carriers = [problem.sites.segments[k] for k in np.flatnonzero(problem.markers)]
+    for segment in sorted(set(carriers) - {"pelvis"}):
+        here = seen[:, [k for k, name in enumerate(carriers) if name == segment]].any(1)
         shown = shown & here if (shown & here).any() else shown
     return shown
 
@@ -254,10 +255,13 @@ def _march(
     A frame starts as far from the one before it as the straight line across the gap goes; a
     coordinate that moves no marker in sight stays on that line.
     """
-    weights = recording.weights
-    line, done, rest = values.copy(), np.zeros(len(values), bool), np.asarray(weights.any(1))
+    shown, subtrees = (
+        recording.weights[:, problem.markers] > 0,
+        problem.subtrees[:, problem.markers],
+    )
+    line, done, rest = values.copy(), np.zeros(len(values), bool), np.asarray(shown.any(1))
     done[solved], rest[solved] = True, False
-    lost = ((weights > 0) @ problem.subtrees.T == 0) & problem.subtrees.any(1) & rest[:, None]
+    lost = (shown @ subtrees.T == 0) & subtrees.any(1) & rest[:, None]
     # and what hangs on it
     moves = problem.leg.moves
     lost = lost @ (moves[:, None] >= moves[None]).all(-1)

@@ -18,7 +18,7 @@ from legsim.kinematics.marker_sites import MarkerSites
 from legsim.kinematics.skeleton import segment_index
 from legsim.mocap.trajectories import MarkerTrajectories
 
-PLAY = np.radians(4.0)
+PLAY = np.radians(3.0)
 """rad that a foot on the floor turns about any axis against the model's, per posture: heels evert
 by 3 to 6 degrees in squats, and the shank turns in the knee as it bends, which the model's does not
 """
@@ -45,6 +45,9 @@ that, and a foot that pivots by 15 degrees moves it by more
 _LASTS = 2.0
 """s that a foot stands at least; in walking, feet stand for less than 1 s"""
 
+_FADES = 0.5
+"""s at the ends of a stay in which its pegs come to count"""
+
 _MOST = 3
 """stays of a foot that are used, the longest"""
 
@@ -59,7 +62,24 @@ class Pegs:
     sites: MarkerSites
     """on the feet; as found, their weights count beside markers of an error of 1 m"""
     targets: FloatArray
-    """(n, p, 3) m in world, NaN in frames in which the foot does not stand there"""
+    """(p, 3) m in world"""
+    shares: FloatArray
+    """(n, p) by how much each counts in each frame: 0 where the foot does not stand there, 1 where
+    it does, between at the ends of its stay, so that no step shows
+    """
+
+    def at(self, sites: MarkerSites) -> "Pegs":
+        """The same pegs at the places among ``sites``."""
+        return Pegs(sites.only(self.sites.names), self.targets, self.shares)
+
+    def shown_with(self, seen: np.ndarray) -> FloatArray:
+        """(n, m + p) which markers (n, m) are seen, 0 or 1, and how much the pegs count."""
+        return np.concatenate([seen, self.shares], axis=1)
+
+    def beside_markers(self, measured: FloatArray) -> FloatArray:
+        """(n, m + p, 3) where markers (n, m, 3) and pegs are."""
+        n = len(measured)
+        return np.concatenate([measured, np.tile(self.targets, (n, 1, 1))], axis=1)
 
     def beside(self, sites: MarkerSites) -> MarkerSites:
         """Markers, and the pegs behind them."""
@@ -114,20 +134,34 @@ def find(
                 continue
             ahead = pose.rotations[here, foot, :, 0].mean(0) * (1.0, 0.0, 1.0)
             origin = np.median(pose.origins[here, foot], axis=0)
+            share = _share(motion.times, stay)
             for way, axis in _AXES.items():
                 direction = ahead / np.linalg.norm(ahead) if way == "ahead" else np.array(axis)
-                target = np.full((len(motion.times), 3), np.nan)
-                target[stay] = origin + _FAR * direction
-                found.append((way, side, _FAR * np.array(axis), target))
+                found.append((way, side, _FAR * np.array(axis), origin + _FAR * direction, share))
     if not found:
         return None
+    ways, sides, places, targets, shares = zip(*found, strict=True)
     sites = MarkerSites(
-        tuple(f"peg:{way}:{side}:{k}" for k, (way, side, _, _) in enumerate(found)),
-        tuple(f"calcn_{side}" for _, side, _, _ in found),
-        np.array([place for _, _, place, _ in found]),
+        tuple(
+            f"peg:{way}:{side}:{k}" for k, (way, side) in enumerate(zip(ways, sides, strict=True))
+        ),
+        tuple(f"calcn_{side}" for side in sides),
+        np.array(places),
         np.full(len(found), (_FAR * PLAY) ** -2.0),
     )
-    return Pegs(sites, frozen_owned(np.stack([target for _, _, _, target in found], axis=1)))
+    return Pegs(sites, frozen_owned(np.array(targets)), frozen_owned(np.stack(shares, axis=1)))
+
+
+def _share(times: FloatArray, stay: np.ndarray) -> FloatArray:
+    """(n,) 1 inside a stay, 0 outside; it rises and falls smoothly, but not at the recording's own
+    ends.
+    """
+    share = np.zeros(len(times))
+    since = times[stay] - times[stay[0]] if stay[0] > 0 else np.inf
+    until = times[stay[-1]] - times[stay] if stay[-1] < len(times) - 1 else np.inf
+    part = np.clip(np.minimum(since, until) / _FADES, 0.0, 1.0)
+    share[stay] = part**2 * (3 - 2 * part)
+    return share
 
 
 def _ankle_path(
@@ -175,17 +209,16 @@ def _nearest(sites: MarkerSites, segment: str, center: FloatArray) -> str | None
 
 def _stays(times: FloatArray, path: FloatArray) -> Sequence[np.ndarray]:
     """The frames of each of the longest times in which a path (n, 3) stays in place."""
-    shown = np.flatnonzero(np.isfinite(path).all(1))
-    flat, found, first = path[:, [0, 2]], [], 0
-    while first < len(shown):
-        low = high = flat[shown[first]]
-        last = first
-        for place in range(first + 1, len(shown)):
-            low, high = np.minimum(low, flat[shown[place]]), np.maximum(high, flat[shown[place]])
-            if np.hypot(*(high - low)) > _STAYS:
+    floor, found, first = path[:, [0, 2]], [], 0
+    while first < len(floor):
+        last, low, high = first, floor[first], floor[first]
+        while last < len(floor):
+            low, high = np.minimum(low, floor[last]), np.maximum(high, floor[last])
+            # not where the path is not known
+            if not np.hypot(*(high - low)) <= _STAYS:
                 break
-            last = place
-        if times[shown[last]] - times[shown[first]] >= _LASTS:
-            found.append(shown[first : last + 1])
-        first = last + 1
+            last += 1
+        if last > first and times[last - 1] - times[first] >= _LASTS:
+            found.append(np.arange(first, last))
+        first = max(last, first + 1)
     return sorted(found, key=len, reverse=True)[:_MOST]

@@ -234,8 +234,7 @@ def _solved(
     )
     held, seen = placed.only(names), np.isfinite(shown.positions_world).all(-1)
     if how.pegs is not None:
-        held = how.pegs.beside(held)
-        seen = np.concatenate([seen, np.isfinite(how.pegs.targets).all(-1)], axis=1)
+        held, seen = how.pegs.beside(held), how.pegs.shown_with(seen)
     fit = MarkerFit(
         measured=shown,
         modelled=solution.modelled,

@@ -109,15 +109,14 @@ def solve(
         ]
     )
     measured = motion.positions_world[:, [motion.marker_names.index(name) for name in sites.names]]
-    held, shown = sites, measured
+    held, shown, seen = sites, measured, np.asarray(np.isfinite(measured).all(-1))
     if pegs is not None:
-        held, shown = pegs.beside(sites), np.concatenate([measured, pegs.targets], axis=1)
+        held, shown, seen = pegs.beside(sites), pegs.beside_markers(measured), pegs.shown_with(seen)
     problem = Problem(leg, held, config)
-    seen = np.asarray(np.isfinite(shown).all(-1))
     values, trace = solve_all(problem, shown, seen, progress)
     trajectories = JointTrajectories(motion.times, leg.coordinate_names, values)
     modelled = MarkerTrajectories(motion.times, sites.names, leg.marker_positions(values, sites))
-    share = _marker_share(problem, values, seen, len(sites.names))
+    share = _marker_share(problem, values, seen)
     return Solution(
         trajectories, _report(problem, values, trace, measured, modelled, share), modelled
     )
@@ -181,19 +180,16 @@ def _report(
     )
 
 
-def _marker_share(
-    problem: Problem, values: FloatArray, seen: np.ndarray, markers: int
-) -> FloatArray:
-    """Diagonal (20,) of (markers + priors)^-1 markers, mean over some twenty frames; pegs, behind
-    the first sites, which are the markers, count as priors.
+def _marker_share(problem: Problem, values: FloatArray, seen: np.ndarray) -> FloatArray:
+    """Diagonal (20,) of (markers + priors)^-1 markers, mean over some twenty frames; pegs count as
+    priors.
     """
     some = np.unique(np.linspace(0, len(values) - 1, 20).astype(int))
     weights = seen[some] * problem.sites.weights
     measured = np.zeros((len(some), len(problem.rows), 3))
     plain = np.zeros(len(some), bool)
-    behind = np.arange(len(problem.rows)) >= markers
     whole = problem.at(values[some], measured, weights, plain).curvature
-    priors = problem.at(values[some], measured, weights * behind, plain).curvature
+    priors = problem.at(values[some], measured, weights * ~problem.markers, plain).curvature
     # what neither markers nor priors see belongs to nobody
     unseen = 1e-12 * np.eye(whole.shape[1])
     whole = whole + unseen

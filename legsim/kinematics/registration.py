@@ -116,7 +116,8 @@ def register(
     pegs = _planted_feet.find(leg, sites, motion, chosen, _posed(problem, measured[chosen]))
     shown = measured[chosen]
     if pegs is not None:
-        sites, shown = pegs.beside(sites), np.concatenate([shown, pegs.targets[chosen]], axis=1)
+        sites, shown = pegs.beside(sites), pegs.beside_markers(shown)
+        shown[:, measured.shape[1] :][pegs.shares[chosen] < 1] = np.nan
     fit = _Fit(PersonModel(leg, sites, loose), config, shown)
     fit.settle()
     return fit.result(pegs)
@@ -290,7 +291,7 @@ class _Fit:
         return Registration(
             leg=self.person.leg,
             sites=sites.only([n for n in sites.names if not _planted_feet.is_peg(n)]),
-            pegs=None if pegs is None else Pegs(sites.only(pegs.sites.names), pegs.targets),
+            pegs=None if pegs is None else pegs.at(sites),
             config=self._settings(self.person),
             frames=len(self._measured),
             rms_before=self.rms_before,
