@@ -45,6 +45,9 @@ that, and a foot that pivots by 15 degrees moves it by more
 _LASTS = 2.0
 """s that a foot stands at least; in walking, feet stand for less than 1 s"""
 
+_BENDS = np.radians(40.0)
+"""rad that the knee bends at least during a stay: only a bent knee shows the foot's heading"""
+
 _FADES = 0.5
 """s at the ends of a stay in which its pegs come to count"""
 
@@ -121,19 +124,23 @@ def find(
         leg: scaled.
         sites: of the markers.
         motion: markers named like ``sites``, n frames.
-        chosen: (s,) frames that differ in posture; a foot has pegs where it stands in two at least.
+        chosen: (s,) frames that differ in posture; a foot has pegs where its knee bends.
         values: (s, c) coordinates of the leg in those, about as the markers have it.
     """
     pose, found = leg.kinematics(values), []
     for side in "rl":
         foot = segment_index(f"calcn_{side}")
         path = _ankle_path(leg, sites, motion, side)
+        shank, thigh = (segment_index(f"{bone}_{side}") for bone in ("tibia", "femur"))
+        aligned = (pose.rotations[:, thigh, :, 1] * pose.rotations[:, shank, :, 1]).sum(-1)
+        bend = np.arccos(np.clip(aligned, -1.0, 1.0))
         for stay in () if path is None else _stays(motion.times, path):
             here = np.isin(chosen, stay)
-            if here.sum() < 2:
+            if not here.any() or np.ptp(bend[here]) < _BENDS:
                 continue
-            ahead = pose.rotations[here, foot, :, 0].mean(0) * (1.0, 0.0, 1.0)
-            origin = np.median(pose.origins[here, foot], axis=0)
+            bent = here & (bend > bend[here].min() + _BENDS / 2)
+            ahead = pose.rotations[bent, foot, :, 0].mean(0) * (1.0, 0.0, 1.0)
+            origin = np.median(pose.origins[bent, foot], axis=0)
             share = _share(motion.times, stay)
             for way, axis in _AXES.items():
                 direction = ahead / np.linalg.norm(ahead) if way == "ahead" else np.array(axis)
