@@ -79,6 +79,7 @@ class Problem:
             if not any(s.endswith(f"_{side}") for s in sites.segments):
                 raise LegsimError(f"no marker sits on the {word} leg; complete the marker map")
         self.rows = marker_rows(sites)
+        # the others are pegs of planted feet
         self.markers = np.array([not _planted_feet.is_peg(name) for name in sites.names])
         self.pelvis_rows = [k for k, segment in enumerate(sites.segments) if segment == "pelvis"]
         self.subtrees = leg.moves[:, self.rows].astype(float)

@@ -19,6 +19,7 @@ from legsim.core import transforms
 from legsim.core.values import FloatArray, frozen, frozen_owned
 from legsim.kinematics._ik_problem import Problem, ReplayConfig
 from legsim.kinematics._ik_trajectory import Progress, Trace, solve_all
+from legsim.kinematics._marker_fading import faded
 from legsim.kinematics._planted_feet import Pegs
 from legsim.kinematics.leg import Leg
 from legsim.kinematics.marker_sites import MarkerSites
@@ -109,11 +110,16 @@ def solve(
         ]
     )
     measured = motion.positions_world[:, [motion.marker_names.index(name) for name in sites.names]]
-    held, shown, seen = sites, measured, np.asarray(np.isfinite(measured).all(-1))
+    seen = np.asarray(np.isfinite(measured).all(-1))
+    # one frame has no neighbor to come from or go to
+    shares = faded(seen, motion.rate_hz) if len(seen) > 1 else seen.astype(float)
+    held, shown = sites, measured
     if pegs is not None:
-        held, shown, seen = pegs.beside(sites), pegs.beside_markers(measured), pegs.shown_with(seen)
+        held, shown = pegs.beside(sites), pegs.beside_markers(measured)
+        shares = np.concatenate([shares, pegs.shares], axis=1)
+        seen = shares > 0
     problem = Problem(leg, held, config)
-    values, trace = solve_all(problem, shown, seen, progress)
+    values, trace = solve_all(problem, shown, seen, shares, progress)
     trajectories = JointTrajectories(motion.times, leg.coordinate_names, values)
     modelled = MarkerTrajectories(motion.times, sites.names, leg.marker_positions(values, sites))
     share = _marker_share(problem, values, seen)
