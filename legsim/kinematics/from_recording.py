@@ -232,7 +232,7 @@ def _solved(
         noise=reading.marker_noise,
         filter_hz=reading.filter_hz,
     )
-    held, seen = placed.only(names), np.isfinite(shown.positions_world).all(-1)
+    held, seen = placed.only(names), np.asarray(np.isfinite(shown.positions_world).all(-1))
     if how.pegs is not None:
         held, seen = how.pegs.beside(held), how.pegs.shown_with(seen)
     fit = MarkerFit(
