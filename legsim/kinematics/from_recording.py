@@ -20,8 +20,9 @@ from legsim.kinematics import (
     smoothing,
     uncertainty,
 )
-from legsim.kinematics._ik_problem import Problem, ReplayConfig
+from legsim.kinematics._ik_problem import Problem
 from legsim.kinematics.from_coordinates import gap_note, low_passed, moving_leg, named
+from legsim.kinematics.ik_options import IkOptions
 from legsim.kinematics.inverse_kinematics import Solution
 from legsim.kinematics.leg import Leg
 from legsim.kinematics.leg_model import LegModel
@@ -182,7 +183,7 @@ def solve_kinematics(
     loose = marker_sites.calibrated_roles() & set(measured.marker_names)
     if loose:
         placed = inverse_kinematics.calibrate(leg, reference, placed, loose)
-    settings, registered = ReplayConfig(), None
+    settings, registered = IkOptions(), None
     if register and not scale_file:
         registered = named(
             scaled_from, lambda: registration.register(leg, reference, placed, loose, settings)
@@ -200,7 +201,7 @@ class _Fitting:
     scaling: Scaling
     source: str
     notes: tuple[str, ...]
-    options: ReplayConfig
+    options: IkOptions
     registration: Registration | None = None
 
 

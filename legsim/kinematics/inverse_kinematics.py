@@ -17,8 +17,9 @@ import numpy as np
 
 from legsim.core import transforms
 from legsim.core.values import FloatArray, frozen, frozen_owned
-from legsim.kinematics._ik_problem import Problem, ReplayConfig
+from legsim.kinematics._ik_problem import Problem
 from legsim.kinematics._ik_trajectory import Progress, Trace, solve_all
+from legsim.kinematics.ik_options import IkOptions
 from legsim.kinematics.leg import Leg
 from legsim.kinematics.marker_sites import MarkerSites
 from legsim.mocap.trajectories import JointTrajectories, MarkerTrajectories
@@ -79,7 +80,7 @@ def solve(
     leg: Leg,
     motion: MarkerTrajectories,
     sites: MarkerSites,
-    config: ReplayConfig | None = None,
+    config: IkOptions | None = None,
     *,
     progress: Progress | None = None,
 ) -> Solution:
@@ -97,7 +98,7 @@ def solve(
     Raises:
         LegsimError: no frame shows three markers of the pelvis, or a leg has no marker at all.
     """
-    config = config or ReplayConfig()
+    config = config or IkOptions()
     sites = sites.only(
         [
             name
@@ -121,7 +122,7 @@ def calibrate(
     motion: MarkerTrajectories,
     sites: MarkerSites,
     roles: Collection[str],
-    config: ReplayConfig | None = None,
+    config: IkOptions | None = None,
 ) -> MarkerSites:
     """Sites with those in ``roles`` moved to where the recording shows them on the model posed by
     all the others (median over frames).

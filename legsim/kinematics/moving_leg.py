@@ -10,7 +10,7 @@ import numpy as np
 
 from legsim.core.values import FloatArray
 from legsim.kinematics import plausibility
-from legsim.kinematics._ik_problem import ReplayConfig
+from legsim.kinematics.ik_options import IkOptions
 from legsim.kinematics.inverse_kinematics import IkReport
 from legsim.kinematics.joint_splines import JointSplines
 from legsim.kinematics.leg import Leg
@@ -40,7 +40,7 @@ class MarkerFit:
     """where they sit on the model's segments"""
     cleaning: CleaningReport
     scaling: Scaling
-    options: ReplayConfig
+    options: IkOptions
     """that inverse kinematics ran with"""
     registration: Registration | None
     """None where the leg stayed as scaled"""

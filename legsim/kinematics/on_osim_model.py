@@ -10,7 +10,7 @@ import numpy as np
 from legsim.core.errors import LegsimError, file_error
 from legsim.core.values import FloatArray
 from legsim.kinematics import osim_file, osim_scaling
-from legsim.kinematics._ik_problem import CoordinatePrior, ReplayConfig
+from legsim.kinematics.ik_options import CoordinatePrior, IkOptions
 from legsim.kinematics.marker_sites import MarkerSites
 from legsim.kinematics.osim_leg import OsimLeg
 from legsim.mocap.labels import MarkerMap
@@ -177,7 +177,7 @@ def held_leg(leg: OsimLeg) -> tuple[OsimLeg, tuple[str, ...]]:
     )
 
 
-def replay_config(leg: OsimLeg, sites: MarkerSites) -> ReplayConfig:
+def replay_config(leg: OsimLeg, sites: MarkerSites) -> IkOptions:
     """Priors for this model: the markers decide, as in OpenSim, and what they do not see stays at
     the model's default. Hip rotation is drawn toward neutral where a thigh carries fewer than three
     markers, as on legsim's own leg.
@@ -192,7 +192,7 @@ def replay_config(leg: OsimLeg, sites: MarkerSites) -> ReplayConfig:
             weights[rotation] = _HIP_ROTATION
     defaults = dict(zip(leg.coordinate_names, leg.default_coordinates, strict=True))
     priors = tuple(CoordinatePrior(n, w, float(defaults[n])) for n, w in weights.items())
-    return ReplayConfig(priors=priors)
+    return IkOptions(priors=priors)
 
 
 def _check_knees(leg: OsimLeg, trajectories: JointTrajectories) -> None:

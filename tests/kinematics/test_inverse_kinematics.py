@@ -8,7 +8,7 @@ import pytest
 from legsim.core import transforms
 from legsim.core.errors import LegsimError
 from legsim.kinematics import _ik_problem, inverse_kinematics, marker_sites
-from legsim.kinematics._ik_problem import CoordinatePrior, ReplayConfig
+from legsim.kinematics.ik_options import CoordinatePrior, IkOptions
 from legsim.kinematics.leg_model import COORDINATES, LegModel
 from legsim.kinematics.marker_sites import MarkerSites
 from legsim.kinematics.skeleton import SegmentScales
@@ -31,7 +31,7 @@ FULL = (
         for side in "rl"
     ),
 )
-NO_PRIOR = ReplayConfig(
+NO_PRIOR = IkOptions(
     priors=tuple(CoordinatePrior(f"mtp_angle_{side}", 1e-6) for side in "rl"), flat_foot_weight=0.0
 )
 
@@ -150,7 +150,7 @@ def test_the_gradient_vanishes_at_the_solution(rng):
 
 def test_the_curvature_is_the_derivative_of_the_gradient(rng):
     used = sites(FULL)
-    problem = _ik_problem.Problem(LEG, used, ReplayConfig())
+    problem = _ik_problem.Problem(LEG, used, IkOptions())
     values = squats(6) + 0.05 * rng.normal(size=(6, 20))
     measured = LEG.marker_positions(squats(6), used)
     weights, exact, h = np.tile(used.weights, (6, 1)), np.ones(6, bool), 1e-6
@@ -314,7 +314,7 @@ def test_an_unknown_coordinate_is_refused():
             LEG,
             recording(squats(20), sites(SEVEN)),
             sites(SEVEN),
-            ReplayConfig(priors=(CoordinatePrior("knee", 1.0),)),
+            IkOptions(priors=(CoordinatePrior("knee", 1.0),)),
         )
 
 

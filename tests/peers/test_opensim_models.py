@@ -15,7 +15,7 @@ from legsim.kinematics import (
     osim_file,
     osim_scaling,
 )
-from legsim.kinematics._ik_problem import ReplayConfig
+from legsim.kinematics.ik_options import IkOptions
 from legsim.kinematics.leg_model import COORDINATES, LegModel
 from legsim.kinematics.osim_leg import OsimLeg
 from legsim.kinematics.skeleton import JOINT_CENTERS, SEGMENTS, SegmentScales
@@ -103,7 +103,7 @@ def test_inverse_kinematics_by_the_models_own_markers_agrees(opensim_peer, share
         measured = MarkerTrajectories(
             person.trajectories.times, sites.names, places + rng.normal(0, 5e-3, places.shape)
         )
-    plain = ReplayConfig(priors=(), flat_foot_weight=0.0)
+    plain = IkOptions(priors=(), flat_foot_weight=0.0)
     ours = inverse_kinematics.solve(leg, measured, sites, plain)
     values, places = opensim_peer.own_markers(
         opensim_peer.any_model(path), measured, leg.coordinate_names, accuracy=1e-10
