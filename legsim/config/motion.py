@@ -4,6 +4,7 @@ from typing import Literal
 
 from pydantic import Field
 
+from legsim.config.ik import IkConfig
 from legsim.config.tree import ConfigSection
 
 
@@ -49,3 +50,4 @@ class MotionConfig(ConfigSection):
 
     Else the leg stays as scaled and markers sit where the model has them.
     """
+    ik: IkConfig = IkConfig()

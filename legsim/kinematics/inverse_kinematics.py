@@ -91,14 +91,15 @@ def solve(
         leg: the scaled model.
         motion: markers named like ``sites``; NaN where not seen; other names are ignored.
         sites: where the markers sit on the scaled segments.
-        config: priors and tolerances; the defaults suit the seven markers of the study as well as
-            full sets.
+        config: weights, tasks, locks, priors and tolerances; the defaults suit the seven markers of
+            the study as well as full sets. Names of markers are those of ``sites``.
         progress: told (frames done, frames in all).
 
     Raises:
         LegsimError: no frame shows three markers of the pelvis, or a leg has no marker at all.
     """
     config = config or IkOptions()
+    sites = sites.weighted(config.marker_weights)
     sites = sites.only(
         [
             name
@@ -157,6 +158,7 @@ def _report(
     squares = np.where(seen, errors, 0.0) ** 2
     rms = np.sqrt(squares.sum(0) / np.where(count > 0, count, np.nan))
     at_limit = (values <= problem.low + 1e-9) | (values >= problem.high - 1e-9)
+    at_limit &= ~problem.locked
     return IkReport(
         marker_names=problem.sites.names,
         marker_rms=frozen("marker_rms", rms, (None,)),
@@ -180,10 +182,10 @@ def _marker_share(problem: Problem, values: FloatArray, seen: np.ndarray) -> Flo
     weights = seen[some] * problem.sites.weights
     measured = np.zeros((len(some), len(problem.rows), 3))
     plain = np.zeros(len(some), bool)
-    whole = problem.at(values[some], measured, weights, plain).curvature
-    priors = problem.at(values[some], measured, 0 * weights, plain).curvature
-    # what neither markers nor priors see belongs to nobody
-    unseen = 1e-12 * np.eye(whole.shape[1])
-    whole = whole + unseen
-    share = 1 - np.einsum("nij,nji->ni", np.linalg.inv(whole), priors + unseen)
+    pulls = problem.pulls(weights)
+    whole = problem.at(values[some], measured, weights, plain, pulls).curvature
+    priors = problem.at(values[some], measured, 0 * weights, plain, pulls).curvature
+    share = 1 - np.einsum(
+        "nij,nji->ni", np.linalg.inv(whole + problem.floor()), priors + problem.floor()
+    )
     return frozen("share", np.mean(np.clip(share, 0, 1), axis=0), (None,))

@@ -278,7 +278,7 @@ def _registration_summary(fit: MarkerFit) -> dict[str, Any] | None:
     found = fit.registration
     if found is None:
         return None
-    values = {prior.coordinate: prior.value for prior in found.config.priors}
+    values = {prior.coordinate: prior.value for prior in found.config.priors or ()}
     return {
         "frames": found.frames,
         "marker_rms_before_mm": 1e3 * found.rms_before,
@@ -293,7 +293,9 @@ def _registration_summary(fit: MarkerFit) -> dict[str, Any] | None:
             for side in "rl"
         },
         "habitual_hip_rotation_deg": {
-            side: float(np.degrees(values[f"hip_rotation_{side}"])) for side in "rl"
+            side: float(np.degrees(values[f"hip_rotation_{side}"]))
+            for side in "rl"
+            if f"hip_rotation_{side}" in values
         },
         "marker_places_mm": {
             name: [1e3 * float(x) for x in place]

@@ -23,7 +23,7 @@ from legsim.kinematics import _ik_branches
 from legsim.kinematics._ik_newton import held_at_limits, minimize
 from legsim.kinematics._ik_problem import Problem, State
 from legsim.kinematics._registration_model import Person, PersonModel, joint_blocks
-from legsim.kinematics.ik_options import IkOptions
+from legsim.kinematics.ik_options import IkOptions, leg_priors
 from legsim.kinematics.leg import Leg
 from legsim.kinematics.marker_sites import MarkerSites
 from legsim.mocap.trajectories import MarkerTrajectories
@@ -106,7 +106,8 @@ def register(
     Raises:
         LegsimError: no frame shows three markers of the pelvis, or a leg has no marker at all.
     """
-    config = config or IkOptions()
+    config = (config or IkOptions()).settled(leg_priors())
+    sites = sites.weighted(config.marker_weights)
     sites = sites.only([name for name in motion.marker_names if name in sites.names])
     measured = motion.positions_world[:, [motion.marker_names.index(n) for n in sites.names]]
     chosen = _postures(Problem(leg, sites, config), measured)
@@ -212,7 +213,8 @@ class _Fit:
         """
         plain = np.zeros(len(self._measured), bool)
         values, problem = self.state.values, self._problem
-        nothing = problem.at(values, self._measured, 0 * self._weights, plain)
+        pulls = problem.pulls(self._weights)
+        nothing = problem.at(values, self._measured, 0 * self._weights, plain, pulls)
         whole = problem.at(values, self._measured, self._weights, plain)
         faint = 1e-12 * np.eye(values.shape[1])
         open_share = np.linalg.solve(whole.curvature + faint, nothing.curvature + faint)
@@ -295,6 +297,6 @@ def with_neutral(config: IkOptions, neutral: FloatArray, share: float) -> IkOpti
         replace(prior, weight=share * prior.weight, value=prior.value + values[prior.coordinate])
         if prior.coordinate in values
         else prior
-        for prior in config.priors
+        for prior in config.priors or ()
     )
     return replace(config, priors=priors)

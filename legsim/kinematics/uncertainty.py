@@ -41,7 +41,7 @@ def coordinate_spread(
     weights, values = seen[some] * sites.weights, values[some]
     measured = np.zeros((*weights.shape, 3))
     curvature = problem.at(values, measured, weights, np.zeros(len(some), bool)).curvature
-    curvature = curvature + 1e-12 * np.eye(values.shape[1])
+    curvature = curvature + problem.floor()
     error = MARKER_ERROR if found is None else found.error
     own = error**2 * np.linalg.inv(curvature)
     model = PersonModel(leg, sites, ()) if found is None else found.model.only(sites.names)

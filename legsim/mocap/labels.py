@@ -3,7 +3,7 @@ prefixes and spelling.
 """
 
 import re
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
@@ -105,12 +105,29 @@ class MarkerMap:
                     break
         return found
 
+    def without(self, roles: Collection[str]) -> "MarkerMap":
+        """The same map with some of the roles left out."""
+        keep = [k for k, role in enumerate(self.roles) if role not in roles]
+        return MarkerMap(
+            self.name,
+            tuple(self.roles[k] for k in keep),
+            tuple(self.alternatives[k] for k in keep),
+            tuple(self.segments[k] for k in keep) if self.segments else (),
+        )
+
     def missing_in(
         self, marker_names: Sequence[str], required: Sequence[str] = PAPER_ROLES
     ) -> tuple[str, ...]:
         """Required roles that the recording does not cover."""
         found = self.found_in(marker_names)
         return tuple(role for role in required if role not in found)
+
+
+def find_labels(names: Sequence[str], marker_names: Sequence[str]) -> dict[str, str]:
+    """Name to the recording's own label, for those names that the recording has."""
+    finder = _Finder(marker_names)
+    found = {name: finder.find(name) for name in names}
+    return {name: label for name, label in found.items() if label}
 
 
 def segment_of(role: str) -> str:

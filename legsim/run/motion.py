@@ -1,11 +1,19 @@
 """The recording of a run: solved by its [motion] settings, identified by its content."""
 
+import math
 from functools import cache
 from pathlib import Path
 
-from legsim.config import MotionConfig
+from legsim.config import IkConfig, MotionConfig, ValueConfig
 from legsim.core.files import sha256
 from legsim.kinematics.from_recording import files_read, solve_kinematics
+from legsim.kinematics.ik_options import (
+    CoordinateLock,
+    CoordinateTask,
+    IkOptions,
+    PriorStrengths,
+    Unit,
+)
 from legsim.kinematics.moving_leg import MovingLeg
 
 
@@ -25,7 +33,29 @@ def solve(motion: MotionConfig, *, filter_coordinates: bool = False) -> MovingLe
         filter_coordinates=filter_coordinates,
         in_degrees=None if motion.angles == "file" else motion.angles == "degrees",
         register=motion.registration,
+        ik=ik_options(motion.ik),
     )
+
+
+def ik_options(ik: IkConfig) -> IkOptions:
+    """Options of inverse kinematics, in SI.
+
+    Raises:
+        LegsimError: a weight below 0.
+    """
+    return IkOptions(
+        marker_weights=ik.marker_weights,
+        tasks=tuple(CoordinateTask(n, t.weight, *_in_si(t)) for n, t in ik.tasks.items()),
+        locked=tuple(CoordinateLock(n, *_in_si(lock)) for n, lock in ik.locked.items()),
+        tasks_file=ik.tasks_file,
+        strengths=PriorStrengths(**ik.priors.model_dump()),
+    )
+
+
+def _in_si(value: ValueConfig) -> tuple[float | None, Unit]:
+    if value.value_mm is not None:
+        return 1e-3 * value.value_mm, "m"
+    return (None, "") if value.value_deg is None else (math.radians(value.value_deg), "rad")
 
 
 def fingerprint(motion: MotionConfig) -> list[str]:
@@ -36,6 +66,7 @@ def fingerprint(motion: MotionConfig) -> list[str]:
         scale_from=motion.scaling_file or None,
         model=motion.model or None,
         scale_file=motion.scale_file or None,
+        tasks_file=motion.ik.tasks_file or None,
     )
     return [_hash(path, path.stat().st_mtime_ns, path.stat().st_size) for path in read]
 
