@@ -22,7 +22,11 @@ from legsim.kinematics._ik_trajectory import Progress, Trace, solve_all
 from legsim.kinematics.ik_options import IkOptions
 from legsim.kinematics.leg import Leg
 from legsim.kinematics.marker_sites import MarkerSites
+from legsim.kinematics.skeleton import segment_index
 from legsim.mocap.trajectories import JointTrajectories, MarkerTrajectories
+
+_ENOUGH_ON_FOOT = 3
+"""markers that show how a foot lies"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -43,6 +47,10 @@ class IkReport:
     """(20,) how much of each coordinate the markers decide, 0 to 1; the rest is the priors'"""
     coordinate_at_limit: np.ndarray
     """(20,) int, frames in which a joint limit holds the coordinate"""
+    coordinate_by_prior: np.ndarray
+    """(20,) int, frames in which priors decide a coordinate of the foot: they show fewer than three
+    markers of that foot, or for the toes none on them
+    """
     frames: int
     frames_unseen: np.ndarray
     """indices of frames that show no marker, bridged between their neighbors"""
@@ -168,12 +176,29 @@ def _report(
         coordinate_names=problem.leg.coordinate_names,
         coordinate_share=_marker_share(problem, values, seen),
         coordinate_at_limit=frozen_owned(at_limit.sum(0)),
+        coordinate_by_prior=frozen_owned(_by_prior(problem, seen)),
         frames=len(values),
         frames_unseen=frozen_owned(np.flatnonzero(~seen.any(1))),
         frames_unconverged=frozen_owned(np.flatnonzero(~trace.converged & seen.any(1))),
         frames_jumping=frozen_owned(np.flatnonzero(trace.jumps)),
         iterations=float(trace.iterations.mean()),
     )
+
+
+def _by_prior(problem: Problem, seen: np.ndarray) -> np.ndarray:
+    """(c,) frames in which priors decide a coordinate of the foot; none with a task or a lock."""
+    leg, found = problem.leg, np.zeros(len(problem.low), int)
+    segments = np.array(problem.sites.segments)
+    for side in "rl":
+        tibia, calcn, toes = (
+            leg.moves[:, segment_index(f"{name}_{side}")] for name in ("tibia", "calcn", "toes")
+        )
+        on_toes = segments == f"toes_{side}"
+        on_foot = on_toes | np.isin(segments, [f"talus_{side}", f"calcn_{side}"])
+        enough = seen[:, on_foot].sum(1) >= _ENOUGH_ON_FOOT
+        found[calcn & ~tibia] = (~enough).sum()
+        found[toes & ~calcn] = (~(enough & seen[:, on_toes].any(1))).sum()
+    return np.where(problem.locked | (problem.task_weights > 0), 0, found)
 
 
 def _marker_share(problem: Problem, values: FloatArray, seen: np.ndarray) -> FloatArray:

@@ -198,6 +198,7 @@ class MovingLeg:
                     **asdict(row),
                     "decided_by_markers": float(ik.coordinate_share[k]),
                     "frames_at_limit": int(ik.coordinate_at_limit[k]),
+                    "frames_decided_by_prior": int(ik.coordinate_by_prior[k]),
                     "standard_deviation": self.standard_deviations()[k],
                 }
                 for k, row in enumerate(self.ranges())
@@ -222,8 +223,8 @@ class MovingLeg:
         )
         loose = [
             n
-            for n, share in zip(ik.coordinate_names, ik.coordinate_share, strict=True)
-            if share < 0.5
+            for k, n in enumerate(ik.coordinate_names)
+            if ik.coordinate_share[k] < 0.5 and ik.coordinate_by_prior[k] == 0
         ]
         lines = [
             f"{self.name}: {len(self.trajectories.times)} frames at {cleaning.rate_hz:g} Hz, "
@@ -259,9 +260,11 @@ class MovingLeg:
                 "not seen for longer than can be bridged, so that joint angles are guessed "
                 f"there: {shares} of the time"
             )
+        lines += _feet_by_prior(ik)
         if loose:
             lines.append(
-                f"decided by the stated priors rather than the markers: {', '.join(loose)}"
+                "decided by the stated priors, tasks or locks rather than the markers: "
+                f"{', '.join(loose)}"
             )
         lines.append(f"least known, by one standard deviation: {self._least_known()}")
         lines += [f"warning: {line}" for line in self.warnings]
@@ -271,6 +274,22 @@ class MovingLeg:
                 f"{ik.frames_unconverged[0]}"
             )
         return lines
+
+
+def _feet_by_prior(ik: IkReport) -> list[str]:
+    """A line on the joints of the feet that priors decide, with the share of the frames."""
+    by_share: dict[int, list[str]] = {}
+    for name, count in zip(ik.coordinate_names, ik.coordinate_by_prior, strict=True):
+        if count:
+            by_share.setdefault(int(count), []).append(name)
+    shares = [
+        f"{', '.join(names)} in {100 * count / ik.frames:.3g} % of the frames"
+        for count, names in sorted(by_share.items(), reverse=True)
+    ]
+    if not shares:
+        return []
+    why = "fewer than three markers of that foot are seen, or for mtp none on the toes"
+    return [f"decided by the prior, because {why}: {'; '.join(shares)}"]
 
 
 def _registration_summary(fit: MarkerFit) -> dict[str, Any] | None:

@@ -195,6 +195,7 @@ def coordinate_table(recovered: MovingLeg) -> Table:
                 f"{spread[k]:.1f}",
                 f"{fit.ik.coordinate_share[k]:.2f}",
                 str(fit.ik.coordinate_at_limit[k]),
+                str(fit.ik.coordinate_by_prior[k]),
             )
         )
         rows.append((*cells, *rate, *known))
@@ -214,11 +215,13 @@ def coordinate_table(recovered: MovingLeg) -> Table:
         return Table("Joint coordinates", heads, tuple(rows), note)
     shares = (
         " Standard deviation: what errors and places of the markers, and the priors, leave open. "
-        "Decided by markers: 1 where the markers alone decide it, 0 where the stated priors do."
+        "Decided by markers: 1 where the markers alone decide it, 0 where priors, tasks or locks "
+        "do. Frames by prior: those that show fewer than three markers of that foot, or none on "
+        "the toes."
     )
     return Table(
         "Joint coordinates",
-        (*heads, "standard deviation", "decided by markers", "frames at limit"),
+        (*heads, "standard deviation", "decided by markers", "frames at limit", "frames by prior"),
         tuple(rows),
         note + shares,
     )

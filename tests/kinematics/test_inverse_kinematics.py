@@ -8,7 +8,12 @@ import pytest
 from legsim.core import transforms
 from legsim.core.errors import LegsimError
 from legsim.kinematics import _ik_problem, inverse_kinematics, marker_sites
-from legsim.kinematics.ik_options import CoordinatePrior, IkOptions
+from legsim.kinematics.ik_options import (
+    CoordinateLock,
+    CoordinatePrior,
+    CoordinateTask,
+    IkOptions,
+)
 from legsim.kinematics.leg_model import COORDINATES, LegModel
 from legsim.kinematics.marker_sites import MarkerSites
 from legsim.kinematics.skeleton import SegmentScales
@@ -123,6 +128,38 @@ def test_seven_markers_give_the_knees_and_a_stated_share_of_the_rest():
         assert 0.1 < share[f"hip_rotation_{side}"] < 1.0
         assert share[f"ankle_angle_{side}"] < 0.01
         assert solution.trajectories.coordinate(f"mtp_angle_{side}") == pytest.approx(0)
+
+
+def test_a_foot_is_by_its_prior_in_frames_that_show_fewer_than_three_of_its_markers():
+    values, used = squats(), sites(FULL)
+    motion = recording(values, used)
+    positions = motion.positions_world.copy()
+    positions[20:50, used.names.index("heel_r")] = np.nan
+    gaps = MarkerTrajectories(motion.times, used.names, positions)
+
+    def by_prior(**options) -> dict[str, int]:
+        report = inverse_kinematics.solve(LEG, gaps, used, IkOptions(**options)).report
+        return {
+            n: int(c) for n, c in zip(COORDINATES, report.coordinate_by_prior, strict=True) if c
+        }
+
+    # nobody puts markers on the toes of this model
+    toes = {"mtp_angle_r": 200, "mtp_angle_l": 200}
+    assert by_prior() == {"ankle_angle_r": 30, "subtalar_angle_r": 30, **toes}
+    task, lock = CoordinateTask("ankle_angle_r", 1e-3), CoordinateLock("mtp_angle_l")
+    expected = {"subtalar_angle_r": 30, "mtp_angle_r": 200}
+    assert by_prior(tasks=(task,), locked=(lock,)) == expected
+
+
+def test_ankle_and_subtalar_joint_stop_where_peoples_do():
+    """Beyond the mean and two standard deviations (models/lower_body/README.md)."""
+    ranges = dict(zip(COORDINATES, np.degrees(LEG.coordinate_ranges), strict=True))
+    for side in "rl":
+        for name, low, high in (
+            ("ankle_angle", -56.2 - 2 * 6.1, 38.5 + 2 * 5.9),
+            ("subtalar_angle", -20.7 - 2 * 5.0, 36.8 + 2 * 4.5),
+        ):
+            np.testing.assert_allclose(ranges[f"{name}_{side}"], (low, high), atol=2.5)
 
 
 def test_feet_without_markers_stand_flat():
