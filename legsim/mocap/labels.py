@@ -118,9 +118,27 @@ class MarkerMap:
     def missing_in(
         self, marker_names: Sequence[str], required: Sequence[str] = PAPER_ROLES
     ) -> tuple[str, ...]:
-        """Required roles that the recording does not cover."""
-        found = self.found_in(marker_names)
+        """Required roles that the recording does not cover; two posterior spines do for the
+        sacrum, whose place is the middle of them.
+        """
+        found = {*self.found_in(marker_names)}
+        if {"psis_r", "psis_l"} <= found:
+            found.add("sacrum")
         return tuple(role for role in required if role not in found)
+
+    def means_in(self, marker_names: Sequence[str]) -> tuple[str, ...]:
+        """Roles that are means of markers which play roles of their own on the same segment, so
+        that they add nothing, as a sacrum between the two posterior spines.
+        """
+        found = self.found_in(marker_names)
+        alone = {
+            (labels[0], self.segment(role)) for role, labels in found.items() if len(labels) == 1
+        }
+        return tuple(
+            role
+            for role, labels in found.items()
+            if len(labels) > 1 and {(label, self.segment(role)) for label in labels} <= alone
+        )
 
 
 def find_labels(names: Sequence[str], marker_names: Sequence[str]) -> dict[str, str]:

@@ -247,6 +247,31 @@ def test_a_mean_of_two_labels_has_the_mean_of_their_weights(tmp_path, squat):
         solved(tmp_path, motion, path, ik=IkOptions(marker_weights={"BACK1": 0, "BACK2": 4}))
 
 
+@pytest.mark.parametrize("sacrum", ['"SACR"', '["RPSI", "LPSI"]', None])
+def test_the_middle_of_both_psis_counts_once_whatever_the_set_says(tmp_path, squat, sacrum):
+    """One sacral marker, a mean of the PSIS, or none: the PSIS give the depth of the pelvis."""
+    places, back = squat.positions_world, squat.marker_names.index("SACR")
+    apart, below = np.array([0.0, 0.0, 0.04]), np.array([0.0, -0.02, 0.0])
+    motion = MarkerTrajectories(
+        TIMES,
+        (*without(squat, "SACR").marker_names, "RPSI", "LPSI", "SACR"),
+        np.concatenate(
+            [np.delete(places, back, 1), *(places[:, [back]] + d for d in (apart, -apart, below))],
+            1,
+        ),
+    )
+    roles = {role: f'"{label}"' for role, label in LABELS.items()}
+    roles |= {"psis_r": '"RPSI"', "psis_l": '"LPSI"', "sacrum": sacrum}
+    path = tmp_path / "psis.toml"
+    path.write_text("\n".join(["[roles]", *(f"{r} = {n}" for r, n in roles.items() if n)]))
+    found = solved(tmp_path, motion, path)
+    assert {"psis_r", "psis_l"} <= set(found.fit.sites.names)
+    assert ("sacrum" in found.fit.sites.names) == (sacrum == '"SACR"')
+    front = (motion.marker("RASI") + motion.marker("LASI")) / 2
+    depth = np.linalg.norm(front[0] - places[0, back])
+    assert found.fit.scaling.measurement("pelvis_depth").measured == pytest.approx(depth, rel=0.01)
+
+
 def test_coordinates_take_no_options_of_inverse_kinematics(tmp_path):
     motion = tmp_path / "still.csv"
     rows = "\n".join(f"{t},0,-0.1" for t in TIMES)
