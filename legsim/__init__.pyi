@@ -38,6 +38,7 @@ from .kinematics.ik_options import IkOptions as IkOptions
 from .kinematics.ik_options import PriorStrengths as PriorStrengths
 from .kinematics.leg_model import LegModel as LegModel
 from .kinematics.moving_leg import MovingLeg as MovingLeg
+from .kinematics.zero_pose import with_zero as with_zero
 from .mocap.files import load_recording as load_recording
 from .mocap.files import save_recording as save_recording
 from .mocap.trajectories import JointTrajectories as JointTrajectories

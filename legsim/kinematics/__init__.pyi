@@ -10,3 +10,4 @@ from .moving_leg import MovingLeg as MovingLeg
 from .skeleton import JointCenters as JointCenters
 from .skeleton import SegmentPoses as SegmentPoses
 from .skeleton import SegmentScales as SegmentScales
+from .zero_pose import with_zero as with_zero

@@ -423,7 +423,7 @@ def _cleaned(
             else marker_sets.load(str(reading.marker_map))
         )
         # a mean of two markers that are used themselves would count them twice
-        shown = np.isfinite(raw.positions_world).all(-1).any(0)
+        shown = np.asarray(np.isfinite(raw.positions_world).all(-1).any(0))
         seen = [name for name, here in zip(raw.marker_names, shown, strict=True) if here]
         chosen = chosen.without(chosen.means_in(seen))
         weights, said = {}, ()

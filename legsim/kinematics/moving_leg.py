@@ -72,6 +72,17 @@ class CoordinateRange:
     highest_rate_frame: int
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class ZeroPose:
+    """A static trial's mean pose, from which joint angles are counted."""
+
+    file: str
+    frames: int
+    coordinate_names: tuple[str, ...]
+    values: FloatArray
+    """(c,) rad and m; 0 for the pelvis' heading and place"""
+
+
 @dataclass(frozen=True, eq=False)
 class MovingLeg:
     """A person's leg model and how it moves."""
@@ -83,6 +94,15 @@ class MovingLeg:
     """None where the file held coordinates"""
     notes: tuple[str, ...] = ()
     """what was put right on the way in"""
+    zero: ZeroPose | None = None
+    """of :meth:`from_zero`; the movement itself is not changed by it"""
+
+    def from_zero(self) -> JointTrajectories | None:
+        """The coordinates counted from the static trial's mean pose; None without one."""
+        if self.zero is None:
+            return None
+        values = self.leg.values_of(self.trajectories) - self.zero.values
+        return JointTrajectories(self.trajectories.times, self.leg.coordinate_names, values)
 
     @cached_property
     def splines(self) -> JointSplines:
@@ -153,6 +173,17 @@ class MovingLeg:
 
     def summary(self) -> dict[str, Any]:
         """Numbers about the fit, for kinematics.json."""
+        summary = self._summary()
+        if self.zero is not None:
+            factors = [1e3 if row.unit == "mm" else np.degrees(1.0) for row in self.ranges()]
+            summary["zero"] = {"file": self.zero.file, "frames": self.zero.frames}
+            for row, value, factor in zip(
+                summary["coordinates"], self.zero.values, factors, strict=True
+            ):
+                row["zero"] = float(factor * value)
+        return summary
+
+    def _summary(self) -> dict[str, Any]:
         if self.fit is None:
             ranges = [asdict(row) for row in self.ranges()]
             return {

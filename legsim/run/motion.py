@@ -6,7 +6,7 @@ from pathlib import Path
 
 from legsim.config import IkConfig, MotionConfig, ValueConfig
 from legsim.core.files import sha256
-from legsim.kinematics.from_recording import files_read, solve_kinematics
+from legsim.kinematics.from_recording import files_read, find_recording, solve_kinematics
 from legsim.kinematics.ik_options import (
     CoordinateLock,
     CoordinateTask,
@@ -15,11 +15,12 @@ from legsim.kinematics.ik_options import (
     Unit,
 )
 from legsim.kinematics.moving_leg import MovingLeg
+from legsim.kinematics.zero_pose import with_zero
 
 
 def solve(motion: MotionConfig, *, filter_coordinates: bool = False) -> MovingLeg:
     """Solves the configured recording; errors as in ``solve_kinematics``."""
-    return solve_kinematics(
+    person = solve_kinematics(
         motion.file,
         marker_map=motion.marker_map,
         unit=None if motion.unit == "file" else motion.unit,
@@ -34,6 +35,21 @@ def solve(motion: MotionConfig, *, filter_coordinates: bool = False) -> MovingLe
         in_degrees=None if motion.angles == "file" else motion.angles == "degrees",
         register=motion.registration,
         ik=ik_options(motion.ik),
+    )
+    return _with_zero(person, motion) if motion.zero_file else person
+
+
+def _with_zero(person: MovingLeg, motion: MotionConfig) -> MovingLeg:
+    angles = None if motion.angles == "file" else motion.angles == "degrees"
+    return with_zero(
+        person,
+        motion.zero_file,
+        marker_map=motion.marker_map,
+        unit=None if motion.unit == "file" else motion.unit,
+        up=None if motion.up == "file" else motion.up,
+        filter_hz=motion.filter_hz,
+        longest_gap=motion.longest_gap_s,
+        in_degrees=angles,
     )
 
 
@@ -68,6 +84,7 @@ def fingerprint(motion: MotionConfig) -> list[str]:
         scale_file=motion.scale_file or None,
         tasks_file=motion.ik.tasks_file or None,
     )
+    read += (find_recording(motion.zero_file),) if motion.zero_file else ()
     return [_hash(path, path.stat().st_mtime_ns, path.stat().st_size) for path in read]
 
 

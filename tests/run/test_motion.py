@@ -129,3 +129,18 @@ def test_a_recording_is_known_by_its_tasks_too(tmp_path):
     inner.write_text(task_sets.document(task_sets.task_set(task_sets.marker("RHEE", 2.5))))
     assert motion.fingerprint(settings)[:-1] == before[:-1]
     assert motion.fingerprint(settings)[-1] != before[-1]
+
+
+def test_a_zero_is_passed_on_and_known_by_its_content(tmp_path):
+    settings = recording(tmp_path / "a.mot", -0.5)
+    recording(tmp_path / "static.mot", -0.1)
+    zeroed = settings.model_copy(update={"zero_file": str(tmp_path / "static.mot")})
+    person = motion.solve(zeroed)
+    np.testing.assert_array_equal(
+        person.trajectories.values, motion.solve(settings).trajectories.values
+    )
+    np.testing.assert_allclose(person.from_zero().coordinate("knee_angle_r"), -0.4, atol=1e-12)
+    before = motion.fingerprint(zeroed)
+    assert len(before) == len(motion.fingerprint(settings)) + 1
+    recording(tmp_path / "static.mot", -0.2)
+    assert motion.fingerprint(zeroed) != before
