@@ -65,7 +65,8 @@ class IkConfig(ConfigSection):
     @field_validator("locked", mode="before")
     @classmethod
     def _from_list(cls, locked: Any) -> Any:
-        """A list of names stands for locks at the default."""
+        """A name or a list of names stands for locks at the default."""
+        locked = [locked] if isinstance(locked, str) else locked
         if isinstance(locked, list) and all(isinstance(name, str) for name in locked):
             return {name: {} for name in locked}
         return locked

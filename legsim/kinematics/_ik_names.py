@@ -10,7 +10,7 @@ import numpy as np
 
 from legsim.core.errors import LegsimError
 from legsim.kinematics import ik_tasks
-from legsim.kinematics.ik_options import IkOptions
+from legsim.kinematics.ik_options import CoordinateTask, IkOptions
 from legsim.kinematics.ik_tasks import IkTaskSet
 from legsim.kinematics.leg import Leg
 from legsim.kinematics.on_osim_model import short
@@ -71,20 +71,41 @@ class Tasks:
         """The options with the file's tasks of this leg's coordinates beneath their own, and notes;
         weights of markers are left out.
         """
-        options, notes = replace(self.options, marker_weights={}, tasks_file=""), []
-        if self.file is None:
-            return options, ()
-        notes += self.file.notes
-        known = leg.coordinate_names
-        others = [t.coordinate for t in self.file.coordinates if t.coordinate not in known]
-        if others:
+        options = replace(self.options, marker_weights={}, tasks_file="")
+        notes = [f"locked: {short([lock.coordinate for lock in options.locked])}"]
+        notes = notes if options.locked else []
+        if self.file is not None:
+            known, of_file = leg.coordinate_names, self.file.coordinates
+            others = [t.coordinate for t in of_file if t.coordinate not in known]
+            notes += self.file.notes
+            if others:
+                notes.append(
+                    f"{self.file.file}: tasks of what is no free coordinate of the legs: "
+                    f"{short(others)}"
+                )
+            tasks = {t.coordinate: t for t in of_file if t.coordinate in known}
+            tasks |= {t.coordinate: t for t in options.tasks}
+            options = replace(options, tasks=tuple(tasks.values()))
+        return options, (*notes, *_task_notes(leg, options.tasks))
+
+
+def _task_notes(leg: Leg, tasks: Sequence[CoordinateTask]) -> list[str]:
+    """What is pulled, and a warning on values that the joint cannot have."""
+    pulled = [task for task in tasks if task.weight > 0]
+    if not pulled:
+        return []
+    notes = [f"pulled by tasks: {short([f'{t.coordinate} ({t.weight:g})' for t in pulled])}"]
+    ranges = dict(zip(leg.coordinate_names, leg.coordinate_ranges, strict=True))
+    for task in pulled:
+        joint = task.coordinate in leg.coordinate_names[leg.pelvis_coordinates :]
+        low, high = ranges[task.coordinate] if joint else (-np.inf, np.inf)
+        if task.value is not None and not low <= task.value <= high:
+            by, unit = (1e3, "mm") if task.coordinate in leg.shifts else (np.degrees(1.0), "deg")
             notes.append(
-                f"{self.file.file}: tasks of what is no free coordinate of the legs: "
-                f"{short(others)}"
+                f"warning: the task of {task.coordinate} pulls to {by * task.value:.4g} {unit}, "
+                f"beyond its range of {by * low:.4g} to {by * high:.4g} {unit}"
             )
-        tasks = {t.coordinate: t for t in self.file.coordinates if t.coordinate in known}
-        tasks |= {t.coordinate: t for t in options.tasks}
-        return replace(options, tasks=tuple(tasks.values())), tuple(notes)
+    return notes
 
 
 def left_out(weights: Mapping[str, float]) -> tuple[str, ...]:

@@ -192,6 +192,27 @@ def test_a_task_is_weighed_against_the_mean_over_the_markers_as_in_opensim(
     assert -60 < np.degrees(found[0][30]) < -21
 
 
+def test_what_is_pulled_and_locked_is_said_and_a_value_beyond_the_range(
+    tmp_path, squat, marker_map
+):
+    options = IkOptions(
+        tasks=(CoordinateTask("knee_angle_r", 1e-4, 1.0), CoordinateTask("pelvis_ty", 1e-4)),
+        locked=(CoordinateLock("mtp_angle_r"),),
+    )
+    notes = solved(tmp_path, squat, marker_map, ik=options).notes
+    assert "locked: mtp_angle_r" in notes
+    assert "pulled by tasks: knee_angle_r (0.0001), pelvis_ty (0.0001)" in notes
+    (warning,) = [note for note in notes if note.startswith("warning")]
+    assert "knee_angle_r pulls to 57.3 deg, beyond its range of -120 to 10 deg" in warning
+    plain = solved(tmp_path, squat, marker_map).notes
+    assert not any("pulled" in note or "locked" in note for note in plain)
+
+
+def test_an_unknown_coordinate_of_a_task_is_refused_on_any_leg(tmp_path, squat, marker_map):
+    with pytest.raises(LegsimError, match="unknown coordinate 'lumbar' for a task"):
+        solved(tmp_path, squat, marker_map, ik=IkOptions(tasks=(CoordinateTask("lumbar", 1),)))
+
+
 def test_priors_off_are_priors_of_no_weight(tmp_path, squat, marker_map):
     off = solved(tmp_path, squat, marker_map, ik=IkOptions(strengths=PriorStrengths(0, 0, 0, 0, 0)))
     priors = tuple(CoordinatePrior(p.coordinate, 0.0) for p in leg_priors())

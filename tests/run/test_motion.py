@@ -98,6 +98,8 @@ def test_locks_may_be_a_list():
     settings = load_settings(overrides=('motion.ik.locked=["mtp_angle_r", "mtp_angle_l"]',))
     locked = motion.ik_options(settings.motion.ik).locked
     assert locked == (CoordinateLock("mtp_angle_r"), CoordinateLock("mtp_angle_l"))
+    one = load_settings(overrides=("motion.ik.locked=mtp_angle_r",))
+    assert motion.ik_options(one.motion.ik).locked == locked[:1]
 
 
 @pytest.mark.parametrize(
