@@ -8,7 +8,8 @@ import pytest
 from legsim.core.values import FloatArray
 from legsim.kinematics import inverse_kinematics, marker_sites, registration, scaling
 from legsim.kinematics._ik_newton import minimize
-from legsim.kinematics._ik_problem import Problem, ReplayConfig
+from legsim.kinematics._ik_problem import Problem
+from legsim.kinematics.ik_options import IkOptions
 from legsim.kinematics.inverse_kinematics import Solution
 from legsim.kinematics.leg_model import COORDINATES, LegModel
 from legsim.kinematics.marker_sites import MarkerSites
@@ -76,7 +77,7 @@ def squats(headings_deg: FloatArray, flexion: FloatArray) -> FloatArray:
     starts[:, :6] = LEG.pelvis_values(_poses(axes, center))
     # feet are where they are to a tenth of a millimeter, pelvis gives way
     weights = np.tile([1.0] * 6 + [1e-4] * 4, (n, 1))
-    free = ReplayConfig(priors=(), flat_foot_weight=0.0)
+    free = IkOptions(priors=(), flat_foot_weight=0.0)
     return minimize(Problem(LEG, sites, free), starts, targets, weights)[0].values
 
 
