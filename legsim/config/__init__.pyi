@@ -1,3 +1,5 @@
+from .imu import AccelerometerConfig as AccelerometerConfig
+from .imu import GyroscopeConfig as GyroscopeConfig
 from .imu import ImuConfig as ImuConfig
 from .imu import NoiseConfig as NoiseConfig
 from .imu import SensorConfig as SensorConfig

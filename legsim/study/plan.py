@@ -11,7 +11,7 @@ from legsim.config import RunConfig
 from legsim.core import memory as core_memory
 from legsim.core.errors import LegsimError, file_error
 from legsim.report.published_tables import counted
-from legsim.run import c_arm, methods, volumes
+from legsim.run import c_arm, methods, sensors, volumes
 from legsim.run import motion as run_motion
 from legsim.study import config
 from legsim.study import jobs as study_jobs
@@ -157,6 +157,7 @@ def plan(
     for job in (*found.scans, *found.ladders):
         run_motion.fingerprint(job.settings.motion)
         volumes.check(job.settings)
+        sensors.check(job.settings.imu)
     for job in found.ladders:
         names = [sensor.name for sensor in job.settings.imu.sensors]
         if job.ladder.sensor not in names:
