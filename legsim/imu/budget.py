@@ -8,17 +8,16 @@ specific force f, to first order (Titterton and Weston 2004, chapter 12):
 
 Integrated, p(t) is a weighted sum of all earlier errors. With W(s, t) the integral of
 (t - u) [R(u) f(u)]x over u from s to t, the weights are (t - s) R(s) for a, -W(s, t) R(s) for w,
-and -W(0, t) for the error of the start's orientation. A calibration subtracts weighted means of earlier
-readings, so that it only changes the weights. Variances then follow for each term by itself:
-constants are summed with the weights, noise is filtered backwards by its own response.
+and -W(0, t) for the error of the start's orientation. A calibration subtracts weighted means of
+earlier readings, so that it only changes the weights. Variances then follow for each term by
+itself: constants are summed with the weights, noise is filtered backwards by its own response.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
-from functools import partial
 
 import numpy as np
-from scipy.integrate import cumulative_trapezoid
+from scipy.integrate import cumulative_trapezoid, simpson
 from scipy.signal import fftconvolve
 
 from legsim.core import transforms
@@ -37,8 +36,11 @@ BUDGET_TERMS = (
 )
 """terms of a sensor that a budget has, for gyroscope and accelerometer"""
 
-_EVALUATIONS = 40
-"""Times over the scan at which errors are evaluated for their mean"""
+_EVALUATIONS = 24
+"""Intervals of the scan between times at which errors are evaluated for their mean"""
+
+_MOST_SAMPLES = 1_000_000
+"""Samples of a scan whose weights still fit a common memory"""
 
 _DITHER = 0.5
 """white noise in bits above which rounding is white noise too, and below which it is constant"""
@@ -92,7 +94,13 @@ class NominalMotion:
                 f"a scan of {seconds:g} s at {rate_hz:g} Hz cannot be budgeted; give positive "
                 "numbers"
             )
-        times = np.arange(round(seconds * rate_hz) + 1) / rate_hz
+        count = round(seconds * rate_hz) + 1
+        if not (np.isfinite(angle) and count <= _MOST_SAMPLES):
+            raise LegsimError(
+                f"a budget of {count} samples and a sway of {angle:g} rad is out of reach; at most "
+                f"{_MOST_SAMPLES} samples and a finite sway"
+            )
+        times = np.arange(count) / rate_hz
         rotation = np.broadcast_to(np.eye(3), (len(times), 3, 3))
         rate = np.zeros((len(times), 3))
         for axis, stretch in (([0, 0, 1], 1.0), ([1, 0, 0], 1.3), ([0, 1, 0], 1.7)):
@@ -136,7 +144,7 @@ class BudgetLine:
 
 
 @dataclass(frozen=True, slots=True)
-class Conditions:
+class BudgetConditions:
     """Under which sensors dead-reckon."""
 
     start_tilt: float = float(np.radians(0.1))
@@ -145,30 +153,70 @@ class Conditions:
     """K off the temperature of the last calibration"""
     calibration: Calibration = field(default_factory=Calibration)
 
+    def __post_init__(self) -> None:
+        if not (np.isfinite(self.start_tilt) and self.start_tilt >= 0):
+            raise LegsimError(
+                f"the start tilt must be finite and not negative; got {self.start_tilt:g} rad"
+            )
+        if not np.isfinite(self.temperature_change):
+            raise LegsimError(
+                f"the temperature change must be finite; got {self.temperature_change:g} K"
+            )
+
 
 def sensor_budget(
-    errors: SensorErrors, motion: NominalMotion, conditions: Conditions | None = None
+    errors: SensorErrors, motion: NominalMotion, conditions: BudgetConditions | None = None
 ) -> tuple[BudgetLine, ...]:
     """Budgets dead reckoning over a scan: one line per term and triad, and one for the start.
 
     Terms of size 0 are left out. Temperature: the sensors are off the factory's temperature by
     the given change; a calibration at rest was made before the change.
 
-    >>> lines = sensor_budget(sensor_errors("bmi160"), NominalMotion.swaying(8.0, 120.0))
+    >>> lines = sensor_budget(load_sensor("bmi160").errors, NominalMotion.swaying(8.0, 120.0))
     >>> PoseError.together([line.error for line in lines]).translation
     """
-    given = conditions or Conditions()
+    return sensor_budgets([errors], motion, conditions)[0]
+
+
+def sensor_budgets(
+    sensors: Sequence[SensorErrors],
+    motion: NominalMotion,
+    conditions: BudgetConditions | None = None,
+) -> tuple[tuple[BudgetLine, ...], ...]:
+    """Budgets several sensors on one motion; see :func:`sensor_budget`."""
+    given = conditions or BudgetConditions()
     budget = _Budget(motion, given)
-    lines = []
-    for triad in ("gyroscope", "accelerometer"):
-        of_triad: TriadErrors = getattr(errors, triad)
-        for term in BUDGET_TERMS:
-            if budget.has(term, of_triad):
-                error = budget.error(partial(budget.responses, term, triad, of_triad))
-                lines.append(BudgetLine(term, triad, error))
+    causes = [
+        _Cause(k, term, triad, of_triad)
+        for k, sensor in enumerate(sensors)
+        for triad, of_triad in (
+            ("gyroscope", sensor.gyroscope),
+            ("accelerometer", sensor.accelerometer),
+        )
+        for term in BUDGET_TERMS
+        if budget.has(term, of_triad)
+    ]
     if given.calibration.kind == "none" and given.start_tilt:
-        lines.append(BudgetLine(START_TILT, "", budget.error(budget.of_tilt)))
-    return tuple(lines)
+        causes += [_Cause(k, START_TILT, "", TriadErrors()) for k in range(len(sensors))]
+    found = budget.errors(causes)
+    return tuple(
+        tuple(
+            BudgetLine(cause.term, cause.triad, error)
+            for cause, error in zip(causes, found, strict=True)
+            if cause.sensor == k
+        )
+        for k in range(len(sensors))
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class _Cause:
+    """A line to come."""
+
+    sensor: int
+    term: str
+    triad: str
+    errors: TriadErrors
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -182,15 +230,20 @@ class _Weights:
 
 
 class _Budget:
-    """The weights over rests and scan, and what noise of each kind makes of them."""
+    """The weights over rests and scan, and what errors of each kind make of them."""
 
-    def __init__(self, motion: NominalMotion, given: Conditions) -> None:
+    def __init__(self, motion: NominalMotion, given: BudgetConditions) -> None:
         self.motion, self.given = motion, given
         self.rate_hz = motion.rate_hz
         # a rest holds the pose of the first view, where gravity alone is felt
         self.rest_force = motion.world_from_sensor[0].T @ -GRAVITY_WORLD
         before = given.calibration.forces(self.rest_force, self.rate_hz)
         self.rests = len(before)
+        if self.rests + len(motion.times) > _MOST_SAMPLES:
+            raise LegsimError(
+                f"rests of {self.rests} samples are out of reach with this scan; at most "
+                f"{_MOST_SAMPLES} samples in all: rest for less time"
+            )
         self.force = np.concatenate([before, motion.specific_force])
         self.rate = np.concatenate([np.zeros_like(before), motion.angular_velocity])
         self.kelvin = np.concatenate(
@@ -221,21 +274,32 @@ class _Budget:
         }[term]
         return size > 0
 
-    def error(self, responses) -> PoseError:
-        """Root of mean squares over the scan of what ``responses`` gives for the weights."""
+    def errors(self, causes: Sequence[_Cause]) -> list[PoseError]:
+        """Roots of mean squares over the scan, and of squares at its end."""
         last = len(self.motion.times) - 1
-        ends = np.unique(np.linspace(0, last, _EVALUATIONS + 1).round().astype(int))[1:]
-        squares = np.array(
-            [[float((part**2).sum()) for part in responses(self._weights(end))] for end in ends]
-        )
-        start = np.vstack([self._at_start(responses), squares])
-        times = np.concatenate([[0.0], self.motion.times[ends] - self.motion.times[0]])
-        mean = np.trapezoid(start, times, axis=0) / times[-1]
-        return PoseError(*np.sqrt(mean).tolist(), *np.sqrt(squares[-1]).tolist())
+        ends = np.unique(np.linspace(0, last, _EVALUATIONS + 1).round().astype(int))
+        squares = np.empty((len(ends), len(causes), 2))
+        for row, end in enumerate(ends):
+            weights = self._weights(end)
+            for column, cause in enumerate(causes):
+                squares[row, column] = [(part**2).sum() for part in self._parts(cause, weights)]
+        mean = simpson(squares, x=self.motion.times[ends], axis=0)
+        mean = mean / (self.motion.times[-1] - self.motion.times[0])
+        return [
+            PoseError(*np.sqrt(over).tolist(), *np.sqrt(at_end).tolist())
+            for over, at_end in zip(mean, squares[-1], strict=True)
+        ]
 
-    def _at_start(self, responses) -> FloatArray:
-        """Squares at the first view: only the start's orientation is off."""
-        return np.array([float((part**2).sum()) for part in responses(self._weights(0))])
+    def _parts(self, cause: _Cause, weights: _Weights) -> tuple[FloatArray, FloatArray]:
+        """Position and orientation per unit normal draw of a cause: arrays of any shape."""
+        if cause.term == START_TILT:
+            size = self.given.start_tilt
+            return size * weights.tilt[0][:, [0, 2]], size * weights.tilt[1][:, [0, 2]]
+        position, turn = getattr(weights, cause.triad)
+        shift = self._response(cause.term, cause.triad, cause.errors, position)
+        if not turn.any():
+            return shift, np.zeros(1)
+        return shift, self._response(cause.term, cause.triad, cause.errors, turn)
 
     def _weights(self, end: int) -> _Weights:
         rotations = self.motion.world_from_sensor
@@ -273,25 +337,13 @@ class _Budget:
         before[-count:] = of_tilt @ level / count
         if self.given.calibration.kind == "six-positions":
             everything = np.concatenate([before[-count:], weights])
-            force = np.concatenate([self.force[-len(everything) :]])
+            force = self.force[-len(everything) :]
             for k, up in enumerate(POSITIONS):
                 share = 1 / 6 + (force @ up) / (2 * STANDARD_GRAVITY)
                 before[k * count : (k + 1) * count] = (
                     -np.einsum("n,nij->ij", share, everything) / count
                 )
         return np.concatenate([before, weights])
-
-    def responses(
-        self, term: str, triad: str, errors: TriadErrors, weights: _Weights
-    ) -> Iterator[FloatArray]:
-        """Position and orientation per unit normal draw of a term: arrays of any shape."""
-        for part in getattr(weights, triad):
-            yield self._response(term, triad, errors, part)
-
-    def of_tilt(self, weights: _Weights) -> Iterator[FloatArray]:
-        """Position and orientation by a tilt of the start about the horizontal axes."""
-        for part in weights.tilt:
-            yield self.given.start_tilt * part[:, [0, 2]]
 
     def _response(
         self, term: str, triad: str, errors: TriadErrors, weights: FloatArray

@@ -29,6 +29,10 @@ POSITIONS = np.concatenate([np.eye(3), -np.eye(3)])
 """(6, 3) the direction that is up, in the sensor's axes"""
 
 
+_LONGEST = 100_000
+"""Samples of a rest"""
+
+
 @dataclass(frozen=True, slots=True)
 class Calibration:
     """What is recorded before the scan, and what is corrected by it."""
@@ -51,6 +55,11 @@ class Calibration:
         if count < 1:
             raise LegsimError(
                 f"a rest of {self.seconds:g} s has no sample at {rate_hz:g} Hz; rest longer"
+            )
+        if count > _LONGEST:
+            raise LegsimError(
+                f"a rest of {self.seconds:g} s has {count} samples at {rate_hz:g} Hz, at most "
+                f"{_LONGEST} are simulated; rest for less time"
             )
         return count
 

@@ -7,7 +7,8 @@ simulation then use the same h.
 The bias instability of a data sheet is the flat part of the Allan deviation. Flicker noise of
 two-sided density B^2 / (2 pi f) has the Allan deviation B sqrt(2 ln 2 / pi) at every averaging
 time (IEEE Std 952-1997, annex C); its filter is that of Kasdin (1995) for a spectrum of 1/f. A
-first-order Gauss-Markov process of standard deviation s has a top of 0.6174 s at 1.89 correlation times.
+first-order Gauss-Markov process of standard deviation s has a top of 0.6174 s at 1.89 correlation
+times.
 """
 
 from typing import Any

@@ -9,8 +9,8 @@ from legsim.imu import strapdown
 from legsim.imu.budget import (
     BUDGET_TERMS,
     START_TILT,
+    BudgetConditions,
     BudgetLine,
-    Conditions,
     NominalMotion,
     PoseError,
     sensor_budget,
@@ -21,7 +21,7 @@ from legsim.imu.readout import read_out
 from legsim.imu.signals import ImuSignals, SensorStart
 
 GRAVITY = 9.80665
-UNTILTED = Conditions(start_tilt=0.0)
+UNTILTED = BudgetConditions(start_tilt=0.0)
 MEMS = SensorErrors(
     TriadErrors(
         noise_density=180e-6 * GRAVITY,
@@ -47,7 +47,9 @@ MEMS = SensorErrors(
 )
 
 
-def line(errors: SensorErrors, motion: NominalMotion, given: Conditions = UNTILTED) -> PoseError:
+def line(
+    errors: SensorErrors, motion: NominalMotion, given: BudgetConditions = UNTILTED
+) -> PoseError:
     """The only line of a budget."""
     (found,) = sensor_budget(errors, motion, given)
     return found.error
@@ -82,7 +84,7 @@ def test_white_noise_walks_as_its_double_integral():
 def test_start_tilt_is_gravity_across():
     motion = NominalMotion.swaying(8.0, 50.0)
     tilt = np.radians(0.1)
-    (found,) = sensor_budget(SensorErrors(), motion, Conditions(start_tilt=tilt))
+    (found,) = sensor_budget(SensorErrors(), motion, BudgetConditions(start_tilt=tilt))
     assert (found.term, found.triad) == (START_TILT, "")
     assert found.error.translation_at_end == pytest.approx(
         np.sqrt(2) * GRAVITY * tilt * 32, rel=1e-3
@@ -100,7 +102,7 @@ def test_terms_are_linear_in_their_size_and_add_up_in_squares():
 
 def test_rest_cancels_biases_and_the_level_start_the_horizontal_ones():
     motion = NominalMotion.swaying(4.0, 50.0)
-    rest = Conditions(calibration=Calibration("rest", 2.0))
+    rest = BudgetConditions(calibration=Calibration("rest", 2.0))
     assert line(SensorErrors(gyroscope=TriadErrors(turn_on_bias=0.1)), motion, rest).translation < (
         1e-9
     )
@@ -108,7 +110,7 @@ def test_rest_cancels_biases_and_the_level_start_the_horizontal_ones():
     left = line(SensorErrors(TriadErrors(turn_on_bias=0.1)), motion, rest)
     assert left.translation_at_end == pytest.approx(0.1 * 8, rel=1e-3)
     assert left.rotation == pytest.approx(np.sqrt(2) * 0.1 / GRAVITY, rel=1e-3)
-    six = Conditions(calibration=Calibration("six-positions", 2.0))
+    six = BudgetConditions(calibration=Calibration("six-positions", 2.0))
     everything = TriadErrors(turn_on_bias=0.1, scale_error=0.01, misalignment=0.01)
     for found in sensor_budget(SensorErrors(everything), motion, six):
         assert found.error.translation < 1e-9
@@ -129,7 +131,7 @@ def test_a_coarse_bit_without_noise_is_a_constant():
 @pytest.mark.end_to_end
 def test_all_terms_together_agree_with_draws_through_the_real_integration():
     plan, motion = Calibration("rest", 1.0), NominalMotion.swaying(3.0, 60.0, angle=0.02)
-    lines = sensor_budget(MEMS, motion, Conditions(start_tilt=0.0, calibration=plan))
+    lines = sensor_budget(MEMS, motion, BudgetConditions(start_tilt=0.0, calibration=plan))
     expected = PoseError.together([found.error for found in lines])
     drawn = monte_carlo(MEMS, motion, plan, 300)
     assert drawn.translation == pytest.approx(expected.translation, rel=0.1)
@@ -142,7 +144,7 @@ def test_every_term_agrees_with_draws_through_the_real_integration(calibration: 
     """Within 10 %: 300 draws of three axes leave 2 to 3 %, one axis 4 %."""
     plan = Calibration(calibration, 1.0)
     motion = NominalMotion.swaying(3.0, 60.0, angle=np.radians(1))
-    given = Conditions(temperature_change=1.0, start_tilt=0.0, calibration=plan)
+    given = BudgetConditions(temperature_change=1.0, start_tilt=0.0, calibration=plan)
     for budgeted in sensor_budget(MEMS, motion, given):
         alone = MEMS.only(budgeted.term)
         errors = SensorErrors(**{budgeted.triad: getattr(alone, budgeted.triad)})
@@ -203,7 +205,7 @@ def test_lines_name_what_there_is_and_nothing_else():
     assert {found.triad for found in lines} == {"gyroscope", "accelerometer", ""}
     assert {found.term for found in lines} == {*BUDGET_TERMS, START_TILT} - {"quantisation"}
     assert all(isinstance(found, BudgetLine) for found in lines)
-    cold = sensor_budget(MEMS, motion, Conditions(temperature_change=0.0))
+    cold = sensor_budget(MEMS, motion, BudgetConditions(temperature_change=0.0))
     assert "temperature" not in {found.term for found in cold}
 
 

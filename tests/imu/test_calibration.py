@@ -69,6 +69,8 @@ def test_impossible_calibrations_are_refused():
         Calibration("rest", 0.0)
     with pytest.raises(LegsimError, match="no sample at 10 Hz"):
         Calibration("rest", 0.01).samples(10.0)
+    with pytest.raises(LegsimError, match="rest for less time"):
+        Calibration("rest", 1e9).samples(100.0)
     start = SensorStart(np.eye(4), np.zeros(3))
     for felt in ([0.0, -GRAVITY, 0.0], [0.0, 0.1, 0.0]):
         with pytest.raises(LegsimError, match="cannot be leveled"):
