@@ -1,5 +1,7 @@
 """The configured sensors and their errors, in SI units."""
 
+from collections.abc import Iterable, Iterator
+
 import numpy as np
 
 from legsim import config
@@ -144,24 +146,43 @@ def record(
         rest_at: s in the recording's time; a calibration rests in the pose of that time.
         rng: decides the errors and the lost samples.
     """
+    (read,) = records(person, settings, view_rate_hz=view_rate_hz, rest_at=rest_at, rngs=[rng])
+    return read
+
+
+def records(
+    person: MovingLeg,
+    settings: ImuConfig,
+    *,
+    view_rate_hz: float,
+    rest_at: float,
+    rngs: Iterable[np.random.Generator],
+) -> Iterator[ImuSignals]:
+    """Simulates several draws of the same recording, one per random generator; see :func:`record`.
+
+    The exact signals are computed once.
+    """
     errors = errors_of(settings.noise)
-    if errors is None:
-        read = noisy(sense(person, settings), settings, view_rate_hz=view_rate_hz, rng=rng)
-    else:
-        every = readout.oversampling(errors, settings.rate_hz)
-        read = readout.read_out(
-            sense(person, settings, every=every),
-            errors,
-            rng,
-            every=every,
-            temperature=_course(settings.noise),
-            calibration=Calibration(settings.noise.calibration, settings.noise.rest_s),
-            rest_force=_rest_force(person, settings, rest_at),
-        )
-    if not settings.lost_share:
-        return read
-    streams = tuple(rng.spawn(len(read.sensor_names)))
-    return clock.lose_samples(read, settings.lost_share, settings.lost, streams)
+    every = 1 if errors is None else readout.oversampling(errors, settings.rate_hz)
+    felt = sense(person, settings, every=every)
+    rest_force = _rest_force(person, settings, rest_at)
+    for rng in rngs:
+        if errors is None:
+            read = noisy(felt, settings, view_rate_hz=view_rate_hz, rng=rng)
+        else:
+            read = readout.read_out(
+                felt,
+                errors,
+                rng,
+                every=every,
+                temperature=_course(settings.noise),
+                calibration=Calibration(settings.noise.calibration, settings.noise.rest_s),
+                rest_force=rest_force,
+            )
+        if settings.lost_share:
+            streams = tuple(rng.spawn(len(read.sensor_names)))
+            read = clock.lose_samples(read, settings.lost_share, settings.lost, streams)
+        yield read
 
 
 def _rest_force(person: MovingLeg, settings: ImuConfig, rest_at: float) -> FloatArray | None:
