@@ -154,9 +154,9 @@ def conditions_sentence(
 
 
 def size(value: float) -> str:
-    """Three digits of a number of any size, without an exponent where that is short."""
+    """Three digits of a number of any size; what rounding leaves of zero is zero."""
     if value >= 1000:
         return f"{value:.0f}"
-    if value == 0:
+    if value < 1e-9:
         return "0"
     return f"{value:.3g}" if value >= 1e-4 else f"{value:.0e}"
