@@ -1,5 +1,6 @@
 """The configured sensors and their errors, in SI units."""
 
+import warnings
 from collections.abc import Iterable, Iterator
 
 import numpy as np
@@ -162,6 +163,7 @@ def records(
 
     The exact signals are computed once.
     """
+    _warn_of_rate(settings, view_rate_hz)
     errors = errors_of(settings.noise)
     every = 1 if errors is None else readout.oversampling(errors, settings.rate_hz)
     felt = sense(person, settings, every=every)
@@ -183,6 +185,15 @@ def records(
             streams = tuple(rng.spawn(len(read.sensor_names)))
             read = clock.lose_samples(read, settings.lost_share, settings.lost, streams)
         yield read
+
+
+def _warn_of_rate(settings: ImuConfig, view_rate_hz: float) -> None:
+    if settings.rate_hz < view_rate_hz:
+        warnings.warn(
+            f"the sensors take {settings.rate_hz:g} samples per second, fewer than the scan's "
+            f"{view_rate_hz:g} views: motion between samples is not seen; raise imu.rate_hz",
+            stacklevel=2,
+        )
 
 
 def _rest_force(person: MovingLeg, settings: ImuConfig, rest_at: float) -> FloatArray | None:
@@ -233,7 +244,8 @@ def noisy(
 
 def noise_sentence(settings: ImuConfig, *, view_rate_hz: float) -> str:
     """Describes the sensors' errors, white noise in SI units on single samples."""
-    return " ".join([_errors_sentence(settings, view_rate_hz), *_recorder_sentences(settings)])
+    recorder = _recorder_sentences(settings, view_rate_hz)
+    return " ".join([_errors_sentence(settings, view_rate_hz), *recorder])
 
 
 def _errors_sentence(settings: ImuConfig, view_rate_hz: float) -> str:
@@ -285,8 +297,13 @@ def _sensor_sentence(settings: ImuConfig, errors: SensorErrors) -> str:
     )
 
 
-def _recorder_sentences(settings: ImuConfig) -> list[str]:
+def _recorder_sentences(settings: ImuConfig, view_rate_hz: float) -> list[str]:
     sentences = []
+    if settings.rate_hz < view_rate_hz:
+        sentences.append(
+            f"They take {settings.rate_hz:g} samples per second, fewer than the {view_rate_hz:g} "
+            "views: motion between samples is not seen."
+        )
     if settings.clock_drift_ppm:
         sentences.append(f"Their clock drifts by {settings.clock_drift_ppm:g} ppm.")
     if settings.lost_share:

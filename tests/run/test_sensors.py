@@ -215,7 +215,8 @@ def test_a_clock_that_drifts_takes_other_samples_and_stamps_them_evenly(person):
 
 
 def test_a_slow_sensor_is_recorded_at_its_rate(person):
-    slow = recorded(person, imu("rate_hz=10", "noise.kind=bmi160"))
+    with pytest.warns(UserWarning, match="10 samples per second, fewer than the scan's 31 views"):
+        slow = recorded(person, imu("rate_hz=10", "noise.kind=bmi160"))
     assert len(slow.times) == np.floor(np.ptp(person.trajectories.times) * 10 + 1e-6) + 1
     assert slow.times[1] - slow.times[0] == pytest.approx(0.1)
 
@@ -226,6 +227,7 @@ def test_a_slow_sensor_is_recorded_at_its_rate(person):
         (("noise.kind=bmi160", "noise.off=['scale']"), "errors of the BMI160 without scale"),
         (("noise.kind=custom", "noise.calibration=rest"), "A rest of 10 s before the scan"),
         (("noise.kind=bmi270", "noise.calibration=six-positions"), "Six positions of 10 s"),
+        (("rate_hz=20",), "take 20 samples per second, fewer than the 31 views"),
         (("clock_drift_ppm=40", "lost_share=0.01"), "drifts by 40 ppm. 1 % of the samples"),
     ],
 )
