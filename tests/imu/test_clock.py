@@ -73,6 +73,12 @@ def test_held_samples_repeat_the_one_before():
     np.testing.assert_array_equal(lost.specific_force[there], given.specific_force[there])
 
 
+def test_the_first_sample_is_there_even_where_nearly_all_are_lost():
+    for how in ("marked", "held"):
+        lost = lose_samples(signals(50, 8), 0.95, how, streams(8))
+        np.testing.assert_array_equal(lost.specific_force[0], signals(50, 8).specific_force[0])
+
+
 def test_no_loss_is_the_same_signals():
     given = signals()
     assert lose_samples(given, 0.0, "held", streams(1)) is given
