@@ -1,3 +1,5 @@
+from .ik import IkConfig as IkConfig
+from .ik import ValueConfig as ValueConfig
 from .imu import AccelerometerConfig as AccelerometerConfig
 from .imu import GyroscopeConfig as GyroscopeConfig
 from .imu import ImuConfig as ImuConfig
