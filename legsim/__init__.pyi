@@ -25,8 +25,17 @@ from .geometry.image_files import load_volume as load_volume
 from .geometry.image_files import save_volume as save_volume
 from .geometry.volume import Volume as Volume
 from .geometry.volume import VolumeGrid as VolumeGrid
+from .imu.budget import BudgetConditions as BudgetConditions
+from .imu.budget import NominalMotion as NominalMotion
+from .imu.budget import sensor_budget as sensor_budget
+from .imu.calibration import Calibration as Calibration
+from .imu.catalogue import load_sensor as load_sensor
+from .imu.catalogue import sensor_catalogue as sensor_catalogue
+from .imu.errors import SensorErrors as SensorErrors
+from .imu.errors import TriadErrors as TriadErrors
 from .imu.noise import ImuNoise as ImuNoise
 from .imu.noise import add_noise as add_noise
+from .imu.readout import read_out as read_out
 from .imu.sensors import Sensor as Sensor
 from .imu.signals import ImuSignals as ImuSignals
 from .imu.simulation import simulate_imu as simulate_imu
