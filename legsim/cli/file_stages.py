@@ -23,6 +23,7 @@ from legsim.evaluation.regions import Region
 from legsim.geometry import files as geometry_files
 from legsim.geometry import image_files
 from legsim.geometry.cone_beam import ConeBeamGeometry
+from legsim.geometry.files import GeometryFile
 from legsim.geometry.volume import Volume, VolumeGrid
 from legsim.mocap import files as mocap_files
 from legsim.mocap.trajectories import MarkerTrajectories
@@ -38,17 +39,26 @@ _OF_THE_BEAM = ("scan.spectrum.", "scan.detector.", "seed=")
 
 
 @dataclass(frozen=True, slots=True)
-class DetectorSize:
-    """What a geometry file of another toolkit may leave open; None: the file says it."""
+class GeometryOptions:
+    """How to read a geometry file of another toolkit; None: the file says it."""
 
     columns: int | None = None
     rows: int | None = None
-    pixel_mm: float | None = None
+    pixel_mm: tuple[float, float] | None = None
+    """(between columns, between rows)"""
+    format: str | None = None
+    up: str = "y"
+    """the file's axis that becomes world's vertical"""
 
-    def geometry(self, path: Path) -> ConeBeamGeometry:
-        """The geometry of the file with this detector."""
-        return geometry_files.load_geometry(
-            path, columns=self.columns, rows=self.rows, pixel_mm=self.pixel_mm
+    def read(self, path: Path) -> GeometryFile:
+        """The geometry of the file, read so."""
+        return geometry_files.read_geometry(
+            path,
+            columns=self.columns,
+            rows=self.rows,
+            pixel_mm=self.pixel_mm,
+            format=self.format,
+            up=self.up,
         )
 
 
@@ -57,7 +67,7 @@ def project(
     geometry_file: Path,
     out: Path,
     *,
-    detector: DetectorSize,
+    reading: GeometryOptions,
     energy_kev: float,
     settings: tuple[str, ...] = (),
     device: str | None,
@@ -74,7 +84,8 @@ def project(
         )
     read_by = config.load_settings(overrides=settings)
     how = c_arm.imaging(read_by.scan)
-    geometry = detector.geometry(geometry_file)
+    described = reading.read(geometry_file)
+    geometry = described.geometry
     read = phantom_files.read(phantom_file, energy_kev=energy_kev)
     phantom = read.phantom
     opened = open_device(device)
@@ -85,6 +96,7 @@ def project(
     image_files.save_projections(out, projections)
     values = projections.line_integrals
     return [
+        *described.notes,
         *read.remarks,
         *_remarks(read, geometry, seen=values.max() > 0),
         f"{len(geometry)} views of {geometry.shape_vu[1]}x{geometry.shape_vu[0]} pixels, "
@@ -198,7 +210,7 @@ def _geometry_of(projections_file: Path, geometry_file: Path) -> ConeBeamGeometr
     header = image_files.read_header(projections_file)
     columns, rows, _ = header.size
     pitch = header.spacing_mm[0]
-    geometry = DetectorSize(columns, rows, pitch).geometry(geometry_file)
+    geometry = GeometryOptions(columns, rows, header.spacing_mm[:2]).read(geometry_file).geometry
     if geometry_file.suffix.lower() != ".xml":
         return geometry
     if abs(header.spacing_mm[1] - pitch) > 1e-6 * pitch:
@@ -277,17 +289,36 @@ def _labelled(path: Path, reference: Volume) -> tuple[Region, ...]:
     return tuple(Region(f"label {value}", labels == value) for value in found if value > 0)
 
 
-def describe_geometry(path: Path, *, detector: DetectorSize, phantom: Path | None) -> list[str]:
+def describe_geometry(path: Path, *, reading: GeometryOptions, phantom: Path | None) -> list[str]:
     """The lines of `legsim geometry show`; with a PHANTOM.toml also what of it is cut off."""
     scanned = None if phantom is None else phantom_files.load_phantom(phantom)
-    return list(coverage.summarize(detector.geometry(path), scanned).lines())
+    read = reading.read(path)
+    summary = coverage.summarize(read.geometry, scanned).lines()
+    return [*read.notes, f"format             {read.format}", *summary]
 
 
-def convert_geometry(path: Path, out: Path, *, detector: DetectorSize) -> list[str]:
-    """Writes a geometry in the format that the ending of ``out`` names."""
-    geometry = detector.geometry(path)
-    geometry_files.save_geometry(out, geometry)
-    return [f"{len(geometry)} views: {out}"]
+_WITHOUT_MIRROR = ("rtk", "tigre")
+
+
+def convert_geometry(
+    path: Path, out: Path, *, reading: GeometryOptions, to: str | None = None
+) -> list[str]:
+    """Writes a geometry in the format ``to``, or that of the ending of ``out``; returns lines to
+    print.
+
+    Where the format has no mirror and all views are mirrored, their rows are turned.
+    """
+    read = reading.read(path)
+    geometry, notes = read.geometry, list(read.notes)
+    writes = to or ("rtk" if out.suffix.lower() == ".xml" else "")
+    if writes in _WITHOUT_MIRROR and geometry.mirrored().all():
+        geometry = geometry.rows_turned()
+        notes.append(
+            f"the rows of {path.name} run the other way than {writes} has them: they are turned "
+            "here, turn those of the projections too"
+        )
+    geometry_files.save_geometry(out, geometry, format=to)
+    return [*notes, f"{len(geometry)} views: {out}"]
 
 
 def convert_motion(

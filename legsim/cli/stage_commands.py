@@ -8,7 +8,17 @@ import typer
 
 from legsim.cli import console, progress
 from legsim.cli.console import print_lines, print_table
-from legsim.cli.options import ColumnsOption, DeviceOption, GeometryOption, PixelOption, RowsOption
+from legsim.cli.options import (
+    ColumnsOption,
+    DeviceOption,
+    GeometryFormatOption,
+    GeometryOption,
+    PixelOption,
+    RowsOption,
+    UpOption,
+    Vertical,
+    pixel_sizes,
+)
 
 
 class Unit(StrEnum):
@@ -108,18 +118,22 @@ def project(
     columns: ColumnsOption = None,
     rows: RowsOption = None,
     pixel_mm: PixelOption = None,
+    format: GeometryFormatOption = None,
+    up: UpOption = Vertical.y,
     device: DeviceOption = None,
 ) -> None:
     """Line integrals of any set of closed meshes."""
     from legsim.cli import file_stages
 
     with progress.of_stages(console.err) as on_progress:
-        detector = file_stages.DetectorSize(columns, rows, pixel_mm)
+        reading = file_stages.GeometryOptions(
+            columns, rows, pixel_sizes(pixel_mm), format and format.value, up.value
+        )
         lines = file_stages.project(
             phantom,
             geometry,
             out,
-            detector=detector,
+            reading=reading,
             energy_kev=energy_kev,
             settings=tuple(settings or ()),
             device=device,

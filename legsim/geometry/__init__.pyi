@@ -1,6 +1,7 @@
 from .cone_beam import ConeBeamGeometry as ConeBeamGeometry
 from .cone_beam import Projections as Projections
 from .files import load_geometry as load_geometry
+from .files import read_geometry as read_geometry
 from .files import save_geometry as save_geometry
 from .image_files import load_projections as load_projections
 from .image_files import load_volume as load_volume

@@ -52,7 +52,7 @@ def ball_scan(tmp_path_factory):
         folder / "phantom.toml",
         folder / "geometry.json",
         folder / "p.mha",
-        detector=file_stages.DetectorSize(),
+        reading=file_stages.GeometryOptions(),
         energy_kev=60,
         device=None,
         on_progress=quiet,
@@ -66,7 +66,7 @@ def project(folder, out, *settings):
         folder / "phantom.toml",
         folder / "geometry.json",
         out,
-        detector=file_stages.DetectorSize(),
+        reading=file_stages.GeometryOptions(),
         energy_kev=60,
         settings=settings,
         device=None,
@@ -238,12 +238,12 @@ def test_geometry_is_described_and_converted(ball_scan, tmp_path):
         "90" in line
         for line in file_stages.describe_geometry(
             ball_scan / "geometry.json",
-            detector=file_stages.DetectorSize(),
+            reading=file_stages.GeometryOptions(),
             phantom=ball_scan / "phantom.toml",
         )
     )
     file_stages.convert_geometry(
-        ball_scan / "geometry.json", tmp_path / "g.xml", detector=file_stages.DetectorSize()
+        ball_scan / "geometry.json", tmp_path / "g.xml", reading=file_stages.GeometryOptions()
     )
     back = geometry_files.load_geometry(tmp_path / "g.xml")
     np.testing.assert_allclose(
@@ -256,7 +256,7 @@ def test_geometry_is_described_and_converted(ball_scan, tmp_path):
 
 def test_bare_matrices_take_their_detector_from_the_projections(ball_scan, tmp_path):
     file_stages.convert_geometry(
-        ball_scan / "geometry.json", tmp_path / "g.npy", detector=file_stages.DetectorSize()
+        ball_scan / "geometry.json", tmp_path / "g.npy", reading=file_stages.GeometryOptions()
     )
     grid = {
         "motion": None,
@@ -278,7 +278,7 @@ def test_bare_matrices_take_their_detector_from_the_projections(ball_scan, tmp_p
 def test_pixels_are_where_rtks_projections_say(ball_scan, tmp_path):
     """Cut off a few columns and rows: the origin in the file tells, as it does RTK."""
     file_stages.convert_geometry(
-        ball_scan / "geometry.json", tmp_path / "g.xml", detector=file_stages.DetectorSize()
+        ball_scan / "geometry.json", tmp_path / "g.xml", reading=file_stages.GeometryOptions()
     )
     grid = {
         "motion": None,
@@ -318,7 +318,7 @@ def test_pixels_are_where_rtks_projections_say(ball_scan, tmp_path):
 
 def test_the_example_reconstructs_another_toolkits_scan(ball_scan, tmp_path):
     file_stages.convert_geometry(
-        ball_scan / "geometry.json", tmp_path / "g.xml", detector=file_stages.DetectorSize()
+        ball_scan / "geometry.json", tmp_path / "g.xml", reading=file_stages.GeometryOptions()
     )
     script = Path(__file__).parents[2] / "docs/examples/reconstruct_rtk.py"
     arguments = [
