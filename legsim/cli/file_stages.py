@@ -5,7 +5,7 @@
 import json
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -21,9 +21,11 @@ from legsim.evaluation import regions as evaluation_regions
 from legsim.evaluation import similarity
 from legsim.evaluation.regions import Region
 from legsim.geometry import files as geometry_files
-from legsim.geometry import image_files
+from legsim.geometry import image_files, projection_images, scan_files
 from legsim.geometry.cone_beam import ConeBeamGeometry
 from legsim.geometry.files import GeometryFile
+from legsim.geometry.projection_images import RawLayout
+from legsim.geometry.scan_files import ScanFiles
 from legsim.geometry.volume import Volume, VolumeGrid
 from legsim.mocap import files as mocap_files
 from legsim.mocap.trajectories import MarkerTrajectories
@@ -59,6 +61,46 @@ class GeometryOptions:
             pixel_mm=self.pixel_mm,
             format=self.format,
             up=self.up,
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class ImageOptions:
+    """How to read projections of a scanner; None: the file says it."""
+
+    i0: float | None = None
+    air: str | None = None
+    """columns and rows that see no object, "X0:X1,Y0:Y1\""""
+    flat: Path | None = None
+    dark: Path | None = None
+    bad_pixels: Path | None = None
+    raw: str | None = None
+    """layout of a file without a header, as in "U16:620x480x248\""""
+    pixel_mm: tuple[float, float] | None = None
+    origin_mm: tuple[float, float] | None = None
+    turn_rows: bool = False
+
+    def read(self, projections: Path, geometry: Path, reading: GeometryOptions) -> ScanFiles:
+        """The scan of two files."""
+        raw = None if self.raw is None else RawLayout.parsed(self.raw)
+        counts = projection_images.read_counts(
+            i0=self.i0,
+            air=self.air,
+            flat=self.flat,
+            dark=self.dark,
+            bad=self.bad_pixels,
+            raw=raw,
+        )
+        return scan_files.read_scan(
+            projections,
+            geometry,
+            counts=counts,
+            raw=raw,
+            pixel_mm=self.pixel_mm,
+            origin_mm=self.origin_mm,
+            turn_rows=self.turn_rows,
+            format=reading.format,
+            up=reading.up,
         )
 
 
@@ -145,16 +187,18 @@ def reconstruct(
     spacing_mm: tuple[float, float, float] | None,
     center_mm: tuple[float, float, float] | None,
     options: Mapping[str, Any] | None = None,
+    images: ImageOptions = ImageOptions(),
+    reading: GeometryOptions = GeometryOptions(),
     device: str | None,
     on_progress: OnProgress,
 ) -> list[str]:
     """Reconstructs a projection file; returns lines to print. ``options`` are keys of
-    :class:`config.ReconstructionConfig`.
+    :class:`config.ReconstructionConfig`; of ``reading`` the format and the vertical are used.
     """
     settings = run_reconstruction.from_options(options or {})
-    geometry = _geometry_of(projections_file, geometry_file)
+    read = images.read(projections_file, geometry_file, reading)
+    projections, geometry = read.projections, read.geometry
     grid = _grid(geometry, like, shape_zyx, spacing_mm, center_mm)
-    projections = image_files.load_projections(projections_file, geometry)
     moved = None if motion is None else load_motion(motion)
     if motion is not None and moved is not None and len(moved.times) != len(geometry):
         raise file_error(
@@ -191,6 +235,7 @@ def reconstruct(
         image_files.save_volume(out, volume)
     voxels = "x".join(str(n) for n in grid.shape_zyx)
     return [
+        *read.notes,
         f"{voxels} voxels (z, y, x) from {len(geometry)} views by {settings.algorithm} on "
         f"{opened.label}",
         f"took {memory}" + (", the volume went to disk slab by slab" if by_slabs else ""),
@@ -201,29 +246,6 @@ def reconstruct(
 def _size(count: float) -> str:
     """Bytes, as people read them."""
     return f"{count / 2**30:.1f} GiB" if count >= 2**30 else f"{count / 2**20:.1f} MiB"
-
-
-def _geometry_of(projections_file: Path, geometry_file: Path) -> ConeBeamGeometry:
-    """The geometry; where its file does not say the detector's size, the projections do. RTK's is
-    in mm on the detector: there size, spacing and origin of the projections say where pixels
-    are."""
-    header = image_files.read_header(projections_file)
-    columns, rows, _ = header.size
-    pitch = header.spacing_mm[0]
-    geometry = GeometryOptions(columns, rows, header.spacing_mm[:2]).read(geometry_file).geometry
-    if geometry_file.suffix.lower() != ".xml":
-        return geometry
-    if abs(header.spacing_mm[1] - pitch) > 1e-6 * pitch:
-        raise file_error(
-            projections_file,
-            f"has pixels of {pitch:g} x {header.spacing_mm[1]:g} mm",
-            "resample the projections to square pixels",
-        )
-    shift = np.eye(3)
-    shift[:2, 2] = [
-        -header.origin_mm[k] / pitch - 0.5 * (n - 1) for k, n in enumerate((columns, rows))
-    ]
-    return replace(geometry, matrices=shift @ geometry.matrices)
 
 
 def _grid(

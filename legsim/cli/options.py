@@ -120,3 +120,53 @@ PixelOption = Annotated[
         "between rows.",
     ),
 ]
+
+I0Option = Annotated[
+    float | None,
+    typer.Option("--i0", help="For counts: the reading without an object, the same everywhere."),
+]
+
+AirOption = Annotated[
+    str | None,
+    typer.Option(
+        "--air",
+        metavar="X0:X1,Y0:Y1",
+        help="For counts: columns and rows that see no object in any view.",
+    ),
+]
+
+FlatOption = Annotated[
+    Path | None, typer.Option("--flat", help="For counts: images without an object; their mean.")
+]
+
+DarkOption = Annotated[
+    Path | None, typer.Option("--dark", help="For counts: images without a beam; their mean.")
+]
+
+BadPixelsOption = Annotated[
+    Path | None,
+    typer.Option("--bad-pixels", help="For counts: an image that is not 0 where a pixel is bad."),
+]
+
+RawOption = Annotated[
+    str | None,
+    typer.Option(
+        "--raw",
+        metavar="TYPE:UxVxVIEWS[:BYTES]",
+        help="Layout of images without a header, as in U16:620x480x248:512.",
+    ),
+]
+
+OriginOption = Annotated[
+    tuple[float, float] | None,
+    typer.Option(
+        "--origin-mm",
+        help="Center of the first pixel on the detector (u, v), for RTK's geometries, where the "
+        "images do not say it.",
+    ),
+]
+
+TurnRowsOption = Annotated[
+    bool,
+    typer.Option("--turn-rows", help="Take the rows of the images from the last to the first."),
+]

@@ -9,12 +9,20 @@ import typer
 from legsim.cli import console, progress
 from legsim.cli.console import print_lines, print_table
 from legsim.cli.options import (
+    AirOption,
+    BadPixelsOption,
     ColumnsOption,
+    DarkOption,
     DeviceOption,
+    FlatOption,
     GeometryFormatOption,
     GeometryOption,
+    I0Option,
+    OriginOption,
     PixelOption,
+    RawOption,
     RowsOption,
+    TurnRowsOption,
     UpOption,
     Vertical,
     pixel_sizes,
@@ -144,9 +152,25 @@ def project(
 
 def reconstruct(
     projections: Annotated[
-        Path, typer.Argument(metavar="PROJECTIONS.mha", help="Line integrals, one slice per view.")
+        Path,
+        typer.Argument(
+            metavar="PROJECTIONS",
+            help="Line integrals or counts: one file (.mha, .nii, .nrrd, TIFF, DICOM, .npy, raw), "
+            "a folder of views, or a pattern as in 'scan/view_*.tif'.",
+        ),
     ],
     geometry: GeometryOption,
+    i0: I0Option = None,
+    air: AirOption = None,
+    flat: FlatOption = None,
+    dark: DarkOption = None,
+    bad_pixels: BadPixelsOption = None,
+    raw: RawOption = None,
+    pixel_mm: PixelOption = None,
+    origin_mm: OriginOption = None,
+    turn_rows: TurnRowsOption = False,
+    format: GeometryFormatOption = None,
+    up: UpOption = Vertical.y,
     motion: Annotated[
         Path | None, typer.Option(help="motion-<method>.npz of a run: the motion to compensate.")
     ] = None,
@@ -220,6 +244,18 @@ def reconstruct(
             spacing_mm=spacing_mm,
             center_mm=center_mm,
             options={name: value for name, value in options.items() if value is not None},
+            images=file_stages.ImageOptions(
+                i0,
+                air,
+                flat,
+                dark,
+                bad_pixels,
+                raw,
+                pixel_sizes(pixel_mm),
+                origin_mm,
+                turn_rows,
+            ),
+            reading=file_stages.GeometryOptions(format=format and format.value, up=up.value),
             device=device,
             on_progress=on_progress,
         )

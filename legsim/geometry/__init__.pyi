@@ -1,5 +1,6 @@
 from .cone_beam import ConeBeamGeometry as ConeBeamGeometry
 from .cone_beam import Projections as Projections
+from .counts import Counts as Counts
 from .files import load_geometry as load_geometry
 from .files import read_geometry as read_geometry
 from .files import save_geometry as save_geometry
@@ -7,6 +8,12 @@ from .image_files import load_projections as load_projections
 from .image_files import load_volume as load_volume
 from .image_files import save_projections as save_projections
 from .image_files import save_volume as save_volume
+from .projection_images import RawLayout as RawLayout
+from .projection_images import read_counts as read_counts
+from .projection_images import read_images as read_images
+from .projection_images import read_projections as read_projections
+from .scan_files import ScanFiles as ScanFiles
+from .scan_files import read_scan as read_scan
 from .volume import NamedVolume as NamedVolume
 from .volume import Volume as Volume
 from .volume import VolumeGrid as VolumeGrid

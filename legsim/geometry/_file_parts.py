@@ -28,6 +28,8 @@ class Given:
     pixel_mm: tuple[float, float] | None = None
     """(between columns, between rows)"""
     view_rate_hz: float = 31.0
+    header_pixel_mm: tuple[float, float] | None = None
+    """what the projections' header says: for files that leave it open, and not compared"""
 
     def shape(self, path: Path, stated: tuple[int, int] | None) -> tuple[int, int]:
         """(rows, columns), from the file or the caller, who must agree.
@@ -54,7 +56,7 @@ class Given:
             LegsimError: they differ by more than a thousandth.
         """
         if stated is None or self.pixel_mm is None:
-            return stated or self.pixel_mm
+            return stated or self.pixel_mm or self.header_pixel_mm
         if not np.allclose(stated, self.pixel_mm, rtol=1e-3, atol=0):
             raise file_error(
                 path,
@@ -116,7 +118,7 @@ def geometry_of_matrices(
             place=f"matrix {int(np.flatnonzero(~finite)[0])}",
         )
     shape_vu = given.shape(path, shape_vu)
-    pixel_mm = given.pixel_mm
+    pixel_mm = given.pixel_mm or given.header_pixel_mm
     geometry = geometry_of(
         path,
         given.times(len(matrices_mm)),
@@ -124,7 +126,7 @@ def geometry_of_matrices(
         shape_vu,
         None if pixel_mm is None else pixel_mm[0],
     )
-    if pixel_mm is not None:
+    if given.pixel_mm is not None and pixel_mm is not None:
         by_matrices = (pixel_mm[0], 1e3 * geometry.row_pitch())
         if abs(by_matrices[1] - pixel_mm[1]) > 0.01 * pixel_mm[1]:
             raise file_error(

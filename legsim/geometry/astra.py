@@ -33,10 +33,9 @@ def geometry(path: Path, vectors: FloatArray, given: Given) -> ConeBeamGeometry:
         )
     rows, columns = given.shape(path, None)
     source, middle, step_u, step_v = (vectors[:, k : k + 3] for k in (0, 3, 6, 9))
-    pixel = _pixel(path, step_u, step_v, given)
-    scale = 1.0 if given.pixel_mm is None else given.pixel_mm[0] / pixel[0]
+    pixel, factor = _pixel(path, step_u, step_v, given), scale(path, vectors, given)
     first = middle - 0.5 * (columns - 1) * step_u - 0.5 * (rows - 1) * step_v
-    back = scale * np.stack([step_u, step_v, first - source], -1)
+    back = factor * np.stack([step_u, step_v, first - source], -1)
     volumes = np.abs(np.linalg.det(back))
     if (volumes <= 1e-12 * np.prod(np.linalg.norm(back, axis=1), -1)).any():
         raise file_error(
@@ -46,9 +45,18 @@ def geometry(path: Path, vectors: FloatArray, given: Given) -> ConeBeamGeometry:
             place=f"view {int(np.argmin(volumes))}",
         )
     forward = np.linalg.inv(back)
-    shift = -np.einsum("vij,vj->vi", forward, scale * source)
+    shift = -np.einsum("vij,vj->vi", forward, factor * source)
     matrices = np.concatenate([forward, shift[..., None]], -1)
-    return geometry_of(path, given.times(len(vectors)), matrices, (rows, columns), scale * pixel[0])
+    return geometry_of(
+        path, given.times(len(vectors)), matrices, (rows, columns), factor * pixel[0]
+    )
+
+
+def scale(path: Path, vectors: FloatArray, given: Given) -> float:
+    """mm of a unit of length in vectors (v, 12): 1, unless the pixel size is given."""
+    if given.pixel_mm is None:
+        return 1.0
+    return given.pixel_mm[0] / _pixel(path, vectors[:, 6:9], vectors[:, 9:], given)[0]
 
 
 def _pixel(path: Path, step_u: FloatArray, step_v: FloatArray, given: Given) -> tuple[float, float]:

@@ -62,6 +62,7 @@ def read_geometry(
     columns: int | None = None,
     rows: int | None = None,
     pixel_mm: float | tuple[float, float] | None = None,
+    header_pixel_mm: tuple[float, float] | None = None,
     view_rate_hz: float = 31.0,
     format: str | None = None,
     up: str = "y",
@@ -75,6 +76,7 @@ def read_geometry(
             detector centered.
         pixel_mm: pixel pitch, or that between columns and that between rows, for files that do not
             say; RTK's XML is in mm on the detector and cannot be read without it.
+        header_pixel_mm: what the projections' header says, used where nothing else does.
         view_rate_hz: views per second, for files without times.
         format: one of :data:`FORMATS`; None goes by the content.
         up: the file's axis ("x", "y" or "z") that becomes world's y, the vertical.
@@ -94,7 +96,8 @@ def read_geometry(
             f"{', '.join(FORMATS)} and {', '.join(_OLD_FROM_NEW)}"
         )
     pixel = (pixel_mm, pixel_mm) if isinstance(pixel_mm, (int, float)) else pixel_mm
-    given = Given(None if columns is None or rows is None else (rows, columns), pixel, view_rate_hz)
+    shape_vu = None if columns is None or rows is None else (rows, columns)
+    given = Given(shape_vu, pixel, view_rate_hz, header_pixel_mm)
     try:
         found = _read(path, given, format)
     except OSError as error:
@@ -211,18 +214,21 @@ def _of_rows(path: Path, rows: FloatArray, given: Given, format: str | None) -> 
     if not vectors:
         geometry = geometry_of_matrices(path, rows.reshape(-1, 3, 4), given)
         return GeometryFile(geometry, "matrices", _unknown_pixel(given))
-    note = (
-        f"{path.name}: read as ASTRA's cone_vec (source, detector, u and v make sense in all "
-        f"{len(rows)} views); say otherwise with the format"
-    )
-    return GeometryFile(
-        astra.geometry(path, rows, given), "astra", (note,) if format is None else ()
-    )
+    notes: tuple[str, ...] = ()
+    if format is None:
+        notes = (
+            f"{path.name}: read as ASTRA's cone_vec (source, detector, u and v make sense in all "
+            f"{len(rows)} views); say otherwise with the format",
+        )
+    scale = astra.scale(path, rows, given)
+    if abs(scale - 1) > 1e-3:
+        notes += (f"all lengths are times {scale:.6g}, so that pixels have the size given",)
+    return GeometryFile(astra.geometry(path, rows, given), "astra", notes)
 
 
 def _unknown_pixel(given: Given) -> tuple[str, ...]:
     """A note where nobody says the pixel's size, which matrices to pixels do not hold."""
-    if given.pixel_mm is not None:
+    if given.pixel_mm is not None or given.header_pixel_mm is not None:
         return ()
     return (
         "the pixel size is not known and taken as 1 mm: rays are right, lengths on the detector "

@@ -204,10 +204,12 @@ def save_projections(path: Path | str, projections: Projections) -> None:
         LegsimError: the name's ending is none of :data:`WRITABLE`, or the file cannot be written.
     """
     image = sitk.GetImageFromArray(projections.line_integrals)
-    pitch_mm = 1e3 * projections.geometry.pixel_pitch
+    wide, high = 1e3 * projections.geometry.pixel_pitch, 1e3 * projections.geometry.row_pitch()
+    if abs(high - wide) < 1e-9 * wide:
+        high = wide
     rows, columns = projections.geometry.shape_vu
-    image.SetSpacing([pitch_mm, pitch_mm, 1.0])
-    image.SetOrigin([-0.5 * (columns - 1) * pitch_mm, -0.5 * (rows - 1) * pitch_mm, 0.0])
+    image.SetSpacing([wide, high, 1.0])
+    image.SetOrigin([-0.5 * (columns - 1) * wide, -0.5 * (rows - 1) * high, 0.0])
     _write(Path(path), image)
 
 
@@ -240,6 +242,47 @@ def load_projections(path: Path | str, geometry: ConeBeamGeometry) -> Projection
     return Projections(geometry, values)
 
 
+def read_stored(
+    path: Path,
+) -> tuple[NDArray, tuple[float, float] | None, tuple[float, float] | None]:
+    """((v, rows, columns), pixel size, origin) of views in any image that ITK reads.
+
+    Numbers are of the file's kind. Pixel size (between columns, between rows) and origin of the
+    first pixel's center are in mm on the detector, and None where the header does not say them.
+
+    Raises:
+        LegsimError: no image, not of two or three dimensions, or more than one channel.
+    """
+    reader = _open(path, dimensions=(2, 3))
+    try:
+        with _quiet():
+            values = sitk.GetArrayFromImage(reader.Execute())
+    except RuntimeError as error:
+        raise file_error(path, "cannot be read to its end", "write or copy it again") from error
+    if np.iscomplexobj(values):
+        raise file_error(path, "holds complex numbers", "expected real ones")
+    (wide, high), (u, v) = reader.GetSpacing()[:2], reader.GetOrigin()[:2]
+    says_spacing, says_origin = _says(path)
+    return (
+        values[None] if values.ndim == 2 else values,
+        (wide, high) if says_spacing else None,
+        (u, v) if says_origin else None,
+    )
+
+
+def _says(path: Path) -> tuple[bool, bool]:
+    """Whether a header states (spacing, origin): ITK takes 1 and 0 where it does not."""
+    suffix = path.suffix.lower()
+    if suffix in (".mha", ".mhd"):
+        with path.open("rb") as stream:
+            head = stream.read(1 << 16).partition(b"ElementDataFile")[0]
+        keys = {line.partition(b"=")[0].strip().lower() for line in head.splitlines()}
+        spacing = bool({b"elementspacing", b"elementsize"} & keys)
+        return spacing, bool({b"offset", b"position", b"origin"} & keys)
+    known = suffix in (".nii", ".nrrd", ".nhdr") or path.name.lower().endswith(".nii.gz")
+    return known, known
+
+
 def read_header(path: Path | str) -> ImageHeader:
     """Size, spacing and origin of a 3D image, axes in order, without reading its samples.
 
@@ -252,7 +295,7 @@ def read_header(path: Path | str) -> ImageHeader:
     return _ordered_header(path, reader)[0]
 
 
-def _open(path: Path) -> sitk.ImageFileReader:
+def _open(path: Path, dimensions: tuple[int, ...] = (3,)) -> sitk.ImageFileReader:
     if not path.is_file():
         raise file_error(path, "no such file", "check the name")
     reader = sitk.ImageFileReader()
@@ -265,7 +308,7 @@ def _open(path: Path) -> sitk.ImageFileReader:
             f"not an image that ITK can read ({_last_line(error)})",
             f"give one of {', '.join(WRITABLE)}",
         ) from error
-    if reader.GetDimension() != 3 or reader.GetNumberOfComponents() != 1:
+    if reader.GetDimension() not in dimensions or reader.GetNumberOfComponents() != 1:
         raise file_error(
             path,
             f"has {reader.GetDimension()} dimensions and {reader.GetNumberOfComponents()} channels",

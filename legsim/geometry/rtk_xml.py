@@ -172,9 +172,10 @@ def geometry(path: Path, root: ElementTree.Element, given: Given) -> ConeBeamGeo
             "known",
         )
     note = _legsim_note(path, root)
-    if note is None or (given.shape_vu is not None and given.pixel_mm is not None):
+    by_images = given.shape_vu is not None and (given.pixel_mm or given.header_pixel_mm)
+    if note is None or by_images:
         # RTK's numbers are in mm on the detector: they hold for any pixels on it
-        shape_vu, pixel_mm = given.shape(path, None), given.pixel_mm
+        shape_vu, pixel_mm = given.shape(path, None), given.pixel(path, None)
     else:
         shape_vu = given.shape(path, (note["rows"], note["columns"]))
         pixel_mm = given.pixel(path, note["pixel_mm"])

@@ -217,7 +217,8 @@ def _middles_mm(geometry: ConeBeamGeometry) -> FloatArray:
     rows, columns = geometry.shape_vu
     back = np.linalg.inv(geometry.matrices[:, :, :3])
     depth = geometry.pixel_pitch / np.linalg.norm(back[:, :, 0], axis=1)
-    to_middle = back @ np.array([0.5 * (columns - 1), 0.5 * (rows - 1), 1.0])
+    middle: FloatArray = np.array([0.5 * (columns - 1), 0.5 * (rows - 1), 1.0])
+    to_middle = back @ middle
     return 1e3 * (geometry.sources() + depth[:, None] * to_middle)
 
 
@@ -230,7 +231,8 @@ def _gantry_axes(toward_source: FloatArray, along_rows: FloatArray) -> FloatArra
     if length.min() < 1e-6:
         raise LegsimError("the detector's columns point at its source; correct the geometry")
     z /= length
-    return np.stack([toward_source, np.cross(z, toward_source), z], -1)
+    y = np.asarray(np.cross(z, toward_source), np.float64)
+    return np.stack([toward_source, y, z], -1)
 
 
 def _angles_zyz(turned: FloatArray) -> FloatArray:
