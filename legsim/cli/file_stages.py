@@ -357,8 +357,6 @@ def convert_motion(
 
     ``unit``, ``up`` and ``angles`` override what ``path`` says; ``in_degrees`` is how to write.
     """
-    if out.exists() and path.exists() and out.samefile(path):
-        raise file_error(out, "is the file that is read", "give --out another name")
     found = mocap_files.read_recording(
         path, unit=unit, up=up, in_degrees=None if angles is None else angles == "degrees"
     )

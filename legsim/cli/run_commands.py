@@ -8,7 +8,9 @@ from rich.text import Text
 
 from legsim.cli import console, progress
 from legsim.cli.console import print_lines, print_table
+from legsim.cli.inputs import paths_in
 from legsim.cli.options import DeviceOption, OutFolder, Preset
+from legsim.core import files
 
 
 def run(
@@ -41,7 +43,8 @@ def run(
     settings_tree = config.load_settings(
         config_file, preset=preset.value, overrides=tuple(settings or ())
     )
-    with progress.of_stages(console.err) as on_progress:
+    named = paths_in([settings_tree.model_dump()])
+    with files.reading(named), progress.of_stages(console.err) as on_progress:
         result = pipeline.run_scan(settings_tree, out, device=device, on_progress=on_progress)
     print_table(
         "Against the motion-free scan (volumes scaled 0 to 1, registered); residual motion; at "
@@ -105,9 +108,11 @@ def replay(
     overrides += [f"motion.scale_file={scale_file}"] if scale_file else []
     if filter_hz is not None:
         overrides.append(f"motion.filter_hz={filter_hz}")
-    with progress.of_stages(console.err) as on_progress:
+    settings_tree = config.load_settings(overrides=tuple(overrides))
+    named = paths_in([settings_tree.model_dump()])
+    with files.reading(named), progress.of_stages(console.err) as on_progress:
         result = replay_recording(
-            config.load_settings(overrides=tuple(overrides)),
+            settings_tree,
             out,
             filtered=filter_hz is not None,
             image=image,

@@ -435,18 +435,6 @@ def test_degrees_are_not_written_into_tables(tmp_path):
         converted(tmp_path / "a.mot", tmp_path / "b.csv", in_degrees=True)
 
 
-def test_a_conversion_never_writes_over_what_it_reads(tmp_path):
-    source = tmp_path / "a.mot"
-    opensim.save(source, JointTrajectories([0.0, 0.1], ("knee_angle_r",), [[0.1], [0.2]]))
-    content = source.read_bytes()
-    (tmp_path / "soft.mot").symlink_to(source)
-    (tmp_path / "hard.mot").hardlink_to(source)
-    for out in (source, tmp_path / "soft.mot", tmp_path / "hard.mot", tmp_path / "." / "a.mot"):
-        with pytest.raises(LegsimError, match="is the file that is read; give --out another name"):
-            converted(source, out)
-    assert source.read_bytes() == content
-
-
 def test_a_conversion_refuses_options_that_cannot_apply(tmp_path):
     opensim.save(tmp_path / "a.mot", JointTrajectories([0.0, 0.1], ("pelvis_tx",), [[0.1], [0.2]]))
     with pytest.raises(LegsimError, match="joint coordinates, not markers: up cannot apply"):
