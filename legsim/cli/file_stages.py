@@ -18,7 +18,7 @@ from legsim.core.files import write_text
 from legsim.core.progress import OnProgress
 from legsim.deformation.files import load_motion
 from legsim.evaluation import regions as evaluation_regions
-from legsim.evaluation import similarity
+from legsim.evaluation import resampling, similarity
 from legsim.evaluation.regions import Region
 from legsim.geometry import files as geometry_files
 from legsim.geometry import image_files, projection_images, scan_files
@@ -274,19 +274,35 @@ def _grid(
 
 
 def evaluate(
-    volume_file: Path, reference_file: Path, out: Path, *, regions: Path | None, register: bool
+    volume_file: Path,
+    reference_file: Path,
+    out: Path,
+    *,
+    regions: Path | None,
+    register: bool,
+    resample: bool = False,
 ) -> list[tuple[str, ...]]:
-    """Writes metrics.json; returns the rows of the table."""
+    """Writes metrics.json; returns the rows of the table. ``resample`` brings the volume onto the
+    reference's grid first.
+    """
     volume, reference = (
         image_files.load_volume(volume_file),
         image_files.load_volume(reference_file),
     )
     chosen = _whole(reference.grid) if regions is None else _labelled(regions, reference)
+    if resample:
+        brought = resampling.onto(volume, reference.grid)
+        volume, chosen = brought.volume, tuple(brought.clipped(region) for region in chosen)
     metrics = similarity.evaluate(volume, reference, chosen, register=register)
     write_text(
         out,
         json.dumps(
-            {"volume": str(volume_file), "reference": str(reference_file), **asdict(metrics)},
+            {
+                "volume": str(volume_file),
+                "reference": str(reference_file),
+                "resampled": resample,
+                **asdict(metrics),
+            },
             indent=1,
         )
         + "\n",

@@ -3,28 +3,26 @@
 import functools
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
-from typing import Any, ParamSpec, TypeVar
+from typing import Any
 
 from legsim.core import files
-
-_P, _R = ParamSpec("_P"), TypeVar("_R")
 
 _WRITTEN = ("out", "image", "store")
 """parameters of commands that name what is written"""
 
 
-def kept(command: Callable[_P, _R]) -> Callable[_P, _R]:
+def kept(command: Callable[..., None]) -> Callable[..., None]:
     """The command, which refuses to write over any file that its arguments name as input."""
 
     @functools.wraps(command)
-    def run(*arguments: _P.args, **options: _P.kwargs) -> _R:
+    def run(*arguments: Any, **options: Any) -> None:
         given = {name: value for name, value in options.items() if name not in _WRITTEN}
         with files.reading(paths_in(given.values())):
             for name in _WRITTEN:
                 value = options.get(name)
                 if isinstance(value, Path):
                     files.refuse_input(value)
-            return command(*arguments, **options)
+            command(*arguments, **options)
 
     return run
 

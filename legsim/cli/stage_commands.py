@@ -27,6 +27,7 @@ from legsim.cli.options import (
     Vertical,
     pixel_sizes,
 )
+from legsim.core.errors import LegsimError
 
 
 class Unit(StrEnum):
@@ -55,11 +56,20 @@ class Angles(StrEnum):
     radians = "radians"
 
 
+class PhysicalAxes(StrEnum):
+    """What the physical axes of a volume's file are."""
+
+    lps = "lps"
+    world = "world"
+
+
 def convert(
-    motion: Annotated[
+    source: Annotated[
         Path,
         typer.Argument(
-            metavar="MOTION", help="Markers (.trc, .c3d, .csv) or coordinates (.mot, .sto, .csv)."
+            metavar="FILE",
+            help="Markers (.trc, .c3d, .csv), coordinates (.mot, .sto, .csv), or a volume in 1/mm "
+            "(.mha, .nii, .nii.gz, .nrrd).",
         ),
     ],
     out: Annotated[
@@ -67,7 +77,8 @@ def convert(
         typer.Option(
             "--out",
             help="The ending says the format: .trc or .csv of markers, "
-            ".mot, .sto or .csv of coordinates.",
+            ".mot, .sto or .csv of coordinates, .mha, .nii, .nii.gz or .nrrd of volumes; a folder "
+            "gets a DICOM CT series.",
         ),
     ],
     unit: Annotated[
@@ -85,12 +96,46 @@ def convert(
     degrees: Annotated[
         bool, typer.Option("--degrees", help="Write coordinates in degrees.")
     ] = False,
+    axes: Annotated[
+        PhysicalAxes | None,
+        typer.Option(
+            help="Of a volume: its physical axes are left, posterior, superior, or world's. "
+            "Default: by its directions; world's where they turn nothing."
+        ),
+    ] = None,
+    water_per_mm: Annotated[
+        float | None, typer.Option(help="Attenuation of water, for a DICOM series.")
+    ] = None,
+    energy_kev: Annotated[
+        float | None,
+        typer.Option(help="Photon energy for water's attenuation instead. Default: 60."),
+    ] = None,
 ) -> None:
-    """Write a recording in another format: markers in m, y up; coordinates in rad and m."""
-    from legsim.cli import file_stages
+    """Write a recording or a volume in another format: markers in m, y up; coordinates in rad and
+    m; volumes with anatomical directions.
+    """
+    from legsim.cli import file_stages, volume_stages
 
+    motion_only = {"unit": unit, "up": up, "angles": angles, "degrees": degrees or None}
+    volume_only = {"axes": axes, "water-per-mm": water_per_mm, "energy-kev": energy_kev}
+    of_volume = volume_stages.is_volume(source)
+    for name, value in (motion_only if of_volume else volume_only).items():
+        if value is not None:
+            kind = "volume" if of_volume else "recording"
+            raise LegsimError(f"{source}: a {kind}, to which --{name} cannot apply; leave it out")
+    if of_volume:
+        print_lines(
+            volume_stages.convert_volume(
+                source,
+                out,
+                axes=axes and axes.value,
+                water_per_mm=water_per_mm,
+                energy_kev=energy_kev,
+            )
+        )
+        return
     lines = file_stages.convert_motion(
-        motion,
+        source,
         out,
         unit=unit and unit.value,
         up=up and up.value,
@@ -282,12 +327,18 @@ def evaluate(
     register: Annotated[
         bool, typer.Option(help="Register the volume to the reference first.")
     ] = True,
+    resample: Annotated[
+        bool,
+        typer.Option("--resample", help="Bring the volume onto the reference's grid first."),
+    ] = False,
     out: Annotated[Path, typer.Option("--out", help="The numbers as JSON.")] = Path("metrics.json"),
 ) -> None:
     """SSIM and RMSE of a volume against a reference, and its gradient entropy, by region."""
     from legsim.cli import file_stages
 
-    rows = file_stages.evaluate(volume, reference, out, regions=regions, register=register)
+    rows = file_stages.evaluate(
+        volume, reference, out, regions=regions, register=register, resample=resample
+    )
     print_table(
         f"{volume} against {reference}",
         ("region", "SSIM", "RMSE", "gradient entropy", "voxels"),
