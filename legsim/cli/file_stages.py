@@ -79,6 +79,7 @@ class ImageOptions:
     pixel_mm: tuple[float, float] | None = None
     origin_mm: tuple[float, float] | None = None
     turn_rows: bool = False
+    line_integrals: bool = False
 
     def read(self, projections: Path, geometry: Path, reading: GeometryOptions) -> ScanFiles:
         """The scan of two files."""
@@ -99,6 +100,7 @@ class ImageOptions:
             pixel_mm=self.pixel_mm,
             origin_mm=self.origin_mm,
             turn_rows=self.turn_rows,
+            line_integrals=self.line_integrals,
             format=reading.format,
             up=reading.up,
         )

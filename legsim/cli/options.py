@@ -170,3 +170,10 @@ TurnRowsOption = Annotated[
     bool,
     typer.Option("--turn-rows", help="Take the rows of the images from the last to the first."),
 ]
+
+LineIntegralsOption = Annotated[
+    bool,
+    typer.Option(
+        "--line-integrals", help="The images hold line integrals, whatever their values look like."
+    ),
+]

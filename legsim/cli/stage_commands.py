@@ -18,6 +18,7 @@ from legsim.cli.options import (
     GeometryFormatOption,
     GeometryOption,
     I0Option,
+    LineIntegralsOption,
     OriginOption,
     PixelOption,
     RawOption,
@@ -56,13 +57,6 @@ class Angles(StrEnum):
     radians = "radians"
 
 
-class PhysicalAxes(StrEnum):
-    """What the physical axes of a volume's file are."""
-
-    lps = "lps"
-    world = "world"
-
-
 def convert(
     source: Annotated[
         Path,
@@ -97,7 +91,7 @@ def convert(
         bool, typer.Option("--degrees", help="Write coordinates in degrees.")
     ] = False,
     axes: Annotated[
-        PhysicalAxes | None,
+        Literal["lps", "world"] | None,
         typer.Option(
             help="Of a volume: its physical axes are left, posterior, superior, or world's. "
             "Default: by its directions; world's where they turn nothing."
@@ -128,7 +122,7 @@ def convert(
             volume_stages.convert_volume(
                 source,
                 out,
-                axes=axes and axes.value,
+                axes=axes,
                 water_per_mm=water_per_mm,
                 energy_kev=energy_kev,
             )
@@ -214,6 +208,7 @@ def reconstruct(
     pixel_mm: PixelOption = None,
     origin_mm: OriginOption = None,
     turn_rows: TurnRowsOption = False,
+    line_integrals: LineIntegralsOption = False,
     format: GeometryFormatOption = None,
     up: UpOption = Vertical.y,
     motion: Annotated[
@@ -299,6 +294,7 @@ def reconstruct(
                 pixel_sizes(pixel_mm),
                 origin_mm,
                 turn_rows,
+                line_integrals,
             ),
             reading=file_stages.GeometryOptions(format=format and format.value, up=up.value),
             device=device,

@@ -166,9 +166,13 @@ class ConeBeamGeometry:
         return np.linalg.norm(row - (row * normal).sum(-1, keepdims=True) * normal, axis=-1)
 
     def row_pitch(self) -> float:
-        """m between neighboring rows on the detector, a mean of all views."""
+        """m between neighboring rows on the detector, a mean of all views.
+
+        Exactly the pixel pitch where it is that to nine digits.
+        """
         steps = np.linalg.norm(np.linalg.inv(self.matrices[:, :, :3])[:, :, :2], axis=1)
-        return float(self.pixel_pitch * (steps[:, 1] / steps[:, 0]).mean())
+        ratio = float((steps[:, 1] / steps[:, 0]).mean())
+        return self.pixel_pitch * (1.0 if abs(ratio - 1) < 1e-9 else ratio)
 
     def mirrored(self) -> NDArray[np.bool_]:
         """(v,) views whose rows run the other way than those of a circular scan.

@@ -27,7 +27,7 @@ _OFF_AIR = 0.05
 """line integral by which a reading at the end of the range may differ from air's"""
 
 _CURE = "say how counts become line integrals: i0 (the reading without an object), air (a part of "
-_CURE += "each view that sees none), or a flat field"
+_CURE += "each view that sees none), or a flat field; or that they are line integrals"
 
 
 @dataclass(frozen=True, slots=True)

@@ -98,6 +98,7 @@ def _series(volume: Volume, water: float, slope: float, description: str) -> dic
         "DeidentificationMethod": "Computed volume, never held a patient's data",
         **dict.fromkeys(("StudyDate", "StudyTime", "AccessionNumber"), ""),
         **dict.fromkeys(("ReferringPhysicianName", "StudyID", "PositionReferenceIndicator"), ""),
+        "Laterality": "",
         "SeriesNumber": 1,
         "AcquisitionNumber": None,
         "KVP": None,

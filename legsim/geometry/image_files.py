@@ -222,8 +222,6 @@ def save_projections(path: Path | str, projections: Projections) -> None:
     """
     image = sitk.GetImageFromArray(projections.line_integrals)
     wide, high = 1e3 * projections.geometry.pixel_pitch, 1e3 * projections.geometry.row_pitch()
-    if abs(high - wide) < 1e-9 * wide:
-        high = wide
     rows, columns = projections.geometry.shape_vu
     image.SetSpacing([wide, high, 1.0])
     image.SetOrigin([-0.5 * (columns - 1) * wide, -0.5 * (rows - 1) * high, 0.0])
@@ -234,12 +232,19 @@ def load_projections(path: Path | str, geometry: ConeBeamGeometry) -> Projection
     """Reads line integrals of ``geometry``, whose matrices place the pixels.
 
     Spacing and origin in the file are not used.
+    :func:`legsim.geometry.projection_images.read_projections` reads counts and other formats.
 
     Raises:
-        LegsimError: no image, other counts of views, rows or columns than the geometry's, or values
-            that are not finite.
+        LegsimError: no image, whole numbers, other counts of views, rows or columns than the
+            geometry's, or values that are not finite.
     """
     path = Path(path)
+    if _open(path).GetPixelID() not in (sitk.sitkFloat32, sitk.sitkFloat64):
+        raise file_error(
+            path,
+            "holds whole numbers, counts of a detector",
+            "say how they become line integrals (read_projections with counts)",
+        )
     values, header = _read(path, "world")
     expected = (*geometry.shape_vu[::-1], len(geometry))
     if header.size != expected:

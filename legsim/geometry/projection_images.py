@@ -103,6 +103,7 @@ def read_projections(
     counts: Counts | None = None,
     raw: RawLayout | None = None,
     turn_rows: bool = False,
+    line_integrals: bool = False,
 ) -> tuple[Projections, tuple[str, ...]]:
     """(line integrals of ``geometry``, notes) of any images that :func:`read_images` reads.
 
@@ -112,12 +113,16 @@ def read_projections(
         counts: how counts become line integrals; None: the file holds line integrals.
         raw: layout of a file without a header.
         turn_rows: takes the rows from the last to the first.
+        line_integrals: the file holds line integrals, whatever its values look like.
 
     Raises:
         LegsimError: as :func:`read_images`; other counts of views, rows or columns than the
             geometry's; values that are not finite; or counts without a word on them.
     """
-    return projections_of(path, read_images(path, raw=raw), geometry, counts, turn_rows=turn_rows)
+    images = read_images(path, raw=raw)
+    return projections_of(
+        path, images, geometry, counts, turn_rows=turn_rows, line_integrals=line_integrals
+    )
 
 
 def projections_of(
@@ -127,6 +132,7 @@ def projections_of(
     counts: Counts | None = None,
     *,
     turn_rows: bool = False,
+    line_integrals: bool = False,
 ) -> tuple[Projections, tuple[str, ...]]:
     """:func:`read_projections` of images that are read already; ``path`` is for messages."""
     values = images.values
@@ -147,8 +153,11 @@ def projections_of(
             place=f"view {view}",
         )
     notes = [*images.notes, *_angle_notes(images, geometry)]
+    if counts is not None and line_integrals:
+        raise LegsimError(f"{path}: counts or line integrals? say one of the two")
     if counts is None:
-        geometry_counts.refuse_counts(values, str(path))
+        if not line_integrals:
+            geometry_counts.refuse_counts(values, str(path))
     else:
         made = _integrals(path, values, counts)
         values = made.values

@@ -123,8 +123,6 @@ def text_of(path: Path, geometry: ConeBeamGeometry) -> str:
     refuse_mirrored(path, "RTK", geometry)
     rows, columns = geometry.shape_vu
     pixel_mm = (geometry.pixel_pitch * 1e3, geometry.row_pitch() * 1e3)
-    if abs(pixel_mm[1] - pixel_mm[0]) < 1e-9 * pixel_mm[0]:
-        pixel_mm = (pixel_mm[0], pixel_mm[0])
     note = json.dumps(
         {
             "columns": columns,

@@ -34,6 +34,7 @@ def read_scan(
     pixel_mm: float | tuple[float, float] | None = None,
     origin_mm: tuple[float, float] | None = None,
     turn_rows: bool = False,
+    line_integrals: bool = False,
     format: str | None = None,
     up: str = "y",
 ) -> ScanFiles:
@@ -48,6 +49,7 @@ def read_scan(
         origin_mm: center of the first pixel on the detector, for RTK's geometries, where the
             images do not say it. Default: the detector is centered.
         turn_rows: takes the images' rows from the last to the first.
+        line_integrals: the images hold line integrals, whatever their values look like.
         format, up: of the geometry.
 
     Raises:
@@ -75,7 +77,12 @@ def read_scan(
             f"{described.format}; leave it out"
         )
     made, more = projection_images.projections_of(
-        projections, images, placed, counts, turn_rows=turn_rows
+        projections,
+        images,
+        placed,
+        counts,
+        turn_rows=turn_rows,
+        line_integrals=line_integrals,
     )
     return ScanFiles(made, (*notes, *more))
 

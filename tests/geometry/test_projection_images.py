@@ -6,7 +6,7 @@ import SimpleITK as sitk
 import tifffile
 
 from legsim.core.errors import LegsimError
-from legsim.geometry import projection_images
+from legsim.geometry import image_files, projection_images
 from legsim.geometry.projection_images import RawLayout, read_images, read_projections
 from tests.geometry.test_files import circular
 
@@ -145,6 +145,20 @@ def test_counts_become_line_integrals_by_what_is_given(tmp_path):
     turned, _ = read_projections(pattern, geometry, counts=counts, turn_rows=True)
     np.testing.assert_array_equal(turned.line_integrals, projections.line_integrals[:, ::-1])
     assert projection_images.read_counts() is None
+
+
+def test_whole_numbers_are_line_integrals_only_on_request(tmp_path):
+    path = as_npy(tmp_path, np.full(SHAPE, 25, np.int16))
+    with pytest.raises(LegsimError, match="holds whole numbers"):
+        read_projections(path, circular())
+    projections, _ = read_projections(path, circular(), line_integrals=True)
+    assert (projections.line_integrals == 25).all()
+    with pytest.raises(LegsimError, match="say one of the two"):
+        counts = projection_images.read_counts(i0=30.0)
+        read_projections(path, circular(), counts=counts, line_integrals=True)
+    sitk.WriteImage(sitk.GetImageFromArray(np.ones(SHAPE, np.int16)), str(tmp_path / "p.mha"))
+    with pytest.raises(LegsimError, match="holds whole numbers"):
+        image_files.load_projections(tmp_path / "p.mha", circular())
 
 
 def test_other_sizes_than_the_geometrys_and_odd_numbers_are_refused(tmp_path):
