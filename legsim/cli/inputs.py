@@ -5,8 +5,6 @@ from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-from legsim.core import files
-
 _WRITTEN = ("out", "image", "store")
 """parameters of commands that name what is written"""
 
@@ -16,6 +14,8 @@ def kept(command: Callable[..., None]) -> Callable[..., None]:
 
     @functools.wraps(command)
     def run(*arguments: Any, **options: Any) -> None:
+        from legsim.core import files
+
         given = {name: value for name, value in options.items() if name not in _WRITTEN}
         with files.reading(paths_in(given.values())):
             for name in _WRITTEN:

@@ -10,7 +10,6 @@ from legsim.cli import console, progress
 from legsim.cli.console import print_lines, print_table
 from legsim.cli.inputs import paths_in
 from legsim.cli.options import DeviceOption, OutFolder, Preset
-from legsim.core import files
 
 
 def run(
@@ -38,6 +37,7 @@ def run(
 ) -> None:
     """Simulate, correct and score one scan, with a report and a recording."""
     from legsim import config
+    from legsim.core import files
     from legsim.run import pipeline
 
     settings_tree = config.load_settings(
@@ -101,6 +101,7 @@ def replay(
 ) -> None:
     """Kinematics, IMU signals and a recording from one motion file."""
     from legsim import config
+    from legsim.core import files
     from legsim.run.replay import replay as replay_recording
 
     overrides = [f"motion.file={motion}", *(settings or ())]
