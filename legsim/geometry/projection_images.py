@@ -297,8 +297,9 @@ def _npy_values(path: Path) -> NDArray:
         values = np.load(path, allow_pickle=False)
     except (ValueError, EOFError) as error:
         raise file_error(path, "is not an .npy file of numbers", fix) from error
-    if not isinstance(values, np.ndarray) or values.dtype.kind not in "fiu":
+    if not isinstance(values, np.ndarray) or values.dtype.kind not in "bfiu":
         raise file_error(path, "is not an .npy file of real numbers", fix)
+    values = values.astype(np.uint8) if values.dtype.kind == "b" else values
     values = values[None] if values.ndim == 2 else values
     if values.ndim != 3:
         raise file_error(path, f"holds an array of shape {values.shape}", fix)

@@ -59,7 +59,8 @@ def test_air_at_the_end_of_the_range_stays():
 @pytest.mark.parametrize(
     ("change", "given", "message"),
     [
-        (lambda i: 65000 - i, {"i0": 1000.0}, "half of all line integrals are below"),
+        (lambda i: 65000 - i, {"i0": 1000.0}, "a twentieth of all line integrals is below"),
+        (lambda i: i, {"i0": 3e4}, "reading without an object is wrong"),
         (lambda i: i, {"flat": np.full((4, 4), 5e4)}, r"flat image has \(4, 4\) columns"),
         (lambda i: i, {"air": Region((0, 99), (0, 2))}, "is not part of 24 columns and 16 rows"),
         (
@@ -102,7 +103,8 @@ def test_a_region_is_columns_and_rows(text):
         (np.rint(4e4 * np.exp(-integrals())).astype(np.uint16), "holds whole numbers"),
         (4e4 * np.exp(-integrals()), r"above 20, up to 4e\+04"),
         (np.exp(-integrals()), "looks like transmissions"),
-        (-1 - integrals(), "half of its values are below"),
+        (-1 - integrals(), "a twentieth of its values is below"),
+        (-integrals(), "their mean is .* turn their sign"),
     ],
 )
 def test_what_is_no_line_integral_is_refused(images, message):

@@ -131,7 +131,7 @@ def test_counts_become_line_integrals_by_what_is_given(tmp_path):
     tifffile.imwrite(
         tmp_path / "flat.tif", np.full((3, 48, 62), 5e4, np.float32), photometric="minisblack"
     )
-    np.save(tmp_path / "bad.npy", np.eye(48, 62, dtype=np.uint8))
+    np.save(tmp_path / "bad.npy", np.eye(48, 62, dtype=bool))
     for given in (
         {"i0": 5e4},
         {"air": "0:10,0:48"},
