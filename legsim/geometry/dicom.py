@@ -61,6 +61,39 @@ def read_projections(path: Path) -> DicomViews:
     return DicomViews(values, _pixel_mm(data), angles, (*notes, *how))
 
 
+def in_order(paths: list[Path]) -> list[Path]:
+    """Files of one series by their instance numbers; names of DICOM files often say nothing.
+
+    Raises:
+        LegsimError: pydicom is missing, several series, a file without number, or one number twice.
+    """
+    pydicom = require_pydicom(paths[0])
+    numbered: dict[int, Path] = {}
+    series = set()
+    for path in paths:
+        try:
+            data = pydicom.dcmread(path, stop_before_pixels=True)
+            number = int(data.InstanceNumber)
+        except Exception as error:
+            # pydicom raises many kinds of errors on broken files
+            raise file_error(
+                path, "has no instance number that can be read", "leave it out, or number it"
+            ) from error
+        if number in numbered:
+            raise file_error(
+                path,
+                f"has the same instance number, {number}, as {numbered[number].name}",
+                "give the files of one series alone",
+            )
+        numbered[number] = path
+        series.add(str(data.get("SeriesInstanceUID", "")))
+    if len(series) > 1:
+        raise file_error(
+            paths[0].parent, f"holds {len(series)} series", "give a folder with one of them"
+        )
+    return [numbered[number] for number in sorted(numbered)]
+
+
 def require_pydicom(path: Path):
     """The module.
 

@@ -93,7 +93,7 @@ def read_images(path: Path | str, *, raw: RawLayout | None = None) -> Projection
     path = Path(path)
     if not path.is_dir() and "*" not in path.name:
         return _read_file(path, raw)
-    return _read_series(path, tiff.series(path), raw)
+    return _read_series(path, raw)
 
 
 def read_projections(
@@ -246,7 +246,7 @@ def _read_file(path: Path, raw: RawLayout | None) -> ProjectionImages:
         return ProjectionImages(_npy_values(path))
     if suffix in tiff.SUFFIXES:
         return ProjectionImages(tiff.read(path))
-    if suffix in _DICOM or dicom.is_dicom(path):
+    if _is_dicom(path):
         found = dicom.read_projections(path)
         return ProjectionImages(
             found.values, found.pixel_mm, None, found.angles_deg, notes=found.notes
@@ -255,11 +255,18 @@ def _read_file(path: Path, raw: RawLayout | None) -> ProjectionImages:
     return ProjectionImages(values, pixel_mm, origin_mm)
 
 
-def _read_series(
-    place: Path, paths: tuple[list[Path], tuple[str, ...]], raw: RawLayout | None
-) -> ProjectionImages:
+def _is_dicom(path: Path) -> bool:
+    return path.suffix.lower() in _DICOM or dicom.is_dicom(path)
+
+
+def _read_series(place: Path, raw: RawLayout | None) -> ProjectionImages:
     """The files of a folder, one after the other; headers must agree."""
-    members, notes = paths
+    members, notes = tiff.members(place)
+    if raw is None and all(_is_dicom(path) for path in members):
+        members = dicom.in_order(members)
+    else:
+        members, more = tiff.by_number(place, members)
+        notes += more
     one = None if raw is None else replace(raw, views=1)
     parts = [_read_file(path, one) for path in members]
     first = parts[0]

@@ -77,17 +77,27 @@ def _line(error: Exception) -> str:
     return (str(error).strip().splitlines() or [type(error).__name__])[0]
 
 
-def series(place: Path) -> tuple[list[Path], tuple[str, ...]]:
-    """(files of a folder or pattern by the last number in their names, notes).
+def members(place: Path) -> tuple[list[Path], tuple[str, ...]]:
+    """(images in a folder or of a pattern, a note on what is left out).
 
     Raises:
-        LegsimError: no images, files of several kinds or names, one number twice, or no number.
+        LegsimError: there are none.
     """
     folder, pattern = (place, "*") if place.is_dir() else (place.parent, place.name)
     files = [path for path in folder.glob(pattern) if path.is_file() and path.name[0] != "."]
-    members = [path for path in files if path.suffix.lower() in _VIEWS or not path.suffix]
-    if not members:
+    found = [path for path in files if path.suffix.lower() in _VIEWS or not path.suffix]
+    if not found:
         raise file_error(place, "holds no images", f"expected files like {', '.join(_VIEWS)}")
+    left = sorted({path.name for path in files} - {path.name for path in found})
+    return found, (f"not images, left out: {', '.join(left[:5])}",) if left else ()
+
+
+def by_number(place: Path, members: list[Path]) -> tuple[list[Path], tuple[str, ...]]:
+    """(files in the order of the last number in their names, notes).
+
+    Raises:
+        LegsimError: files of several kinds or names, one number twice, or no number.
+    """
     kinds: dict[tuple[str, str], list[Path]] = {}
     for path in members:
         stem = re.sub(r"\d+(?!.*\d)", "#", path.stem)
@@ -101,7 +111,7 @@ def series(place: Path) -> tuple[list[Path], tuple[str, ...]]:
         )
     numbered = sorted((_number(path), path) for path in members)
     numbers = [number for number, _ in numbered]
-    if len(numbered) > 1 and (None in numbers or -1 in numbers):
+    if len(numbered) > 1 and -1 in numbers:
         raise file_error(place, "holds images without view numbers", "number the files")
     twice = [k for k, number in enumerate(numbers[1:]) if number == numbers[k]]
     if twice:
@@ -117,9 +127,6 @@ def series(place: Path) -> tuple[list[Path], tuple[str, ...]]:
         notes.append(
             f"view numbers jump from {numbers[k]} to {numbers[k + 1]}: views may be missing"
         )
-    if len(members) < len(files):
-        left = sorted({path.name for path in files} - {path.name for path in members})
-        notes.append(f"not images, left out: {', '.join(left[:5])}")
     return [path for _, path in numbered], tuple(notes)
 
 

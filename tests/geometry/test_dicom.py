@@ -91,3 +91,25 @@ def test_a_broken_file_and_a_missing_package_are_reported(tmp_path, values, monk
     monkeypatch.setattr(builtins, "__import__", without)
     with pytest.raises(LegsimError, match=r"pip install 'legsim\[dicom\]'"):
         dicom.read_projections(path)
+
+
+def test_files_of_a_series_are_taken_by_their_instance_numbers(tmp_path, values):
+    """Names say nothing; the angles come along."""
+    for name, k in (("c", 0), ("a", 1), ("b", 2)):
+        written(
+            tmp_path / f"{name}.dcm", values[k : k + 1], InstanceNumber=k + 9,
+            SeriesInstanceUID="1.2.3", PositionerPrimaryAngle=10.0 + k,
+        )  # fmt: skip
+    found = projection_images.read_images(tmp_path)
+    np.testing.assert_array_equal(found.values, values[:3])
+    assert found.angles_deg is not None
+    np.testing.assert_allclose(found.angles_deg, [10, 11, 12])
+    written(tmp_path / "d.dcm", values[:1], InstanceNumber=9, SeriesInstanceUID="1.2.3")
+    with pytest.raises(LegsimError, match="has the same instance number, 9, as"):
+        projection_images.read_images(tmp_path)
+    written(tmp_path / "d.dcm", values[:1], InstanceNumber=1, SeriesInstanceUID="1.2.4")
+    with pytest.raises(LegsimError, match="holds 2 series"):
+        projection_images.read_images(tmp_path)
+    written(tmp_path / "d.dcm", values[:1])
+    with pytest.raises(LegsimError, match="has no instance number"):
+        projection_images.read_images(tmp_path)

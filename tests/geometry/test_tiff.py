@@ -1,5 +1,7 @@
 """TIFF: stacks, folders in the order of their numbers, and what is refused."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 import tifffile
@@ -10,6 +12,13 @@ from legsim.geometry import tiff
 
 def some_views(rng, views=12):
     return rng.integers(0, 60000, (views, 5, 7)).astype(np.uint16)
+
+
+def series(place: Path) -> tuple[list[Path], tuple[str, ...]]:
+    """The images of a folder in order, and all notes."""
+    members, notes = tiff.members(place)
+    ordered, more = tiff.by_number(place, members)
+    return ordered, (*more, *notes)
 
 
 @pytest.mark.parametrize(
@@ -26,7 +35,7 @@ def test_views_are_taken_by_the_last_number_in_their_names(tmp_path):
     for k in (10, 2, 1, 3, 12, 11):
         (tmp_path / f"scan7_view{k}.tif").touch()
     (tmp_path / "notes.txt").touch()
-    members, notes = tiff.series(tmp_path)
+    members, notes = series(tmp_path)
     assert [int(path.stem.rpartition("view")[2]) for path in members] == [1, 2, 3, 10, 11, 12]
     assert "view numbers jump from 3 to 10" in notes[0]
     assert "left out: notes.txt" in notes[1]
@@ -36,8 +45,8 @@ def test_a_pattern_picks_one_series(tmp_path):
     for name in ("flat_1.tif", "v_1.tif", "v_2.tif"):
         (tmp_path / name).touch()
     with pytest.raises(LegsimError, match=r"holds images of several names: .*flat_#\.tif \(1\)"):
-        tiff.series(tmp_path)
-    members, notes = tiff.series(tmp_path / "v_*.tif")
+        series(tmp_path)
+    members, notes = series(tmp_path / "v_*.tif")
     assert [path.name for path in members] == ["v_1.tif", "v_2.tif"]
     assert not notes
 
@@ -54,7 +63,7 @@ def test_folders_without_an_order_are_refused(tmp_path, names, message):
     for name in names:
         (tmp_path / name).touch()
     with pytest.raises(LegsimError, match=message):
-        tiff.series(tmp_path)
+        series(tmp_path)
 
 
 def test_three_views_are_no_colors(tmp_path, rng):
