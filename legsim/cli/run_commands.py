@@ -34,14 +34,18 @@ def run(
     ] = None,
     out: OutFolder = Path("run"),
     device: DeviceOption = None,
+    force: Annotated[
+        bool, typer.Option("--force", help="Scan even a movement that no leg makes.")
+    ] = False,
 ) -> None:
     """Simulate, correct and score one scan, with a report and a recording."""
     from legsim import config
     from legsim.core import files
     from legsim.run import pipeline
 
+    forced = ("motion.implausible=scan",) if force else ()
     settings_tree = config.load_settings(
-        config_file, preset=preset.value, overrides=tuple(settings or ())
+        config_file, preset=preset.value, overrides=(*(settings or ()), *forced)
     )
     named = paths_in([settings_tree.model_dump()])
     with files.reading(named), progress.of_stages(console.err) as on_progress:
@@ -52,7 +56,7 @@ def run(
         result.columns(),
         result.rows(),
     )
-    print_lines(result.places())
+    print_lines([*(f"warning: {line}" for line in result.warnings), *result.places()])
 
 
 def replay(
