@@ -19,10 +19,12 @@ from .figures.plots import plot_imu as plot_imu
 from .figures.plots import plot_slices as plot_slices
 from .geometry.cone_beam import ConeBeamGeometry as ConeBeamGeometry
 from .geometry.cone_beam import Projections as Projections
+from .geometry.counts import Counts as Counts
 from .geometry.files import load_geometry as load_geometry
 from .geometry.image_files import load_projections as load_projections
 from .geometry.image_files import load_volume as load_volume
 from .geometry.image_files import save_volume as save_volume
+from .geometry.scan_files import read_scan as read_scan
 from .geometry.volume import Volume as Volume
 from .geometry.volume import VolumeGrid as VolumeGrid
 from .imu.budget import BudgetConditions as BudgetConditions

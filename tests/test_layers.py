@@ -32,6 +32,8 @@ HOMES = {
     "jinja2": {"report"},
     "pydantic": {"config", "study"},
     "SimpleITK": {"geometry", "evaluation"},
+    "tifffile": {"geometry"},
+    "pydicom": {"geometry"},
     "trimesh": {"phantom"},
     "distributed": {"study"},
 }

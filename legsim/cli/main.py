@@ -27,6 +27,7 @@ from legsim.cli import (
     stage_commands,
     study_command,
 )
+from legsim.cli.inputs import kept
 from legsim.core.errors import LegsimError
 
 app = typer.Typer(
@@ -51,10 +52,10 @@ for _command in (
     *(stage_commands.reconstruct, stage_commands.evaluate, study_command.study),
     *(sensors_command.sensors, run_commands.view, run_commands.doctor),
 ):
-    app.command()(_command)
+    app.command()(kept(_command))
 
-geometry_app.command()(geometry_commands.show)
-geometry_app.command()(geometry_commands.convert)
+geometry_app.command()(kept(geometry_commands.show))
+geometry_app.command()(kept(geometry_commands.convert))
 
 _INTERRUPTED = 130
 """exit code of a command that Ctrl-C ended, as shells have it and typer returns it"""

@@ -8,6 +8,7 @@ from rich.text import Text
 
 from legsim.cli import console, progress
 from legsim.cli.console import print_lines, print_table
+from legsim.cli.inputs import paths_in
 from legsim.cli.options import DeviceOption, OutFolder, Preset
 
 
@@ -39,13 +40,15 @@ def run(
 ) -> None:
     """Simulate, correct and score one scan, with a report and a recording."""
     from legsim import config
+    from legsim.core import files
     from legsim.run import pipeline
 
     forced = ("motion.implausible=scan",) if force else ()
     settings_tree = config.load_settings(
         config_file, preset=preset.value, overrides=(*(settings or ()), *forced)
     )
-    with progress.of_stages(console.err) as on_progress:
+    named = paths_in([settings_tree.model_dump()])
+    with files.reading(named), progress.of_stages(console.err) as on_progress:
         result = pipeline.run_scan(settings_tree, out, device=device, on_progress=on_progress)
     print_table(
         "Against the motion-free scan (volumes scaled 0 to 1, registered); residual motion; at "
@@ -109,6 +112,7 @@ def replay(
 ) -> None:
     """Kinematics, IMU signals and a recording from one motion file."""
     from legsim import config
+    from legsim.core import files
     from legsim.run.replay import replay as replay_recording
 
     overrides = [f"motion.file={motion}", *(settings or ())]
@@ -117,9 +121,11 @@ def replay(
     overrides += [f"motion.ik.tasks_file={tasks}"] if tasks else []
     if filter_hz is not None:
         overrides.append(f"motion.filter_hz={filter_hz}")
-    with progress.of_stages(console.err) as on_progress:
+    settings_tree = config.load_settings(overrides=tuple(overrides))
+    named = paths_in([settings_tree.model_dump()])
+    with files.reading(named), progress.of_stages(console.err) as on_progress:
         result = replay_recording(
-            config.load_settings(overrides=tuple(overrides)),
+            settings_tree,
             out,
             filtered=filter_hz is not None,
             image=image,
