@@ -46,6 +46,7 @@ from .phantom.meshes import Phantom as Phantom
 from .reconstruction.cgls import cgls as cgls
 from .reconstruction.fdk import FdkOptions as FdkOptions
 from .reconstruction.fdk import fdk as fdk
+from .run.imu_files import read_imu as read_imu
 from .run.pipeline import run_scan as run_scan
 from .scan.c_arm import CArm as CArm
 from .scan.detector import Detector as Detector
