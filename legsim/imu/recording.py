@@ -21,7 +21,7 @@ _AT_REST = (0.75 * STANDARD_GRAVITY, 1.35 * STANDARD_GRAVITY)
 _FASTEST = np.radians(2000.0)
 """rad/s, the widest range of common gyroscopes"""
 
-_TILTING_HZ = 0.7
+_TILTING_HZ = 0.6
 """below it a leg about its ankle tilts more against gravity than it accelerates"""
 
 _CLEARLY = 0.6
@@ -155,14 +155,14 @@ def gyroscope_scale(recording: ImuRecording) -> tuple[float, float]:
     times = np.arange(recording.times[0], recording.times[-1], 1 / rate_hz)
     if len(times) < 64 or rate_hz < 4 * _TILTING_HZ:
         return 1.0, 0.0
-    low = butter(2, [0.05, _TILTING_HZ], "bandpass", fs=rate_hz, output="sos")
+    low = butter(2, [0.1, _TILTING_HZ], "bandpass", fs=rate_hz, output="sos")
     rate, force = (
         np.stack([np.interp(times, recording.times, values[:, k]) for k in range(3)], -1)
         for values in (recording.angular_velocity, recording.specific_force)
     )
-    turning = sosfiltfilt(low, -np.cross(rate, force), axis=0)
-    seen = sosfiltfilt(low, np.gradient(force, 1 / rate_hz, axis=0), axis=0)
-    power, shared = float((turning**2).sum()), float((turning * seen).sum())
+    gyroscope = sosfiltfilt(low, -np.cumsum(np.cross(rate, force), axis=0) / rate_hz, axis=0)
+    seen = sosfiltfilt(low, force, axis=0)
+    power, shared = float((gyroscope**2).sum()), float((gyroscope * seen).sum())
     both = np.sqrt(power * float((seen**2).sum()))
     return (shared / power, shared / both) if both > 0 else (1.0, 0.0)
 

@@ -139,3 +139,9 @@ def test_a_table_of_orientations_is_refused(tmp_path):
     (tmp_path / "x_orientations.sto").write_text("DataType=Quaternion\nendheader\ntime\ta\n")
     with pytest.raises(LegsimError, match=r"DataType=Quaternion; give accelerations"):
         load_recordings(tmp_path / "x_orientations.sto")
+
+
+def test_the_real_gyroscope_in_the_wrong_unit_is_refused(shared_data):
+    path = shared_data / "imu/standing_shank_l.txt"
+    with pytest.raises(LegsimError, match="gravity turn .* as fast .* as rad/s"):
+        load_recordings(path, angular_velocity_unit="deg/s")
