@@ -20,12 +20,12 @@ from legsim.evaluation.scores import MethodResult
 from legsim.opencl.device import Device, open_device
 from legsim.report import page, scan_page
 from legsim.run import c_arm, scores, sensors, stages, volumes
+from legsim.run.corrected import Reconstructed
 from legsim.run.folder import RunFolder, commit
 from legsim.run.stages import (
     StageContext,
 )
 from legsim.run.store import StageCache
-from legsim.run.volumes import Reconstructed
 from legsim.scene import build
 from legsim.simulation.setup import joints_on_sensors
 from legsim.simulation.simulated_scan import SimulatedScan

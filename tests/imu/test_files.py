@@ -143,5 +143,5 @@ def test_a_table_of_orientations_is_refused(tmp_path):
 
 def test_the_real_gyroscope_in_the_wrong_unit_is_refused(shared_data):
     path = shared_data / "imu/standing_shank_l.txt"
-    with pytest.raises(LegsimError, match="gravity turn .* as fast .* as rad/s"):
+    with pytest.raises(LegsimError, match=r"gravity turn .* as fast .* as rad/s"):
         load_recordings(path, angular_velocity_unit="deg/s")
