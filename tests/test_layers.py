@@ -48,7 +48,16 @@ SLOW = {
 TESTED_ELSEWHERE = {
     **{
         f"config/{name}": "settings alone; tests/config/test_settings.py reads them"
-        for name in ("imu", "imu_file", "methods", "motion", "reconstruction", "scan", "tree")
+        for name in (
+            "imu",
+            "imu_file",
+            "measured_scan",
+            "methods",
+            "motion",
+            "reconstruction",
+            "scan",
+            "tree",
+        )
     },
     "core/constants": "numbers alone",
     "core/progress": "a type alone",

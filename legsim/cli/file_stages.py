@@ -5,7 +5,7 @@
 import json
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -30,7 +30,7 @@ from legsim.opencl.device import open_device
 from legsim.phantom import files as phantom_files
 from legsim.phantom.files import PhantomFile
 from legsim.reconstruction import fdk
-from legsim.run import c_arm
+from legsim.run import c_arm, projection_files
 from legsim.run import reconstruction as run_reconstruction
 from legsim.scan import acquisition, coverage
 
@@ -140,7 +140,7 @@ def reconstruct(
     :class:`config.ReconstructionConfig`.
     """
     settings = run_reconstruction.from_options(options or {})
-    geometry = _geometry_of(projections_file, geometry_file)
+    geometry = projection_files.load_geometry(projections_file, geometry_file)
     grid = _grid(geometry, like, shape_zyx, spacing_mm, center_mm)
     projections = image_files.load_projections(projections_file, geometry)
     moved = None if motion is None else load_motion(motion)
@@ -189,29 +189,6 @@ def reconstruct(
 def _size(count: float) -> str:
     """Bytes, as people read them."""
     return f"{count / 2**30:.1f} GiB" if count >= 2**30 else f"{count / 2**20:.1f} MiB"
-
-
-def _geometry_of(projections_file: Path, geometry_file: Path) -> ConeBeamGeometry:
-    """The geometry; where its file does not say the detector's size, the projections do. RTK's is
-    in mm on the detector: there size, spacing and origin of the projections say where pixels
-    are."""
-    header = image_files.read_header(projections_file)
-    columns, rows, _ = header.size
-    pitch = header.spacing_mm[0]
-    geometry = DetectorSize(columns, rows, pitch).geometry(geometry_file)
-    if geometry_file.suffix.lower() != ".xml":
-        return geometry
-    if abs(header.spacing_mm[1] - pitch) > 1e-6 * pitch:
-        raise file_error(
-            projections_file,
-            f"has pixels of {pitch:g} x {header.spacing_mm[1]:g} mm",
-            "resample the projections to square pixels",
-        )
-    shift = np.eye(3)
-    shift[:2, 2] = [
-        -header.origin_mm[k] / pitch - 0.5 * (n - 1) for k, n in enumerate((columns, rows))
-    ]
-    return replace(geometry, matrices=shift @ geometry.matrices)
 
 
 def _grid(

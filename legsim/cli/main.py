@@ -19,7 +19,14 @@ import typer.exceptions
 from rich.text import Text
 
 from legsim import __version__
-from legsim.cli import console, geometry_commands, run_commands, stage_commands, study_command
+from legsim.cli import (
+    console,
+    correct_command,
+    geometry_commands,
+    run_commands,
+    stage_commands,
+    study_command,
+)
 from legsim.core.errors import LegsimError
 
 app = typer.Typer(
@@ -40,7 +47,13 @@ geometry_app = typer.Typer(
 app.add_typer(geometry_app, name="geometry")
 
 for _command in (
-    *(run_commands.run, run_commands.replay, stage_commands.convert, stage_commands.project),
+    *(
+        run_commands.run,
+        correct_command.correct,
+        run_commands.replay,
+        stage_commands.convert,
+        stage_commands.project,
+    ),
     *(stage_commands.reconstruct, stage_commands.evaluate, study_command.study),
     *(run_commands.view, run_commands.doctor),
 ):
@@ -52,7 +65,7 @@ geometry_app.command()(geometry_commands.convert)
 _INTERRUPTED = 130
 """exit code of a command that Ctrl-C ended, as shells have it and typer returns it"""
 
-_RESUMED = ("run", "replay", "study")
+_RESUMED = ("run", "correct", "replay", "study")
 """commands whose folders keep each finished part"""
 
 _warned: set[str] = set()

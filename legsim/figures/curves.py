@@ -9,7 +9,7 @@ from matplotlib.lines import Line2D
 
 from legsim.core import transforms
 from legsim.core.values import FloatArray
-from legsim.deformation.models import RigidMotion
+from legsim.deformation.models import Motion, RigidMotion
 from legsim.figures.canvas import COLORS, at_least, new_figure, plain, plot_axes, spaced
 from legsim.imu.signals import ImuSignals
 from legsim.kinematics.skeleton import JointCenters
@@ -197,6 +197,23 @@ def motion_errors(
     room = _legend(figure, [(line, str(line.get_label())) for line in distance.lines])
     _time_axis([angle])
     spaced(figure, [distance, angle], left=0.65, top=room)
+    return figure
+
+
+def motion_paths(motions: Sequence[tuple[str, Motion]], point: FloatArray) -> Figure:
+    """Plots where each (name, motion) carries ``point`` (3,) world m: forward, up and right, mm."""
+    figure = new_figure(8.0, 4.2)
+    axes = plot_axes(figure, 3)
+    for k, (name, motion) in enumerate(motions):
+        away = 1e3 * (motion.carry(point[None])[:, 0] - point)
+        for ax, values in zip(axes, away.T, strict=True):
+            ax.plot(motion.times, values, color=COLORS[k % len(COLORS)], linewidth=1, label=name)
+    for ax, label in zip(axes, ("x (mm)", "y, up (mm)", "z (mm)"), strict=True):
+        ax.set_ylabel(label, fontsize=8)
+        at_least(ax, 0.1)
+    room = _legend(figure, [(line, str(line.get_label())) for line in axes[0].lines])
+    _time_axis(axes[-1:])
+    spaced(figure, axes, left=0.65, top=room)
     return figure
 
 

@@ -27,6 +27,8 @@ _ACCELERATION = {"m/s2": 1.0, "g": STANDARD_GRAVITY, "mg": 1e-3 * STANDARD_GRAVI
 _ANGULAR_VELOCITY = {"rad/s": 1.0, "deg/s": math.pi / 180}
 _SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6}
 
+_DELIMITERS = (",", ";", "\t", " ")
+
 _HEADER_WITHIN = 200
 """lines among which the row of column names is searched"""
 
@@ -134,15 +136,29 @@ def read_columns(path: Path, wanted: Sequence[str]) -> dict[str, FloatArray]:
     """Reads the columns ``wanted`` (n,) of a table by their names; NaN where a cell is empty.
 
     Raises:
-        LegsimError: a file that cannot be read, columns that are missing, cells that are no
-            numbers.
+        LegsimError: as :func:`read_rows`; cells that are no numbers.
+    """
+    rows = [
+        [_number(path, line, text, name) for text, name in zip(cells, wanted, strict=True)]
+        for line, cells in read_rows(path, wanted)
+    ]
+    return dict(zip(wanted, np.array(rows).T, strict=True))
+
+
+def read_rows(path: Path, wanted: Sequence[str]) -> list[tuple[int, list[str]]]:
+    """Reads (line number, cells of the columns ``wanted``) of each row of a table.
+
+    Columns are parted by comma, semicolon, tab or blanks; lines above their names are passed over.
+
+    Raises:
+        LegsimError: a file that cannot be read, missing columns, rows that break off.
     """
     lines = files.read(path, "table")
     found = next(
         (
             (k, delimiter)
             for k, line in enumerate(lines[:_HEADER_WITHIN])
-            for delimiter in (",", ";", "\t", " ")
+            for delimiter in _DELIMITERS
             if set(wanted) <= set(cells_of(line, delimiter))
         ),
         None,
@@ -156,23 +172,23 @@ def read_columns(path: Path, wanted: Sequence[str]) -> dict[str, FloatArray]:
         raise file_error(
             path, f"column {doubled[0]!r} is there twice", "rename one", place=f"line {start + 1}"
         )
-    at = {name: names.index(name) for name in wanted}
-    rows: list[list[float]] = []
+    at = [names.index(name) for name in wanted]
+    rows = []
     for number, line in enumerate(lines[start + 1 :], start + 2):
-        cells = cells_of(line, delimiter)
         if not line.strip():
             continue
-        if len(cells) < 1 + max(at.values()):
+        cells = cells_of(line, delimiter)
+        if len(cells) <= max(at):
             raise file_error(
                 path,
                 f"the row has {len(cells)} cells, the header {len(names)}",
                 "complete the row, or delete it where the recording broke off",
                 place=f"line {number}",
             )
-        rows.append([_number(path, number, cells[k], name, delimiter) for name, k in at.items()])
+        rows.append((number, [cells[k] for k in at]))
     if len(rows) < 2:
         raise file_error(path, "holds no samples below its names", "export it again")
-    return dict(zip(at, np.array(rows).T, strict=True))
+    return rows
 
 
 def cells_of(line: str, delimiter: str) -> list[str]:
@@ -186,7 +202,7 @@ def _missing(path: Path, lines: Sequence[str], wanted: Sequence[str]) -> LegsimE
     best: set[str] = set()
     place, names = 0, [""]
     for k, line in enumerate(lines[:_HEADER_WITHIN]):
-        for delimiter in (",", ";", "\t", " "):
+        for delimiter in _DELIMITERS:
             cells = cells_of(line, delimiter)
             if len(set(wanted) & set(cells)) > len(best):
                 best, place, names = set(wanted) & set(cells), k, cells
@@ -200,11 +216,11 @@ def _missing(path: Path, lines: Sequence[str], wanted: Sequence[str]) -> LegsimE
     )
 
 
-def _number(path: Path, line: int, text: str, column: str, delimiter: str) -> float:
+def _number(path: Path, line: int, text: str, column: str) -> float:
     if not text or re.fullmatch(r"(?i)[-+]?nan|n/a|null", text):
         return math.nan
     try:
-        return float(text.replace(",", ".") if delimiter != "," else text)
+        return float(text.replace(",", "."))  # a decimal comma: commas between columns are gone
     except ValueError:
         raise file_error(
             path,

@@ -20,6 +20,7 @@ class WornSensor:
     recording: ImuRecording
     """times are those of the views: the clock's offset is taken off"""
     worn: WornSensorConfig
+    file: Path
     folder: Path
     """to which the files of its settings are relative"""
 
@@ -67,7 +68,7 @@ def load_configured(settings: ImuFileConfig, folder: Path) -> tuple[WornSensor, 
                 f"name one of {', '.join(one.name for one in found)} (recorded_as)",
             )
         own = match[0].named(sensor.name).shifted(-settings.clock_offset_s)
-        sensors.append(WornSensor(own, sensor, folder))
+        sensors.append(WornSensor(own, sensor, path, folder))
     return tuple(sensors)
 
 

@@ -28,7 +28,7 @@ def swaying(height: float = 0.4) -> tuple[ImuSignals, np.ndarray]:
     acceleration = (ahead[1] - 2 * place + behind[1]) / h**2
     step = np.swapaxes(behind[0], -1, -2) @ ahead[0]
     rate = transforms.vector_from_rotation(step) / (2 * h)
-    force = np.einsum("nji,nj->ni", turn, acceleration + [0, 9.80665, 0])
+    force = np.einsum("nji,nj->ni", turn, acceleration + np.array([0, 9.80665, 0]))
     at_views = transforms.rigid(*poses(VIEWS))
     return ImuSignals(TIMES, ("s",), rate[:, None], force[:, None]), at_views
 
