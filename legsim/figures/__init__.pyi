@@ -1,5 +1,6 @@
 from .canvas import Figure as Figure
 from .canvas import png as png
+from .curves import imu_comparison as imu_comparison
 from .curves import imu_curves as imu_curves
 from .curves import joint_angles as joint_angles
 from .curves import marker_residuals as marker_residuals

@@ -11,8 +11,10 @@ from legsim.core import transforms
 from legsim.core.values import FloatArray
 from legsim.deformation.models import Motion, RigidMotion
 from legsim.figures.canvas import COLORS, at_least, new_figure, plain, plot_axes, spaced
+from legsim.imu.comparison import SensorComparison
 from legsim.imu.signals import ImuSignals
 from legsim.kinematics.skeleton import JointCenters
+from legsim.mocap.low_pass import low_pass
 from legsim.mocap.trajectories import JointTrajectories
 from legsim.scene.values import ReplayScene
 
@@ -214,6 +216,27 @@ def motion_paths(motions: Sequence[tuple[str, Motion]], point: FloatArray) -> Fi
     room = _legend(figure, [(line, str(line.get_label())) for line in axes[0].lines])
     _time_axis(axes[-1:])
     spaced(figure, axes, left=0.65, top=room)
+    return figure
+
+
+def imu_comparison(compared: Sequence[SensorComparison]) -> Figure:
+    """Plots measured and predicted angular velocity of each sensor up to 6 Hz, axis by axis."""
+    figure = new_figure(8.0, 0.8 + 1.5 * len(compared))
+    axes = plot_axes(figure, len(compared), 3)
+    for row, one in enumerate(compared):
+        for k, axis in enumerate("xyz"):
+            ax = axes[3 * row + k]
+            for color, recording, label in (
+                (COLORS[1], one.measured, "measured"),
+                (COLORS[0], one.predicted, "predicted from the markers"),
+            ):
+                rate = low_pass(recording.angular_velocity[:, k : k + 1], recording.rate_hz, 6.0)
+                ax.plot(recording.times, np.degrees(rate), color=color, linewidth=0.8, label=label)
+            ax.set_title(f"{one.measured.name}, {axis}", fontsize=8)
+        axes[3 * row].set_ylabel("deg/s", fontsize=8)
+    _time_axis(axes[-3:])
+    room = _legend(figure, [(line, str(line.get_label())) for line in axes[0].lines])
+    spaced(figure, axes, columns=3, left=0.55, top=room + _TITLE, between=0.3)
     return figure
 
 

@@ -1,7 +1,7 @@
 """Files of real sensors with how they are worn, by themselves or through a small TOML."""
 
 import warnings
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from legsim.config import tree
@@ -23,6 +23,10 @@ class WornSensor:
     file: Path
     folder: Path
     """to which the files of its settings are relative"""
+
+    def on(self, segment: str) -> "WornSensor":
+        """The same sensor, worn on that segment."""
+        return replace(self, worn=self.worn.model_copy(update={"segment": segment}))
 
 
 def read_imu(path: Path | str) -> ImuSignals:

@@ -1,5 +1,6 @@
 """Kinematics, IMU signals and a recording of one motion file, without a scan."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -9,10 +10,10 @@ from legsim.config import RunConfig
 from legsim.core import files
 from legsim.core.files import key_of
 from legsim.core.progress import OnProgress
+from legsim.report import imu_section, replay_page
 from legsim.report import page as report_page
-from legsim.report import replay_page
+from legsim.run import imu_comparison, stages
 from legsim.run import motion as run_motion
-from legsim.run import stages
 from legsim.run.folder import RunFolder, commit
 from legsim.run.sensors import noise_sentence
 from legsim.scene import build
@@ -30,9 +31,19 @@ class ReplayResult:
 
 
 def replay(
-    settings: RunConfig, out: Path, *, filtered: bool, image: Path | None, on_progress: OnProgress
+    settings: RunConfig,
+    out: Path,
+    *,
+    filtered: bool,
+    image: Path | None,
+    on_progress: OnProgress,
+    measured: Sequence[str] = (),
 ) -> ReplayResult:
-    """Computes kinematics, IMU signals and a recording of one motion file; nothing is scanned."""
+    """Computes kinematics, IMU signals and a recording of one motion file; nothing is scanned.
+
+    ``measured`` are files of real sensors (or SEGMENT=FILE) to set beside the predicted ones.
+    """
+    worn = tuple(one for text in measured for one in imu_comparison.of_argument(text))
     about = {
         "legsim": __version__,
         "commit": commit(),
@@ -48,6 +59,8 @@ def replay(
     on_progress("joint angles", 1, 1)
     on_progress("sensors", 0, 1)
     signals = stages.read_sensors(settings, person, folder, key)
+    compared = imu_comparison.compare(worn, signals, settings.imu.clock_offset_s)
+    lines = [line for one in compared for line in one.lines()]
     on_progress("sensors", 1, 1)
     on_progress("recording", 0, 1)
     scene = build.replay_scene(person, signals)
@@ -59,12 +72,20 @@ def replay(
 
     def write() -> tuple[str, ...]:
         view.write_replay(out / "recording.rrd", scene)
-        page = replay_page.content(person, scene, posture(), provenance)
+        found = [one.found for one in compared]
+        sections = [imu_section.imu_section(found, lines)] if found else []
+        page = replay_page.content(person, scene, posture(), provenance, sections)
         files.write_text(out / "report.html", report_page.render(page))
-        return "recording.rrd", "report.html"
+        if not found:
+            return "recording.rrd", "report.html"
+        files.write_text(out / imu_comparison.FILE, imu_comparison.table(compared))
+        return "recording.rrd", "report.html", imu_comparison.FILE
 
-    folder.cached("replay", key_of(key, provenance), write)
+    table = imu_comparison.table(compared)
+    folder.cached("replay", key_of(key, provenance, table, lines), write)
     if image is not None:
         files.write_bytes(image, posture())
     on_progress("recording", 1, 1)
-    return ReplayResult(tuple(replay_page.replay_report_lines(person, out)))
+    shown = [*replay_page.replay_report_lines(person, out), *lines]
+    shown += [f"measured and predicted sensors: {out / imu_comparison.FILE}"] if compared else []
+    return ReplayResult(tuple(shown))
