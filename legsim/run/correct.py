@@ -1,10 +1,11 @@
 """Corrections of a measured scan: volumes, motions, pictures and a report, without any truth."""
 
 import csv
+import hashlib
 import io
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, astuple, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -107,7 +108,7 @@ def correct(
     on_progress("reading", 1, 1)
     made = RunFolder(out, _about(read, opened))
     given = Reconstructor(made, read.settings.reconstruction, read.grid, opened, on_progress)
-    key = _key_of_inputs(read)
+    key = _key_of(read)
     corrected = tuple(
         given.of(name, key_of(key, methods.fingerprint(name)), lambda m=method: m(read.seen))
         for name, method in built.items()
@@ -115,7 +116,7 @@ def correct(
     _write_motions(made, read, corrected)
     sharpness = _sharpness(made, read, corrected)
     notes = (*read.notes, *(note for one in corrected for note in one.notes))
-    _present(made, read, corrected, sharpness, notes, on_progress)
+    _present(given, key, read, corrected, sharpness, notes)
     return CorrectResult(out, sharpness, notes)
 
 
@@ -223,11 +224,20 @@ def _about(scan: MeasuredScan, device: Device) -> dict[str, Any]:
     }
 
 
-def _key_of_inputs(scan: MeasuredScan) -> str:
-    """Key of all that decides the volumes, but the method; where files lie does not."""
-    settings = scan.settings.model_dump(exclude={"projections", "geometry", "view_times"})
-    hashes = [sha256(path) for path in scan.inputs if path.suffix.lower() != ".toml"]
-    return key_of(__version__, settings, hashes)
+def _key_of(scan: MeasuredScan) -> str:
+    """Key of all numbers that decide the volumes, but the method; files and their names do not."""
+    seen, settings, digest = scan.seen, scan.settings, hashlib.sha256()
+    geometry, signals = seen.projections.geometry, seen.signals
+    arrays = [seen.projections.line_integrals, geometry.matrices, geometry.times, signals.times]
+    arrays += [signals.angular_velocity, signals.specific_force]
+    arrays += [part for s in seen.starts for part in (s.world_from_sensor, s.velocity)]
+    arrays += [point.position_sensor for leg in seen.joints for point in leg]
+    for array in arrays:
+        digest.update(f"{array.shape}".encode())
+        digest.update(array.data)
+    named = [signals.sensor_names, [[p.sensor for p in leg] for leg in seen.joints]]
+    used = [settings.reconstruction.model_dump(), settings.methods.model_dump()]
+    return key_of(__version__, digest.hexdigest(), named, used, astuple(scan.grid))
 
 
 def _write_motions(
@@ -314,14 +324,15 @@ def _measure(one: Reconstructed, seen: np.ndarray, grid: VolumeGrid, seconds: fl
 
 
 def _present(
-    folder: RunFolder,
+    given: Reconstructor,
+    key: str,
     scan: MeasuredScan,
     corrected: Sequence[Reconstructed],
     sharpness: Sequence[Sharpness],
     notes: Sequence[str],
-    on_progress: OnProgress,
 ) -> None:
     """Writes pictures, recording and report."""
+    folder, on_progress = given.folder, given.on_progress
 
     def write() -> tuple[str, ...]:
         on_progress("recording and report", 0, 2)
@@ -340,7 +351,7 @@ def _present(
         return "recording.rrd", "report.html"
 
     hashes = [folder.hash_of(f"volume-{one.volume.name}.mha") for one in corrected]
-    folder.cached("presentation", key_of(_key_of_inputs(scan), hashes, notes), write)
+    folder.cached("presentation", key_of(key, hashes, notes), write)
 
 
 def _left_out(scan: MeasuredScan) -> tuple[str, ...]:

@@ -82,6 +82,23 @@ def test_a_second_run_computes_nothing(done):
     assert json.loads((folder / "out/manifest.json").read_text())["stages"] == stages
 
 
+@pytest.mark.filterwarnings("ignore::legsim.reconstruction.weights.ShortScanWarning")
+def test_another_start_in_the_sensors_own_toml_is_another_volume(tmp_path):
+    """Whatever file a number is in: what it decides is computed anew when it changes."""
+    part = SCAN[SCAN.index("[[imu.sensors]]") : SCAN.index("[grid]")].replace("imu.", "")
+    path = measured.write(
+        tmp_path / "scan", 'imu = ["shank.toml"]\n' + SCAN[: SCAN.index("[[imu")] + "\n[grid]"
+        + SCAN.split("[grid]")[1],
+    )  # fmt: skip
+    volumes = []
+    for turn in ("-90.0", "-80.0"):
+        text = 'file = "imu.csv"\n' + part.replace("-90.0", turn)
+        (tmp_path / "scan/shank.toml").write_text(text)
+        ls.correct(path, ["rigid"], tmp_path / "out")
+        volumes.append(image_files.load_volume(tmp_path / "out/volume-rigid.mha").attenuation)
+    assert np.abs(volumes[0] - volumes[1]).max() > 0.01 * np.abs(volumes[0]).max()
+
+
 def test_the_report_says_what_was_found(done):
     folder, _result, _ = done
     page = (folder / "out/report.html").read_text()
