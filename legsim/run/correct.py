@@ -200,7 +200,7 @@ def _missing(name: str, followed: str, scan: MeasuredScan) -> str:
             which = sensor or scan.left_out[0]
             return (
                 f"{name} needs the pose of sensor {which} at the first view: give it as "
-                "[imu.sensors.start] in SCAN.toml"
+                "[imu.sensors.start] in SCAN.toml, or as [sensors.start] in a TOML about its file"
             )
         have = ", ".join(sensors) or "none"
         return (
