@@ -62,7 +62,10 @@ class WornSensorConfig(ConfigSection):
     """columns of x, y, z; only for tables that do not say themselves what they hold"""
     angular_velocity: tuple[str, str, str] | None = None
     rotation_deg: Vector | None = None
-    """rotation vector of the sensor's axes against the segment's, where it is known"""
+    """rotation vector of the sensor's axes against the segment's, where it is known
+
+    For the comparison with markers (`legsim replay --imu`); corrections need the start instead.
+    """
     start: StartConfig | None = None
     """None where unknown: no method can then follow the sensor"""
 
