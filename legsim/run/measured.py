@@ -19,7 +19,7 @@ from legsim.correction.standing_start import standing_start
 from legsim.geometry import image_files
 from legsim.geometry.cone_beam import ConeBeamGeometry
 from legsim.geometry.volume import VolumeGrid
-from legsim.imu import recording, tables
+from legsim.imu import plausibility, recording, tables
 from legsim.imu.recording import JoinedSignals
 from legsim.imu.signals import ImuSignals, SensorStart
 from legsim.imu.strapdown import Scheme
@@ -91,7 +91,11 @@ def assemble(
         {s.recording.name: s.worn.segment for s in sensors},
         tuple(s.recording.name for s in sensors if s.worn.start is None),
         (images, geometry_file, *sensor_files, *more),
-        (*joined.notes, *(note for _, notes in found for note in notes)),
+        (
+            *joined.notes,
+            *(f"In doubt: {line}." for line in plausibility.objections(joined.signals)),
+            *(note for _, notes in found for note in notes),
+        ),
     )
 
 

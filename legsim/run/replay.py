@@ -10,6 +10,7 @@ from legsim.config import RunConfig
 from legsim.core import files
 from legsim.core.files import key_of
 from legsim.core.progress import OnProgress
+from legsim.imu import plausibility as imu_plausibility
 from legsim.report import imu_section, replay_page
 from legsim.report import page as report_page
 from legsim.run import imu_comparison, stages
@@ -86,6 +87,7 @@ def replay(
     if image is not None:
         files.write_bytes(image, posture())
     on_progress("recording", 1, 1)
-    shown = [*replay_page.replay_report_lines(person, out), *lines]
+    doubts = [f"warning: {line}" for line in imu_plausibility.objections(signals)]
+    shown = [*doubts, *replay_page.replay_report_lines(person, out), *lines]
     shown += [f"measured and predicted sensors: {out / imu_comparison.FILE}"] if compared else []
     return ReplayResult(tuple(shown))
