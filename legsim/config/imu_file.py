@@ -61,6 +61,10 @@ class WornSensorConfig(ConfigSection):
     acceleration: tuple[str, str, str] | None = None
     """columns of x, y, z; only for tables that do not say themselves what they hold"""
     angular_velocity: tuple[str, str, str] | None = None
+    angular_velocity_bias_deg_per_s: Vector = (0.0, 0.0, 0.0)
+    """what its gyroscope reads at rest, in its own axes; taken off"""
+    acceleration_bias_mg: Vector = (0.0, 0.0, 0.0)
+    """what its accelerometer reads too much; taken off"""
     rotation_deg: Vector | None = None
     """rotation vector of the sensor's axes against the segment's, where it is known
 

@@ -65,6 +65,8 @@ class SensorComparison:
     correlation: float
     """of the rates in the lowest band at that lag, in the best rotation"""
     bands: tuple[BandAgreement, ...]
+    mean_rate: FloatArray
+    """(3,) rad/s, mean of measured minus predicted in the sensor's axes: the gyroscope's bias"""
 
     @property
     def trusted(self) -> bool:
@@ -108,7 +110,10 @@ def compare(
         for band in BANDS_HZ
         if (agreement := _agreement(predicted, turned, quantity, band)) is not None
     )
-    return SensorComparison(predicted, turned, lag, rotation, correlation, bands)
+    times = _overlap(predicted, turned, step)
+    ours, theirs = (_at(r, times, "rate").mean(0) for r in (predicted, turned))
+    bias = rotation.T @ (theirs - ours)
+    return SensorComparison(predicted, turned, lag, rotation, correlation, bands, bias)
 
 
 def find_lag(
@@ -217,8 +222,8 @@ def _in_band(
     rate_hz = 1 / float(np.median(np.diff(times)))
     high = min(band[1], _HIGHEST * rate_hz)
     sections = butter(2, [band[0], high], "bandpass", fs=rate_hz, output="sos")
-    # mirrored over three periods at each end: scipy's own short padding adds the filter's start,
-    # which is a third of what a standing person's shank does in 11 s
+    # mirrored over three periods at each end: scipy's short odd padding lets a movement that begins
+    # at an end ring through the filter, by a third of what a standing person does in 11 s
     pad = min(len(times) - 1, int(3 * rate_hz / band[0]))
     values = _at(recording, times, quantity)
     return sosfiltfilt(sections, values - values.mean(0), axis=0, padtype="even", padlen=pad)

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.interpolate import make_interp_spline
 from scipy.signal import butter, sosfiltfilt
 
@@ -73,6 +74,14 @@ class ImuRecording:
     def named(self, name: str) -> "ImuRecording":
         """The same recording under another name."""
         return replace(self, name=name)
+
+    def without_bias(self, rate: ArrayLike, force: ArrayLike) -> "ImuRecording":
+        """The same samples less what the instruments read too much: (3,) rad/s and (3,) m/s^2."""
+        return replace(
+            self,
+            angular_velocity=self.angular_velocity - np.asarray(rate, float),
+            specific_force=self.specific_force - np.asarray(force, float),
+        )
 
     def shifted(self, seconds: float) -> "ImuRecording":
         """The same samples, ``seconds`` later."""

@@ -49,11 +49,13 @@ class ComparedSensor:
     def lines(self) -> tuple[str, ...]:
         """Sentences for the terminal and the report."""
         found, at = self.found, ", ".join(f"{v:.1f}" for v in self.rotation_deg())
+        bias = ", ".join(f"{v:.2f}" for v in np.degrees(found.mean_rate))
         known = "given" if self.mounting_given else "by gravity, and by the rates about it"
         lines = [
             f"Sensor {found.measured.name} on {self.sensor.segment}: its clock reads "
             f"{1e3 * found.lag:.0f} ms more than the markers' (correlation of the rates "
-            f"{found.correlation:.2f}); mounting rotation ({at}) deg, {known}."
+            f"{found.correlation:.2f}); mounting rotation ({at}) deg, {known}. "
+            f"Its gyroscope reads ({bias}) deg/s too much on average, in its own axes."
         ]
         if not found.trusted:
             lines.append(

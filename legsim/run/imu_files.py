@@ -4,8 +4,11 @@ import warnings
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import numpy as np
+
 from legsim.config import tree
 from legsim.config.imu_file import ImuFileConfig, WornSensorConfig
+from legsim.core.constants import STANDARD_GRAVITY
 from legsim.core.errors import LegsimError, file_error
 from legsim.imu import files, recording, tables
 from legsim.imu.recording import ImuRecording
@@ -72,6 +75,10 @@ def load_configured(settings: ImuFileConfig, folder: Path) -> tuple[WornSensor, 
                 f"name one of {', '.join(one.name for one in found)} (recorded_as)",
             )
         own = match[0].named(sensor.name).shifted(-settings.clock_offset_s)
+        own = own.without_bias(
+            np.radians(sensor.angular_velocity_bias_deg_per_s),
+            1e-3 * STANDARD_GRAVITY * np.array(sensor.acceleration_bias_mg),
+        )
         sensors.append(WornSensor(own, sensor, path, folder))
     return tuple(sensors)
 

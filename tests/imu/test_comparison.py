@@ -52,6 +52,13 @@ def test_a_known_mounting_is_used():
     assert found.bands[0].correlation > 0.999
 
 
+def test_the_gyroscopes_bias_is_found_in_its_own_axes():
+    one, bias = worn(0.037, [0.3, -2.0, 0.5]), np.array([0.01, -0.02, 0.005])
+    found = compare(swaying(), replace(one, angular_velocity=one.angular_velocity + bias))
+    # whole waves are not cut at their ends: their mean over 12 s is 0.02 deg/s
+    np.testing.assert_allclose(found.mean_rate, bias, atol=5e-4)
+
+
 def test_a_sensor_that_moves_otherwise_is_not_trusted():
     noise = still(count=1200, seed=3)
     assert not compare(swaying(), noise).trusted

@@ -99,3 +99,19 @@ def test_an_unknown_sensor_is_named_beside_those_of_the_file(tmp_path):
     (tmp_path / "a.toml").write_text('file = "imu.csv"\n[[sensors]]\nname = "shank_l"\n')
     with pytest.raises(LegsimError, match=r"no sensor 'shank_l'; name one of s1, s2"):
         ls.read_imu(tmp_path / "a.toml")
+
+
+def test_known_biases_are_taken_off(tmp_path):
+    one = still(count=60)
+    more = (
+        TABLE + "angular_velocity_bias_deg_per_s = [1.0, -2.0, 0.5]\n"
+        "acceleration_bias_mg = [10.0, 0.0, -5.0]\n"
+    )
+    signals = ls.read_imu(write(tmp_path, more, one))
+    rate, force = signals.sensor("shank_l")
+    np.testing.assert_allclose(
+        one.angular_velocity - rate, np.tile(np.radians([1.0, -2.0, 0.5]), (60, 1)), atol=1e-14
+    )
+    np.testing.assert_allclose(
+        one.specific_force - force, np.tile([0.0980665, 0, -0.04903325], (60, 1)), atol=1e-14
+    )
