@@ -62,6 +62,10 @@ from .phantom.meshes import Phantom as Phantom
 from .reconstruction.cgls import cgls as cgls
 from .reconstruction.fdk import FdkOptions as FdkOptions
 from .reconstruction.fdk import fdk as fdk
+from .run.correct import correct as correct
+from .run.imu_files import read_imu as read_imu
+from .run.measured import MeasuredScan as MeasuredScan
+from .run.measured import load_measured_scan as load_measured_scan
 from .run.pipeline import run_scan as run_scan
 from .scan.c_arm import CArm as CArm
 from .scan.detector import Detector as Detector

@@ -21,6 +21,7 @@ from rich.text import Text
 from legsim import __version__
 from legsim.cli import (
     console,
+    correct_command,
     geometry_commands,
     run_commands,
     sensors_command,
@@ -48,7 +49,13 @@ geometry_app = typer.Typer(
 app.add_typer(geometry_app, name="geometry")
 
 for _command in (
-    *(run_commands.run, run_commands.replay, stage_commands.convert, stage_commands.project),
+    *(
+        run_commands.run,
+        correct_command.correct,
+        run_commands.replay,
+        stage_commands.convert,
+        stage_commands.project,
+    ),
     *(stage_commands.reconstruct, stage_commands.evaluate, study_command.study),
     *(sensors_command.sensors, run_commands.view, run_commands.doctor),
 ):
@@ -60,7 +67,7 @@ geometry_app.command()(kept(geometry_commands.convert))
 _INTERRUPTED = 130
 """exit code of a command that Ctrl-C ended, as shells have it and typer returns it"""
 
-_RESUMED = ("run", "replay", "study")
+_RESUMED = ("run", "correct", "replay", "study")
 """commands whose folders keep each finished part"""
 
 _warned: set[str] = set()

@@ -109,6 +109,14 @@ def replay(
         Path | None,
         typer.Option(help="Also draw a still picture (.png) of the middle of the recording."),
     ] = None,
+    imu: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="[SEGMENT=]FILE",
+            help="Real sensors of the same movement (imu.csv, Xsens .txt, .sto, or a TOML about "
+            "another table), to set beside the predicted ones. May be repeated.",
+        ),
+    ] = None,
 ) -> None:
     """Kinematics, IMU signals and a recording from one motion file."""
     from legsim import config
@@ -130,6 +138,7 @@ def replay(
             filtered=filter_hz is not None,
             image=image,
             on_progress=on_progress,
+            measured=tuple(imu or ()),
         )
     print_lines(result.lines())
 

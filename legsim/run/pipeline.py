@@ -20,13 +20,13 @@ from legsim.evaluation.scores import MethodResult
 from legsim.imu import plausibility as imu_plausibility
 from legsim.opencl.device import Device, open_device
 from legsim.report import page, scan_page
-from legsim.run import c_arm, scores, sensors, stages, volumes
+from legsim.run import c_arm, scan_file, scores, sensors, stages, volumes
+from legsim.run.corrected import Reconstructed
 from legsim.run.folder import RunFolder, commit
 from legsim.run.stages import (
     StageContext,
 )
 from legsim.run.store import StageCache
-from legsim.run.volumes import Reconstructed
 from legsim.scene import build
 from legsim.simulation.setup import joints_on_sensors
 from legsim.simulation.simulated_scan import SimulatedScan
@@ -140,6 +140,7 @@ def run_scan(
         points_per_segment=settings.methods.points_per_segment,
     )
     scan = SimulatedScan(setup, Scan(moving, signals, starts.starts, joints), at_rest, opened)
+    scan_file.write(out, settings, scan.seen, setup.sensors)
     grid = c_arm.volume_grid(settings.grid, setup.geometry.rotation_center())
     corrected = volumes.reconstruct_methods(stage, scan, grid)
     results = scores.score_methods(stage, scan, corrected, grid)

@@ -35,6 +35,7 @@ PROMISED = {
         "imu.csv",
         "geometry.json",
         "geometry_rtk.xml",
+        "scan.toml",
     ),
     *(
         "projections.mha",
