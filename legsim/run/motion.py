@@ -1,17 +1,24 @@
 """The recording of a run: solved by its [motion] settings, identified by its content."""
 
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
-from legsim.config import MotionConfig
+import numpy as np
+
+from legsim.config import MotionConfig, TremorConfig
+from legsim.core.constants import STANDARD_GRAVITY
 from legsim.core.files import sha256
 from legsim.kinematics.from_recording import files_read, solve_kinematics
 from legsim.kinematics.moving_leg import MovingLeg
+from legsim.kinematics.tremor import Tremor, trembling
 
 
 def solve(motion: MotionConfig, *, filter_coordinates: bool = False) -> MovingLeg:
-    """Solves the configured recording; errors as in ``solve_kinematics``."""
-    return solve_kinematics(
+    """Solves the configured recording and adds the configured tremor; errors as in
+    ``solve_kinematics`` and ``trembling``.
+    """
+    solved = solve_kinematics(
         motion.file,
         marker_map=motion.marker_map,
         unit=None if motion.unit == "file" else motion.unit,
@@ -25,6 +32,19 @@ def solve(motion: MotionConfig, *, filter_coordinates: bool = False) -> MovingLe
         filter_coordinates=filter_coordinates,
         in_degrees=None if motion.angles == "file" else motion.angles == "degrees",
         register=motion.registration,
+    )
+    return solved if motion.tremor.acceleration_mg == 0 else _trembling(solved, motion.tremor)
+
+
+def _trembling(person: MovingLeg, settings: TremorConfig) -> MovingLeg:
+    tremor = Tremor(1e-3 * STANDARD_GRAVITY * settings.acceleration_mg, settings.band_hz)
+    rng = np.random.default_rng(settings.seed)
+    low, high = tremor.band_hz
+    note = f"a tremor of {settings.acceleration_mg:g} mg at {low:g}-{high:g} Hz was added"
+    return replace(
+        person,
+        trajectories=trembling(person.leg, person.trajectories, tremor, rng),
+        notes=(*person.notes, note),
     )
 
 

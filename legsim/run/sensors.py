@@ -1,15 +1,19 @@
 """The configured sensors and their noise, in SI units."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from legsim import config
 from legsim.config import ImuConfig, NoiseConfig
 from legsim.core import transforms
+from legsim.core.constants import STANDARD_GRAVITY
 from legsim.imu.noise import ImuNoise, add_noise
 from legsim.imu.sensors import Sensor
 from legsim.imu.signals import ImuSignals
 from legsim.imu.simulation import simulate_imu
 from legsim.imu.skin_mount import SkinMount
+from legsim.imu.vibration import Vibration
 from legsim.kinematics.moving_leg import MovingLeg
 
 
@@ -32,14 +36,50 @@ def skin_mount(settings: config.SoftTissueConfig) -> SkinMount:
     return SkinMount(settings.frequency_hz, settings.damping, settings.amplitude)
 
 
-def sense(person: MovingLeg, settings: ImuConfig) -> ImuSignals:
-    """Simulates the configured sensors without noise."""
+def _mount(settings: config.SkinMountConfig) -> SkinMount:
+    """Builds the configured hold of a sensor on the skin."""
+    return replace(
+        skin_mount(settings),
+        axes=settings.axes,
+        turn_amplitude=settings.turn_amplitude,
+        turn_frequency_hz=settings.turn_frequency_hz,
+        turn_axes=settings.turn_axes,
+    )
+
+
+def _vibration(settings: config.VibrationConfig) -> Vibration:
+    return Vibration(
+        1e-3 * STANDARD_GRAVITY * settings.acceleration_mg,
+        settings.acceleration_band_hz,
+        settings.acceleration_axes,
+        float(np.radians(settings.angular_velocity_deg_per_s)),
+        settings.angular_velocity_band_hz,
+        settings.angular_velocity_axes,
+    )
+
+
+def _vibrations(settings: ImuConfig) -> list[Vibration]:
+    """Builds the vibration of each sensor."""
+    return [_vibration(s.vibration or settings.vibration) for s in settings.sensors]
+
+
+def vibrate(settings: ImuConfig) -> bool:
+    """Whether the signals before noise depend on the run's seed."""
+    return any(vibration.moves for vibration in _vibrations(settings))
+
+
+def sense(
+    person: MovingLeg, settings: ImuConfig, rng: np.random.Generator | None = None
+) -> ImuSignals:
+    """Simulates the configured sensors without noise; ``rng`` draws their vibration."""
     return simulate_imu(
         person,
         sensors(settings),
         rate_hz=settings.rate_hz,
-        skin_mount=skin_mount(settings.soft_tissue),
+        skin_mount=[_mount(s.soft_tissue or settings.soft_tissue) for s in settings.sensors],
+        vibration=_vibrations(settings),
         clock_offset=settings.clock_offset_s,
+        rng=rng,
     )
 
 

@@ -38,7 +38,7 @@ from legsim.run.folder import RunFolder
 from legsim.simulation.setup import PhantomOptions, ScanSetup, prepare_scan
 from legsim.simulation.simulated_scan import expose
 
-_NOISE, _STARTS, _PHOTONS = 1, 2, 4
+_NOISE, _STARTS, _PHOTONS, VIBRATION = 1, 2, 4, 5
 """random streams of the run's seed"""
 
 
@@ -109,11 +109,14 @@ def read_sensors(settings: RunConfig, person: MovingLeg, folder: RunFolder, key:
     ``key`` is that of the kinematics.
     """
     drawn = () if settings.imu.noise.kind == "none" else (settings.seed, settings.scan.rate_hz)
+    if run_sensors.vibrate(settings.imu):
+        drawn = (*drawn, settings.seed)
     signals: list[ImuSignals] = []
 
     def write() -> tuple[str, ...]:
         drawing = np.random.default_rng([settings.seed, _NOISE])
-        clean = run_sensors.sense(person, settings.imu)
+        shaking = np.random.default_rng([settings.seed, VIBRATION])
+        clean = run_sensors.sense(person, settings.imu, shaking)
         signals.append(
             run_sensors.noisy(clean, settings.imu, view_rate_hz=settings.scan.rate_hz, rng=drawing)
         )

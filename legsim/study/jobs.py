@@ -22,7 +22,7 @@ from legsim.core.progress import OnProgress
 from legsim.evaluation import similarity
 from legsim.imu import drift, simulation
 from legsim.imu.noise import Convention, ImuNoise
-from legsim.run import c_arm, methods, pipeline
+from legsim.run import c_arm, methods, pipeline, stages
 from legsim.run import motion as run_motion
 from legsim.run import sensors as run_sensors
 from legsim.run.store import StageCache
@@ -150,7 +150,11 @@ def _ladder(job: LadderJob, on_progress: OnProgress) -> list[LadderScore]:
     settings, asked = job.settings, job.ladder
     recovered = run_motion.solve(settings.motion)
     chosen = tuple(s for s in settings.imu.sensors if s.name == asked.sensor)
-    clean = run_sensors.sense(recovered, settings.imu.model_copy(update={"sensors": chosen}))
+    clean = run_sensors.sense(
+        recovered,
+        settings.imu.model_copy(update={"sensors": chosen}),
+        np.random.default_rng([settings.seed, stages.VIBRATION]),
+    )
     views = c_arm.c_arm(settings.scan).view_times(recovered.trajectories.times)
     start = simulation.true_start(
         recovered.leg, recovered.splines, clean.sensors[0], float(views[0])

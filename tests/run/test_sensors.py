@@ -3,10 +3,15 @@
 import numpy as np
 import pytest
 
-from legsim.config import ImuConfig, NoiseConfig
-from legsim.imu import noise
+from legsim.config import ImuConfig, NoiseConfig, SkinMountConfig, VibrationConfig
+from legsim.imu import noise, simulation
 from legsim.imu.signals import ImuSignals
+from legsim.imu.skin_mount import SkinMount
+from legsim.imu.vibration import Vibration
+from legsim.kinematics.leg_model import LegModel
+from legsim.kinematics.moving_leg import MovingLeg
 from legsim.run import sensors
+from tests.examples.sway_of_joints import swaying
 from tests.references.sway import Sway
 
 
@@ -67,3 +72,38 @@ def test_the_sentence_names_size_and_convention():
         acceleration_exponent=2, angular_velocity_exponent=3, convention="per-sample"
     ).sample_rms(120)[0]
     assert f"{rms:.3g} m/s^2" in sentence
+
+
+@pytest.fixture(scope="module")
+def swayer() -> MovingLeg:
+    leg = LegModel.load()
+    return MovingLeg("sway", leg, swaying(leg, size=0.05), None)
+
+
+def test_settings_of_one_sensor_take_the_place_of_those_of_all(swayer: MovingLeg):
+    """Mount and vibration, in SI: the shank's own are off, the thigh has what all have."""
+    shank, thigh = ImuConfig().sensors
+    calm = shank.model_copy(
+        update={"soft_tissue": SkinMountConfig(), "vibration": VibrationConfig()}
+    )
+    for_all = ImuConfig(
+        soft_tissue=SkinMountConfig(amplitude=0.8, turn_amplitude=0.5, axes=(1, 0, 1)),
+        vibration=VibrationConfig(acceleration_mg=3, angular_velocity_deg_per_s=0.5),
+        sensors=(calm, thigh),
+    )
+    rigid = sensors.sense(swayer, ImuConfig())
+    felt = sensors.sense(swayer, for_all, np.random.default_rng(1))
+    mount = SkinMount(10.0, 0.25, 0.8, (1, 0, 1), 0.5)
+    shake = Vibration(3e-3 * 9.80665, rate=float(np.radians(0.5)))
+    expected = simulation.simulate_imu(
+        swayer,
+        skin_mount=[None, mount],
+        vibration=[None, shake],
+        rng=np.random.default_rng(1),
+    )
+    for name in ("specific_force", "angular_velocity"):
+        read = getattr(felt, name)
+        np.testing.assert_array_equal(read[:, 0], getattr(rigid, name)[:, 0])
+        np.testing.assert_array_equal(read, getattr(expected, name))
+    assert sensors.vibrate(for_all)
+    assert not sensors.vibrate(ImuConfig())

@@ -13,6 +13,7 @@ from tools.virtual_subjects.statistics import Sway, count_squats, knee_flexion_d
 from tools.virtual_subjects.subjects import SUBJECTS
 
 HOLDS = ("squat_30", "squat_60")
+MOTIONS = Path(__file__).parents[2] / "motions"
 TEMPLATE = Path(__file__).with_name("readme.md")
 
 

@@ -102,10 +102,17 @@ def on_bones(truth: Truth) -> ImuSignals:
     """Signals of the default sensors on both legs, fixed to the true bones: shank and thigh, left,
     then right.
     """
-    times = truth.trajectories.times
-    inner = times[(times > times[0] + EDGE) & (times < times[-1] - EDGE)]
     sensors = (*default_sensors("left"), *default_sensors("right"))
-    return simulate(truth.leg, JointSplines(truth.trajectories), sensors, inner)
+    times = truth.trajectories.times
+    return inner(simulate(truth.leg, JointSplines(truth.trajectories), sensors, times))
+
+
+def inner(signals: ImuSignals) -> ImuSignals:
+    """The same signals without their ends, where splines swing."""
+    times = signals.times
+    kept = (times > times[0] + EDGE) & (times < times[-1] - EDGE)
+    rate, force = signals.angular_velocity[kept], signals.specific_force[kept]
+    return ImuSignals(times[kept], signals.sensor_names, rate, force, signals.sensors)
 
 
 def of_signals(signals: ImuSignals) -> dict[str, Readings]:
