@@ -68,6 +68,25 @@ def vibrate(settings: ImuConfig) -> bool:
     return any(vibration.moves for vibration in _vibrations(settings))
 
 
+def skin_sentences(settings: ImuConfig) -> tuple[str, ...]:
+    """Describes what skin and muscle do to the sensors; nothing where they are fixed to the bone."""
+    swinging = [
+        s.name for s in settings.sensors if _mount(s.soft_tissue or settings.soft_tissue).moves
+    ]
+    shaken = [(s.name, s.vibration or settings.vibration) for s in settings.sensors]
+    vibrating = [
+        f"{name} by {v.acceleration_mg:g} mg and {v.angular_velocity_deg_per_s:g} deg/s RMS"
+        for name, v in shaken
+        if _vibration(v).moves
+    ]
+    sentences = []
+    if swinging:
+        sentences.append(f"Sensors swing on soft tissue: {', '.join(swinging)}.")
+    if vibrating:
+        sentences.append(f"Muscle and skin shake the sensors: {', '.join(vibrating)}.")
+    return tuple(sentences)
+
+
 def sense(
     person: MovingLeg, settings: ImuConfig, rng: np.random.Generator | None = None
 ) -> ImuSignals:

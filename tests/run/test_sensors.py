@@ -107,3 +107,15 @@ def test_settings_of_one_sensor_take_the_place_of_those_of_all(swayer: MovingLeg
         np.testing.assert_array_equal(read, getattr(expected, name))
     assert sensors.vibrate(for_all)
     assert not sensors.vibrate(ImuConfig())
+
+
+def test_the_report_names_the_sensors_that_skin_moves():
+    assert sensors.skin_sentences(ImuConfig()) == ()
+    shank, thigh = ImuConfig().sensors
+    own = thigh.model_copy(update={"vibration": VibrationConfig(acceleration_mg=3)})
+    swings, shakes = sensors.skin_sentences(
+        ImuConfig(soft_tissue=SkinMountConfig(turn_amplitude=1), sensors=(shank, own))
+    )
+    assert swings == "Sensors swing on soft tissue: shank_l, thigh_l."
+    assert "thigh_l by 3 mg and 0 deg/s RMS" in shakes
+    assert "shank" not in shakes
