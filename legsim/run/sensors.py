@@ -69,7 +69,7 @@ def vibrate(settings: ImuConfig) -> bool:
 
 
 def skin_sentences(settings: ImuConfig) -> tuple[str, ...]:
-    """Describes what skin and muscle do to the sensors; nothing where they are fixed to the bone."""
+    """Describes what skin and muscle do to the sensors; nothing where the bone holds them."""
     swinging = [
         s.name for s in settings.sensors if _mount(s.soft_tissue or settings.soft_tissue).moves
     ]

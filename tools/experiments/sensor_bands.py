@@ -1,18 +1,19 @@
 """What sensors read by bands of frequency: a person who stands beside the virtual subjects, on
 their bones and as a run simulates them.
 
-Usage: python -m tools.experiments.sensor_bands [--skin FILE] [--recording FOLDER]
+`python -m tools.experiments.sensor_bands`, for docs/biomechanics.md and motions/README.md.
 
 "on bones" is the truth of the recordings, "replayed" what a run makes of their markers by itself,
 "on skin" the same with the tremor, the mounts and the vibration of tools/experiments/on_skin.toml
-(or FILE). FOLDER holds raw exports of Xsens sensors, standing_shank_l.txt and standing_thigh_l.txt;
-then what they read is printed too.
+(or --skin FILE). With --recording FOLDER, which holds raw exports of Xsens sensors named
+standing_shank_l.txt and standing_thigh_l.txt, what they read is printed too.
 """
 
-import sys
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
+import typer
 
 from legsim import config
 from legsim.config import RunConfig
@@ -78,20 +79,18 @@ def exported(path: Path) -> tuple[FloatArray, FloatArray]:
     return rate, force
 
 
-def _option(name: str) -> Path | None:
-    return Path(sys.argv[sys.argv.index(name) + 1]) if name in sys.argv else None
-
-
-def main() -> None:
+def main(
+    skin: Annotated[Path, typer.Option()] = ON_SKIN,
+    recording: Annotated[Path | None, typer.Option()] = None,
+) -> None:
     """Prints the table of each trial."""
-    file = _option("--skin") or ON_SKIN
     for trial in ("squat_30", "squat_60"):
         bones = [
             sensors.on_bones(load_truth(str(MOTIONS / s.name / f"{trial}_truth.npz")))
             for s in SUBJECTS
         ]
         runs = {
-            shaken: [simulated(s, k) for k, s in enumerate(settings_of(file, trial, shaken=shaken))]
+            shaken: [simulated(s, k) for k, s in enumerate(settings_of(skin, trial, shaken=shaken))]
             for shaken in (False, True)
         }
         print(f"{trial}\n")
@@ -102,10 +101,10 @@ def main() -> None:
             "on skin": measured(runs[True]),
         }
         print("\n".join(sensors.table(columns)), end="\n\n")
-    folder = _option("--recording")
-    for segment in sensors.STANDING if folder else ():
-        print(f"{segment}_l of the recording: {recorded(folder / f'standing_{segment}_l.txt')}")
+    if recording is not None:
+        for segment in sensors.STANDING:
+            print(f"{segment}_l: {recorded(recording / f'standing_{segment}_l.txt')}")
 
 
 if __name__ == "__main__":
-    main()
+    typer.run(main)
