@@ -10,7 +10,6 @@ bone, and images do not see it. What the muscles do to the bones is a tremor
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.signal import butter, sosfreqz
 
 from legsim.core.errors import LegsimError
 from legsim.core.values import FloatArray
@@ -27,12 +26,15 @@ class Vibration:
     acceleration: float = 0.0
     """m/s^2"""
     acceleration_band_hz: tuple[float, float] = (3.0, 30.0)
-    """half-power frequencies, beyond which it falls by 6 dB an octave"""
+    """half-power frequencies; it falls by 6 dB an octave above, by 12 below, so that the mount's
+    shift stays bounded
+    """
     acceleration_axes: tuple[float, float, float] = _ALL_AXES
     """relative sizes along the sensor's own x, y, z"""
     rate: float = 0.0
     """rad/s"""
     rate_band_hz: tuple[float, float] = (0.5, 5.0)
+    """half-power frequencies; it falls by 6 dB an octave on both sides: the turn stays bounded"""
     rate_axes: tuple[float, float, float] = _ALL_AXES
     """relative sizes about the sensor's own x, y, z"""
 
@@ -81,8 +83,8 @@ def vibrate(signals: ImuSignals, vibration: Vibration, rng: np.random.Generator)
                 f"{rate_hz:g} Hz: raise imu.rate_hz or lower the band"
             )
     shaken, turning = rng.standard_normal((2, *shape))
-    shake, _ = _noise(shaken, rate_hz, vibration.acceleration_band_hz)
-    turn_rate, turn = _noise(turning, rate_hz, vibration.rate_band_hz)
+    shake, _ = _noise(shaken, rate_hz, vibration.acceleration_band_hz, integrals=2)
+    turn_rate, turn = _noise(turning, rate_hz, vibration.rate_band_hz, integrals=1)
     push = vibration.acceleration * _per_axis(vibration.acceleration_axes)
     twist = vibration.rate * _per_axis(vibration.rate_axes)
     felt = replace(signals, specific_force=signals.specific_force + push * shake)
@@ -95,17 +97,17 @@ def _per_axis(axes: tuple[float, float, float]) -> FloatArray:
 
 
 def _noise(
-    white: FloatArray, rate_hz: float, band_hz: tuple[float, float]
+    white: FloatArray, rate_hz: float, band_hz: tuple[float, float], *, integrals: int
 ) -> tuple[FloatArray, FloatArray]:
     """(noise, its integral), each (n, ...), of unit expected power in a band, from ``white``.
 
-    The spectrum is that of a 1st-order Butterworth band-pass. The constant is left out, so both
-    have mean 0.
+    The spectrum is that of a 1st-order Butterworth low-pass and of a high-pass of the order
+    ``integrals``, whose noise stays bounded when integrated as often. The constant is left out, so
+    all have mean 0.
     """
     frequency = np.fft.rfftfreq(len(white), 1 / rate_hz)
-    sections = butter(1, band_hz, "band", fs=rate_hz, output="sos")
-    response = np.abs(sosfreqz(sections, 2 * np.pi * frequency / rate_hz)[1])
-    response[0] = 0.0
+    fall, rise = (frequency / band_hz[1]) ** 2, (frequency / band_hz[0]) ** (2 * integrals)
+    response = np.sqrt(rise / (1 + rise) / (1 + fall))
     # rfft keeps one of each pair of frequencies
     response /= np.sqrt(2 * np.sum(response**2) / len(white))
     slope = np.concatenate([[1.0], 2j * np.pi * frequency[1:]])
