@@ -332,6 +332,41 @@ def test_planned_torques_hold_the_posture_without_noise(monkeypatch: pytest.Monk
     assert np.abs(held.q - plan.q[0]).max() < 1e-6
 
 
+def test_feet_turn_as_their_jacobian_says_and_a_planned_posture_leaves_them_unturned(
+    rng: np.random.Generator,
+) -> None:
+    body = Body(SUBJECTS[2])
+    posture = body.posture(np.radians(40.0))
+    body.kinematics(posture)
+    turned, jacobian = body.twists()
+    np.testing.assert_allclose(turned, 0, atol=1e-9)
+    step = 1e-4 * rng.standard_normal(body.size)
+    body.kinematics(posture + step)
+    # to second order in the step
+    np.testing.assert_allclose(body.twists()[0], jacobian @ step, atol=1e-6)
+    assert np.abs(jacobian @ step).max() > 1e-5
+
+
+def test_a_sole_turns_back_by_its_stiffness(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The floor's moment on a foot about the vertical is a spring's and a damper's."""
+    monkeypatch.setattr(posture_plan, "DURATION", 2.0)
+    monkeypatch.setattr(posture_plan, "WARM_UP", 0.0)
+    monkeypatch.setattr("tools.virtual_subjects.simulation.WARM_UP", 0.0)
+    body, params = Body(SUBJECTS[0]), ControllerParams(unrest_floor=0.3)
+    plan = posture_plan.hold(body, 30.0, np.random.default_rng(1))
+    held = simulate(body, plan, params, np.random.default_rng(0))
+    turns = []
+    for row in held.q:
+        body.kinematics(row)
+        turns.append(body.twists()[0])
+    turn, moment = np.array(turns), held.foot_force[:, :, 4]
+    rate = np.gradient(turn, 1 / posture_plan.RATE, axis=0)
+    stiffness = params.sole_stiffness * SUBJECTS[0].mass / 75.0
+    expected = -stiffness * (turn + params.damping_time * rate)
+    # the rate between two samples of the recording is not that of the last step before one
+    assert np.std(moment - expected) < 0.1 * np.std(expected)
+
+
 def test_feedback_answers_after_its_delay() -> None:
     params = ControllerParams()
     channel = DelayedFeedback(params, 1e-3)
