@@ -32,8 +32,13 @@ from .imu.signals import ImuSignals as ImuSignals
 from .imu.simulation import simulate_imu as simulate_imu
 from .imu.strapdown import integrate as integrate
 from .kinematics.from_recording import solve_kinematics as solve_kinematics
+from .kinematics.ik_options import CoordinateLock as CoordinateLock
+from .kinematics.ik_options import CoordinateTask as CoordinateTask
+from .kinematics.ik_options import IkOptions as IkOptions
+from .kinematics.ik_options import PriorStrengths as PriorStrengths
 from .kinematics.leg_model import LegModel as LegModel
 from .kinematics.moving_leg import MovingLeg as MovingLeg
+from .kinematics.zero_pose import with_zero as with_zero
 from .mocap.files import load_recording as load_recording
 from .mocap.files import save_recording as save_recording
 from .mocap.trajectories import JointTrajectories as JointTrajectories

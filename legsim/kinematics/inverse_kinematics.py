@@ -17,12 +17,17 @@ import numpy as np
 
 from legsim.core import transforms
 from legsim.core.values import FloatArray, frozen, frozen_owned
-from legsim.kinematics._ik_problem import Problem, ReplayConfig
+from legsim.kinematics._ik_problem import Problem
 from legsim.kinematics._ik_trajectory import Progress, Trace, solve_all
 from legsim.kinematics._marker_fading import faded
+from legsim.kinematics.ik_options import IkOptions
 from legsim.kinematics.leg import Leg
 from legsim.kinematics.marker_sites import MarkerSites
+from legsim.kinematics.skeleton import segment_index
 from legsim.mocap.trajectories import JointTrajectories, MarkerTrajectories
+
+_ENOUGH_ON_FOOT = 3
+"""markers that show how a foot lies"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -43,6 +48,10 @@ class IkReport:
     """(20,) how much of each coordinate the markers decide, 0 to 1; the rest is the priors'"""
     coordinate_at_limit: np.ndarray
     """(20,) int, frames in which a joint limit holds the coordinate"""
+    coordinate_by_prior: np.ndarray
+    """(20,) int, frames in which priors decide a coordinate of the foot: they show fewer than three
+    markers of that foot, or for the toes none on them
+    """
     frames: int
     frames_unseen: np.ndarray
     """indices of frames that show no marker, bridged between their neighbors"""
@@ -80,7 +89,7 @@ def solve(
     leg: Leg,
     motion: MarkerTrajectories,
     sites: MarkerSites,
-    config: ReplayConfig | None = None,
+    config: IkOptions | None = None,
     *,
     progress: Progress | None = None,
 ) -> Solution:
@@ -91,14 +100,15 @@ def solve(
         leg: the scaled model.
         motion: markers named like ``sites``; NaN where not seen; other names are ignored.
         sites: where the markers sit on the scaled segments.
-        config: priors and tolerances; the defaults suit the seven markers of the study as well as
-            full sets.
+        config: weights, tasks, locks, priors and tolerances; the defaults suit the seven markers of
+            the study as well as full sets. Names of markers are those of ``sites``.
         progress: told (frames done, frames in all).
 
     Raises:
         LegsimError: no frame shows three markers of the pelvis, or a leg has no marker at all.
     """
-    config = config or ReplayConfig()
+    config = config or IkOptions()
+    sites = sites.weighted(config.marker_weights)
     sites = sites.only(
         [
             name
@@ -124,7 +134,7 @@ def calibrate(
     motion: MarkerTrajectories,
     sites: MarkerSites,
     roles: Collection[str],
-    config: ReplayConfig | None = None,
+    config: IkOptions | None = None,
 ) -> MarkerSites:
     """Sites with those in ``roles`` moved to where the recording shows them on the model posed by
     all the others (median over frames).
@@ -159,6 +169,7 @@ def _report(
     squares = np.where(seen, errors, 0.0) ** 2
     rms = np.sqrt(squares.sum(0) / np.where(count > 0, count, np.nan))
     at_limit = (values <= problem.low + 1e-9) | (values >= problem.high - 1e-9)
+    at_limit &= ~problem.locked
     return IkReport(
         marker_names=problem.sites.names,
         marker_rms=frozen("marker_rms", rms, (None,)),
@@ -168,6 +179,7 @@ def _report(
         coordinate_names=problem.leg.coordinate_names,
         coordinate_share=_marker_share(problem, values, seen),
         coordinate_at_limit=frozen_owned(at_limit.sum(0)),
+        coordinate_by_prior=frozen_owned(_by_prior(problem, seen)),
         frames=len(values),
         frames_unseen=frozen_owned(np.flatnonzero(~seen.any(1))),
         frames_unconverged=frozen_owned(np.flatnonzero(~trace.converged & seen.any(1))),
@@ -176,16 +188,32 @@ def _report(
     )
 
 
+def _by_prior(problem: Problem, seen: np.ndarray) -> np.ndarray:
+    """(c,) frames in which priors decide a coordinate of the foot; none with a task or a lock."""
+    leg, found = problem.leg, np.zeros(len(problem.low), int)
+    segments = np.array(problem.sites.segments)
+    for side in "rl":
+        tibia, calcn, toes = (
+            leg.moves[:, segment_index(f"{name}_{side}")] for name in ("tibia", "calcn", "toes")
+        )
+        on_toes = segments == f"toes_{side}"
+        on_foot = on_toes | np.isin(segments, [f"talus_{side}", f"calcn_{side}"])
+        enough = seen[:, on_foot].sum(1) >= _ENOUGH_ON_FOOT
+        found[calcn & ~tibia] = (~enough).sum()
+        found[toes & ~calcn] = (~(enough & seen[:, on_toes].any(1))).sum()
+    return np.where(problem.locked | (problem.task_weights > 0), 0, found)
+
+
 def _marker_share(problem: Problem, values: FloatArray, seen: np.ndarray) -> FloatArray:
     """Diagonal (20,) of (markers + priors)^-1 markers, mean over some twenty frames."""
     some = np.unique(np.linspace(0, len(values) - 1, 20).astype(int))
     weights = seen[some] * problem.sites.weights
     measured = np.zeros((len(some), len(problem.rows), 3))
     plain = np.zeros(len(some), bool)
-    whole = problem.at(values[some], measured, weights, plain).curvature
-    priors = problem.at(values[some], measured, 0 * weights, plain).curvature
-    # what neither markers nor priors see belongs to nobody
-    unseen = 1e-12 * np.eye(whole.shape[1])
-    whole = whole + unseen
-    share = 1 - np.einsum("nij,nji->ni", np.linalg.inv(whole), priors + unseen)
+    pulls = problem.pulls(weights)
+    whole = problem.at(values[some], measured, weights, plain, pulls).curvature
+    priors = problem.at(values[some], measured, 0 * weights, plain, pulls).curvature
+    share = 1 - np.einsum(
+        "nij,nji->ni", np.linalg.inv(whole + problem.floor()), priors + problem.floor()
+    )
     return frozen("share", np.mean(np.clip(share, 0, 1), axis=0), (None,))

@@ -21,8 +21,9 @@ from legsim.core import transforms
 from legsim.core.values import FloatArray, frozen
 from legsim.kinematics import _ik_branches
 from legsim.kinematics._ik_newton import held_at_limits, minimize
-from legsim.kinematics._ik_problem import Problem, ReplayConfig, State
+from legsim.kinematics._ik_problem import Problem, State
 from legsim.kinematics._registration_model import Person, PersonModel, joint_blocks
+from legsim.kinematics.ik_options import IkOptions, leg_priors
 from legsim.kinematics.leg import Leg
 from legsim.kinematics.marker_sites import MarkerSites
 from legsim.mocap.trajectories import MarkerTrajectories
@@ -64,7 +65,7 @@ class Registration:
     leg: Leg
     sites: MarkerSites
     """where the markers sit on the leg"""
-    config: ReplayConfig
+    config: IkOptions
     """as it was given, with the person's habitual hip rotation as that prior's value"""
     frames: int
     """how many frames were used"""
@@ -91,7 +92,7 @@ def register(
     motion: MarkerTrajectories,
     sites: MarkerSites,
     loose: Collection[str] = (),
-    config: ReplayConfig | None = None,
+    config: IkOptions | None = None,
 ) -> Registration:
     """The leg, the places of the markers and the habitual hip rotation that a recording shows.
 
@@ -105,7 +106,8 @@ def register(
     Raises:
         LegsimError: no frame shows three markers of the pelvis, or a leg has no marker at all.
     """
-    config = config or ReplayConfig()
+    config = (config or IkOptions()).settled(leg_priors())
+    sites = sites.weighted(config.marker_weights)
     sites = sites.only([name for name in motion.marker_names if name in sites.names])
     measured = motion.positions_world[:, [motion.marker_names.index(n) for n in sites.names]]
     chosen = _postures(Problem(leg, sites, config), measured)
@@ -145,7 +147,7 @@ def _postures(problem: Problem, measured: FloatArray) -> np.ndarray:
 class _Fit:
     """Levenberg-Marquardt on the person's parameters; poses follow."""
 
-    def __init__(self, model: PersonModel, config: ReplayConfig, measured: FloatArray) -> None:
+    def __init__(self, model: PersonModel, config: IkOptions, measured: FloatArray) -> None:
         self._model, self._config = model, config
         self._seen = np.asarray(np.isfinite(measured).all(-1))
         self._measured = np.nan_to_num(measured)
@@ -160,7 +162,7 @@ class _Fit:
         person = self._model(theta)
         return person, Problem(person.leg, person.sites, self._settings(person))
 
-    def _settings(self, person: Person) -> ReplayConfig:
+    def _settings(self, person: Person) -> IkOptions:
         """Hip rotation is pulled to the habitual one by as much as markers of this error leave it
         open.
         """
@@ -211,7 +213,8 @@ class _Fit:
         """
         plain = np.zeros(len(self._measured), bool)
         values, problem = self.state.values, self._problem
-        nothing = problem.at(values, self._measured, 0 * self._weights, plain)
+        pulls = problem.pulls(self._weights)
+        nothing = problem.at(values, self._measured, 0 * self._weights, plain, pulls)
         whole = problem.at(values, self._measured, self._weights, plain)
         faint = 1e-12 * np.eye(values.shape[1])
         open_share = np.linalg.solve(whole.curvature + faint, nothing.curvature + faint)
@@ -283,7 +286,7 @@ class _Fit:
         )
 
 
-def with_neutral(config: ReplayConfig, neutral: FloatArray, share: float) -> ReplayConfig:
+def with_neutral(config: IkOptions, neutral: FloatArray, share: float) -> IkOptions:
     """The settings with the hip's prior at the habitual rotations (2,) rad of right and left, its
     weight times ``share``.
     """
@@ -294,6 +297,6 @@ def with_neutral(config: ReplayConfig, neutral: FloatArray, share: float) -> Rep
         replace(prior, weight=share * prior.weight, value=prior.value + values[prior.coordinate])
         if prior.coordinate in values
         else prior
-        for prior in config.priors
+        for prior in config.priors or ()
     )
     return replace(config, priors=priors)

@@ -1,24 +1,33 @@
 """The recording of a run: solved by its [motion] settings, identified by its content."""
 
+import math
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
 import numpy as np
 
-from legsim.config import MotionConfig, TremorConfig
+from legsim.config import IkConfig, MotionConfig, TremorConfig, ValueConfig
 from legsim.core.constants import STANDARD_GRAVITY
 from legsim.core.files import sha256
-from legsim.kinematics.from_recording import files_read, solve_kinematics
+from legsim.kinematics.from_recording import files_read, find_recording, solve_kinematics
+from legsim.kinematics.ik_options import (
+    CoordinateLock,
+    CoordinateTask,
+    IkOptions,
+    PriorStrengths,
+    Unit,
+)
 from legsim.kinematics.moving_leg import MovingLeg
 from legsim.kinematics.tremor import Tremor, trembling
+from legsim.kinematics.zero_pose import with_zero
 
 
 def solve(motion: MotionConfig, *, filter_coordinates: bool = False) -> MovingLeg:
     """Solves the configured recording and adds the configured tremor; errors as in
     ``solve_kinematics`` and ``trembling``.
     """
-    solved = solve_kinematics(
+    person = solve_kinematics(
         motion.file,
         marker_map=motion.marker_map,
         unit=None if motion.unit == "file" else motion.unit,
@@ -32,8 +41,11 @@ def solve(motion: MotionConfig, *, filter_coordinates: bool = False) -> MovingLe
         filter_coordinates=filter_coordinates,
         in_degrees=None if motion.angles == "file" else motion.angles == "degrees",
         register=motion.registration,
+        ik=ik_options(motion.ik),
     )
-    return solved if motion.tremor.acceleration_mg == 0 else _trembling(solved, motion.tremor)
+    if motion.zero_file:
+        person = _with_zero(person, motion)
+    return person if motion.tremor.acceleration_mg == 0 else _trembling(person, motion.tremor)
 
 
 def _trembling(person: MovingLeg, settings: TremorConfig) -> MovingLeg:
@@ -48,6 +60,41 @@ def _trembling(person: MovingLeg, settings: TremorConfig) -> MovingLeg:
     )
 
 
+def _with_zero(person: MovingLeg, motion: MotionConfig) -> MovingLeg:
+    angles = None if motion.angles == "file" else motion.angles == "degrees"
+    return with_zero(
+        person,
+        motion.zero_file,
+        marker_map=motion.marker_map,
+        unit=None if motion.unit == "file" else motion.unit,
+        up=None if motion.up == "file" else motion.up,
+        filter_hz=motion.filter_hz,
+        longest_gap=motion.longest_gap_s,
+        in_degrees=angles,
+    )
+
+
+def ik_options(ik: IkConfig) -> IkOptions:
+    """Options of inverse kinematics, in SI.
+
+    Raises:
+        LegsimError: a weight below 0.
+    """
+    return IkOptions(
+        marker_weights=ik.marker_weights,
+        tasks=tuple(CoordinateTask(n, t.weight, *_in_si(t)) for n, t in ik.tasks.items()),
+        locked=tuple(CoordinateLock(n, *_in_si(lock)) for n, lock in ik.locked.items()),
+        tasks_file=ik.tasks_file,
+        strengths=PriorStrengths(**ik.priors.model_dump()),
+    )
+
+
+def _in_si(value: ValueConfig) -> tuple[float | None, Unit]:
+    if value.value_mm is not None:
+        return 1e-3 * value.value_mm, "m"
+    return (None, "") if value.value_deg is None else (math.radians(value.value_deg), "rad")
+
+
 def fingerprint(motion: MotionConfig) -> list[str]:
     """Hashes the files that :func:`solve` reads."""
     read = files_read(
@@ -56,7 +103,9 @@ def fingerprint(motion: MotionConfig) -> list[str]:
         scale_from=motion.scaling_file or None,
         model=motion.model or None,
         scale_file=motion.scale_file or None,
+        tasks_file=motion.ik.tasks_file or None,
     )
+    read += (find_recording(motion.zero_file),) if motion.zero_file else ()
     return [_hash(path, path.stat().st_mtime_ns, path.stat().st_size) for path in read]
 
 

@@ -89,6 +89,10 @@ def write_kinematics(person: MovingLeg, folder: RunFolder, key: str) -> None:
         save_poses(path / "poses.npz", poses)
         write_text(path / "kinematics.json", json.dumps(person.summary(), indent=1) + "\n")
         more: list[str] = []
+        from_zero = person.from_zero()
+        if from_zero is not None:
+            opensim.save(path / "coordinates_from_zero.mot", from_zero)
+            more.append("coordinates_from_zero.mot")
         if isinstance(person.leg, LegModel):
             sites = None if person.fit is None else person.fit.sites
             model = osim_export.text(person.leg, sites, name=Path(person.name).stem)
