@@ -5,11 +5,14 @@ from .imu import GyroscopeConfig as GyroscopeConfig
 from .imu import ImuConfig as ImuConfig
 from .imu import NoiseConfig as NoiseConfig
 from .imu import SensorConfig as SensorConfig
+from .imu import SkinMountConfig as SkinMountConfig
 from .imu import SoftTissueConfig as SoftTissueConfig
+from .imu import VibrationConfig as VibrationConfig
 from .methods import BeadsConfig as BeadsConfig
 from .methods import FiducialsConfig as FiducialsConfig
 from .methods import MethodsConfig as MethodsConfig
 from .motion import MotionConfig as MotionConfig
+from .motion import TremorConfig as TremorConfig
 from .reconstruction import EvaluationConfig as EvaluationConfig
 from .reconstruction import GridConfig as GridConfig
 from .reconstruction import ReconstructionConfig as ReconstructionConfig

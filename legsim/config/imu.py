@@ -2,9 +2,51 @@
 
 from typing import Literal
 
-from pydantic import Field
+from pydantic import Field, NonNegativeFloat
 
-from legsim.config.tree import ConfigSection
+from legsim.config.tree import Band, ConfigSection
+
+
+class SoftTissueConfig(ConfigSection):
+    """A damped oscillator between a bone and what is attached to it."""
+
+    amplitude: float = Field(default=0.0, ge=0)
+    """share of the oscillator's swing: 0 is fixed to the bone, 1 is the full swing"""
+    frequency_hz: float = Field(default=10.0, gt=0)
+    damping: float = Field(default=0.25, gt=0)
+    """of critical"""
+
+
+Axes = tuple[NonNegativeFloat, NonNegativeFloat, NonNegativeFloat]
+
+
+class SkinMountConfig(SoftTissueConfig):
+    """How a sensor swings on the skin; the truth is that of a sensor fixed to the bone."""
+
+    axes: Axes = (1.0, 1.0, 1.0)
+    """of that share along the sensor's own x, y, z"""
+    turn_amplitude: float = Field(default=0.0, ge=0)
+    """share of the swing by which the sensor turns: 0 turns with the bone"""
+    turn_frequency_hz: float = Field(default=10.0, gt=0)
+    """resonance of the turn"""
+    turn_axes: Axes = (1.0, 1.0, 1.0)
+    """of the turn's share about the sensor's own x, y, z"""
+
+
+class VibrationConfig(ConfigSection):
+    """Vibration of muscle and skin under a sensor, drawn from the run's seed.
+
+    Images do not see it; what moves the bones is motion.tremor. Sizes are the RMS of the vector.
+    """
+
+    acceleration_mg: float = Field(default=0.0, ge=0)
+    acceleration_band_hz: Band = (3.0, 30.0)
+    acceleration_axes: Axes = (1.0, 1.0, 1.0)
+    """relative sizes along the sensor's own x, y, z"""
+    angular_velocity_deg_per_s: float = Field(default=0.0, ge=0)
+    angular_velocity_band_hz: Band = (0.5, 5.0)
+    angular_velocity_axes: Axes = (1.0, 1.0, 1.0)
+    """relative sizes about the sensor's own x, y, z"""
 
 
 class SensorConfig(ConfigSection):
@@ -18,6 +60,10 @@ class SensorConfig(ConfigSection):
     """further offset along the segment's x, y, z"""
     rotation_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)
     """rotation vector of the sensor's axes against the segment's"""
+    soft_tissue: SkinMountConfig | None = None
+    """this sensor's own, in place of imu.soft_tissue"""
+    vibration: VibrationConfig | None = None
+    """this sensor's own, in place of imu.vibration"""
 
 
 class TriadConfig(ConfigSection):
@@ -104,16 +150,6 @@ class NoiseConfig(ConfigSection):
     """duration of each rest of the calibration"""
 
 
-class SoftTissueConfig(ConfigSection):
-    """A damped oscillator between a bone and what is attached to it."""
-
-    amplitude: float = Field(default=0.0, ge=0)
-    """share of the oscillator's swing: 0 is fixed to the bone, 1 is the full swing"""
-    frequency_hz: float = Field(default=10.0, gt=0)
-    damping: float = Field(default=0.25, gt=0)
-    """of critical"""
-
-
 class ImuConfig(ConfigSection):
     """The sensors; defaults are the paper's."""
 
@@ -129,8 +165,10 @@ class ImuConfig(ConfigSection):
     """probability that a sample does not reach the file"""
     lost: Literal["marked", "held"] = "marked"
     """what the file holds instead: nan, which methods leave out, or the sample before"""
-    soft_tissue: SoftTissueConfig = SoftTissueConfig()
+    soft_tissue: SkinMountConfig = SkinMountConfig()
     """how the sensors swing on the skin; the truth is that of sensors fixed to the bone"""
+    vibration: VibrationConfig = VibrationConfig()
+    """of muscle and skin under the sensors"""
     noise: NoiseConfig = NoiseConfig()
     sensors: tuple[SensorConfig, ...] = Field(
         default=(

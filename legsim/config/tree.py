@@ -3,9 +3,9 @@
 import tomllib
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, ClassVar, TypeVar, get_args
+from typing import Annotated, Any, ClassVar, TypeVar, get_args
 
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import AfterValidator, BaseModel, ConfigDict, PositiveFloat, ValidationError
 
 from legsim.core.errors import LegsimError, file_error
 
@@ -17,6 +17,15 @@ class ConfigSection(BaseModel):
     has_overrides: ClassVar[bool] = False
     """whether --set reaches its keys by their names"""
 
+
+def _rising(band: tuple[float, float]) -> tuple[float, float]:
+    if not band[0] < band[1]:
+        raise ValueError("a band goes from a lower to a higher frequency")
+    return band
+
+
+Band = Annotated[tuple[PositiveFloat, PositiveFloat], AfterValidator(_rising)]
+"""Hz, from a lower to a higher frequency"""
 
 _Model = TypeVar("_Model", bound=ConfigSection)
 

@@ -15,3 +15,4 @@ from .signals import ImuSignals as ImuSignals
 from .signals import SensorStart as SensorStart
 from .skin_mount import SkinMount as SkinMount
 from .strapdown import integrate as integrate
+from .vibration import Vibration as Vibration

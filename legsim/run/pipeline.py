@@ -223,9 +223,10 @@ def _summary(
     lines += [
         c_arm.sentence(scan, settings.phantom),
         sensors.noise_sentence(settings.imu, view_rate_hz=scan.rate_hz),
+        *(on_skin := sensors.skin_sentences(settings.imu)),
         *notes,
     ]
-    if settings.imu.noise.kind == "none" and settings.methods.start == "truth":
+    if settings.imu.noise.kind == "none" and settings.methods.start == "truth" and not on_skin:
         lines.append(
             "With clean signals and a true start these are ceilings, not what a real sensor would "
             "reach."

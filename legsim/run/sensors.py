@@ -2,13 +2,14 @@
 
 import warnings
 from collections.abc import Iterable, Iterator
+from dataclasses import replace
 
 import numpy as np
 
 from legsim import config
 from legsim.config import ImuConfig, NoiseConfig
 from legsim.core import transforms
-from legsim.core.constants import GRAVITY_WORLD
+from legsim.core.constants import GRAVITY_WORLD, STANDARD_GRAVITY
 from legsim.core.errors import LegsimError
 from legsim.core.values import FloatArray
 from legsim.imu import catalogue, clock, readout, simulation
@@ -19,6 +20,7 @@ from legsim.imu.sensors import Sensor
 from legsim.imu.signals import ImuSignals
 from legsim.imu.simulation import simulate_imu
 from legsim.imu.skin_mount import SkinMount
+from legsim.imu.vibration import Vibration
 from legsim.kinematics.moving_leg import MovingLeg
 
 WHITE = ("density", "rms", "paper")
@@ -115,18 +117,77 @@ def fingerprint(settings: ImuConfig) -> str:
     return repr(errors_of(settings.noise))
 
 
-def sense(person: MovingLeg, settings: ImuConfig, *, every: int = 1) -> ImuSignals:
-    """Simulates the configured sensors without errors of their own; soft tissue and clock are in.
+def _mount(settings: config.SkinMountConfig) -> SkinMount:
+    """Builds the configured hold of a sensor on the skin."""
+    return replace(
+        skin_mount(settings),
+        axes=settings.axes,
+        turn_amplitude=settings.turn_amplitude,
+        turn_frequency_hz=settings.turn_frequency_hz,
+        turn_axes=settings.turn_axes,
+    )
 
-    ``every`` times as many samples as configured.
+
+def _vibration(settings: config.VibrationConfig) -> Vibration:
+    return Vibration(
+        1e-3 * STANDARD_GRAVITY * settings.acceleration_mg,
+        settings.acceleration_band_hz,
+        settings.acceleration_axes,
+        float(np.radians(settings.angular_velocity_deg_per_s)),
+        settings.angular_velocity_band_hz,
+        settings.angular_velocity_axes,
+    )
+
+
+def _vibrations(settings: ImuConfig) -> list[Vibration]:
+    """Builds the vibration of each sensor."""
+    return [_vibration(s.vibration or settings.vibration) for s in settings.sensors]
+
+
+def vibrate(settings: ImuConfig) -> bool:
+    """Whether the signals before noise depend on the run's seed."""
+    return any(vibration.moves for vibration in _vibrations(settings))
+
+
+def skin_sentences(settings: ImuConfig) -> tuple[str, ...]:
+    """Describes what skin and muscle do to the sensors; nothing where the bone holds them."""
+    swinging = [
+        s.name for s in settings.sensors if _mount(s.soft_tissue or settings.soft_tissue).moves
+    ]
+    shaken = [(s.name, s.vibration or settings.vibration) for s in settings.sensors]
+    vibrating = [
+        f"{name} by {v.acceleration_mg:g} mg and {v.angular_velocity_deg_per_s:g} deg/s RMS"
+        for name, v in shaken
+        if _vibration(v).moves
+    ]
+    sentences = []
+    if swinging:
+        sentences.append(f"Sensors swing on soft tissue: {', '.join(swinging)}.")
+    if vibrating:
+        sentences.append(f"Muscle and skin shake the sensors: {', '.join(vibrating)}.")
+    return tuple(sentences)
+
+
+def sense(
+    person: MovingLeg,
+    settings: ImuConfig,
+    *,
+    every: int = 1,
+    shaking: np.random.Generator | None = None,
+) -> ImuSignals:
+    """Simulates the configured sensors without errors of their own; skin and clock are in.
+
+    ``every`` times as many samples as configured; ``shaking`` draws the vibration.
     """
     return simulate_imu(
         person,
         sensors(settings),
         rate_hz=every * settings.rate_hz,
-        skin_mount=skin_mount(settings.soft_tissue),
+        skin_mount=[_mount(s.soft_tissue or settings.soft_tissue) for s in settings.sensors],
+        vibration=_vibrations(settings),
         clock_offset=settings.clock_offset_s,
         clock_drift=1e-6 * settings.clock_drift_ppm,
+        rng=shaking,
     )
 
 
@@ -137,6 +198,7 @@ def record(
     view_rate_hz: float,
     rest_at: float,
     rng: np.random.Generator,
+    shaking: np.random.Generator | None = None,
 ) -> ImuSignals:
     """Simulates what the files of the configured sensors hold.
 
@@ -146,8 +208,11 @@ def record(
         view_rate_hz: of the scan, which the paper's noise is counted in.
         rest_at: s in the recording's time; a calibration rests in the pose of that time.
         rng: decides the errors and the lost samples.
+        shaking: draws the vibration of the skin.
     """
-    (read,) = records(person, settings, view_rate_hz=view_rate_hz, rest_at=rest_at, rngs=[rng])
+    (read,) = records(
+        person, settings, view_rate_hz=view_rate_hz, rest_at=rest_at, rngs=[rng], shaking=shaking
+    )
     return read
 
 
@@ -158,6 +223,7 @@ def records(
     view_rate_hz: float,
     rest_at: float,
     rngs: Iterable[np.random.Generator],
+    shaking: np.random.Generator | None = None,
 ) -> Iterator[ImuSignals]:
     """Simulates several draws of the same recording, one per random generator; see :func:`record`.
 
@@ -166,7 +232,7 @@ def records(
     _warn_of_rate(settings, view_rate_hz)
     errors = errors_of(settings.noise)
     every = 1 if errors is None else readout.oversampling(errors, settings.rate_hz)
-    felt = sense(person, settings, every=every)
+    felt = sense(person, settings, every=every, shaking=shaking)
     rest_force = _rest_force(person, settings, rest_at)
     for rng in rngs:
         if errors is None:

@@ -33,7 +33,7 @@ from legsim.run.folder import RunFolder
 from legsim.simulation.setup import PhantomOptions, ScanSetup, prepare_scan
 from legsim.simulation.simulated_scan import expose
 
-_NOISE, _STARTS, _PHOTONS = 1, 2, 4
+_NOISE, _STARTS, _PHOTONS, VIBRATION = 1, 2, 4, 5
 """random streams of the run's seed"""
 
 
@@ -113,12 +113,20 @@ def read_sensors(
     chance = imu.noise.kind != "none" or imu.lost_share > 0
     drawn = (settings.seed, settings.scan.rate_hz) if chance else ()
     rested = () if imu.noise.calibration == "none" else (rest_at,)
+    if run_sensors.vibrate(imu):
+        drawn = (*drawn, settings.seed)
     signals: list[ImuSignals] = []
 
     def write() -> tuple[str, ...]:
         drawing = np.random.default_rng([settings.seed, _NOISE])
+        shaking = np.random.default_rng([settings.seed, VIBRATION])
         read = run_sensors.record(
-            person, imu, view_rate_hz=settings.scan.rate_hz, rest_at=rest_at, rng=drawing
+            person,
+            imu,
+            view_rate_hz=settings.scan.rate_hz,
+            rest_at=rest_at,
+            rng=drawing,
+            shaking=shaking,
         )
         signals.append(read)
         save_imu(folder.path / "imu.csv", read)

@@ -23,7 +23,7 @@ from legsim.evaluation import similarity
 from legsim.imu import drift, simulation
 from legsim.imu.calibration import CalibrationKind
 from legsim.imu.noise import Convention, ImuNoise
-from legsim.run import c_arm, methods, pipeline
+from legsim.run import c_arm, methods, pipeline, stages
 from legsim.run import motion as run_motion
 from legsim.run import sensors as run_sensors
 from legsim.run.store import StageCache
@@ -176,7 +176,11 @@ def _ladder(job: LadderJob, on_progress: OnProgress) -> list[LadderScore]:
     settings, asked = job.settings, job.ladder
     recovered = run_motion.solve(settings.motion)
     chosen = tuple(s for s in settings.imu.sensors if s.name == asked.sensor)
-    clean = run_sensors.sense(recovered, settings.imu.model_copy(update={"sensors": chosen}))
+    clean = run_sensors.sense(
+        recovered,
+        settings.imu.model_copy(update={"sensors": chosen}),
+        shaking=_shaking(settings),
+    )
     views = c_arm.c_arm(settings.scan).view_times(recovered.trajectories.times)
     start = simulation.true_start(
         recovered.leg, recovered.splines, clean.sensors[0], float(views[0])
@@ -210,6 +214,11 @@ def _ladder(job: LadderJob, on_progress: OnProgress) -> list[LadderScore]:
     return scores
 
 
+def _shaking(settings: RunConfig) -> np.random.Generator:
+    """Draws the vibration of the skin, the same for every reading of a scan."""
+    return np.random.default_rng([settings.seed, stages.VIBRATION])
+
+
 def sensor(job: SensorJob, on_progress: OnProgress | None = None) -> tuple[SensorScore, ...]:
     """RMSE of translation and rotation under every calibration and in every repetition."""
     asked = job.ladder
@@ -233,7 +242,7 @@ def _sensor(job: SensorJob, on_progress: OnProgress) -> list[SensorScore]:
     settings, asked = job.settings, job.ladder
     person = run_motion.solve(settings.motion)
     views = c_arm.c_arm(settings.scan).view_times(person.trajectories.times)
-    exact = run_sensors.sense(person, job.under("none"))
+    exact = run_sensors.sense(person, job.under("none"), shaking=_shaking(settings))
     start = simulation.true_start(person.leg, person.splines, exact.sensors[0], float(views[0]))
     reference = drift.estimate(exact, start, views, settings.methods.scheme)
     seeds = [(seed_of(job.subject, job.posture, r), 1) for r in range(asked.repetitions)]
@@ -246,6 +255,7 @@ def _sensor(job: SensorJob, on_progress: OnProgress) -> list[SensorScore]:
             view_rate_hz=settings.scan.rate_hz,
             rest_at=float(views[0]),
             rngs=map(np.random.default_rng, seeds),
+            shaking=_shaking(settings),
         )
         for r, signals in enumerate(read):
             found = drift.estimate(signals, start, views, settings.methods.scheme)

@@ -62,6 +62,10 @@ def test_file_beats_preset_and_override_beats_file(tmp_path):
         ),
         ("[scan]\nviews = 'many'\n", r"scan\.views\): Input should be a valid integer.*'many'"),
         ("[grid]\nvoxel_mm = -1\n", r"grid\.voxel_mm\): Input should be greater than 0"),
+        (
+            "[motion.tremor]\nband_hz = [12, 8]\n",
+            r"motion\.tremor\.band_hz\): .*from a lower to a higher frequency",
+        ),
         ("[imu]\nsensors = []\n", r"imu\.sensors\): Tuple should have at least 1 item"),
         ("[grid\n", "is not TOML.*line 1"),
     ],

@@ -71,6 +71,18 @@ def contents(folder: Path, names: tuple[str, ...] = TRUTH) -> list[bytes]:
     return [(folder / name).read_bytes() for name in names]
 
 
+def test_vibration_is_drawn_from_the_seed_and_moves_signals_alone(standing, plain, tmp_path):
+    shaken = ("imu.vibration.acceleration_mg=3", "imu.vibration.angular_velocity_deg_per_s=0.3")
+    first = replayed(standing, tmp_path / "first", *shaken)
+    other = replayed(standing, tmp_path / "first_again", *shaken, "seed=5")
+    assert contents(first) == contents(plain)
+    assert not np.array_equal(signals(first).specific_force, signals(plain).specific_force)
+    assert not np.array_equal(signals(first).specific_force, signals(other).specific_force)
+    # the same folder knows that another seed means other signals
+    replayed(standing, first, *shaken, "seed=5")
+    np.testing.assert_array_equal(signals(first).specific_force, signals(other).specific_force)
+
+
 def test_a_clock_offset_shifts_the_sensors_times_and_nothing_else(standing, plain, tmp_path):
     late = replayed(standing, tmp_path / "late", "imu.clock_offset_s=0.25")
     np.testing.assert_allclose(signals(late).times - signals(plain).times, 0.25, atol=1e-12)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from legsim import config
-from legsim.config import ImuConfig, NoiseConfig
+from legsim.config import ImuConfig, NoiseConfig, SkinMountConfig, VibrationConfig
 from legsim.core import resources
 from legsim.core.errors import LegsimError
 from legsim.imu import noise, simulation, strapdown
@@ -12,9 +12,13 @@ from legsim.imu.calibration import leveled
 from legsim.imu.catalogue import load_sensor
 from legsim.imu.errors import TERMS, SensorErrors
 from legsim.imu.signals import ImuSignals
+from legsim.imu.skin_mount import SkinMount
+from legsim.imu.vibration import Vibration
+from legsim.kinematics.leg_model import LegModel
 from legsim.kinematics.moving_leg import MovingLeg
 from legsim.run import sensors
 from tests.examples.squat import mirrored, squatting
+from tests.examples.sway_of_joints import swaying
 from tests.references.sway import Sway
 
 
@@ -242,3 +246,50 @@ def test_a_changed_file_changes_the_fingerprint(tmp_path):
     before = sensors.fingerprint(imu(f"noise.kind={own}"))
     own.write_text(text.replace("value = 180,", "value = 181,"), "utf-8")
     assert sensors.fingerprint(imu(f"noise.kind={own}")) != before
+
+
+@pytest.fixture(scope="module")
+def swayer() -> MovingLeg:
+    leg = LegModel.load()
+    return MovingLeg("sway", leg, swaying(leg, size=0.05), None)
+
+
+def test_settings_of_one_sensor_take_the_place_of_those_of_all(swayer: MovingLeg):
+    """Mount and vibration, in SI: the shank's own are off, the thigh has what all have."""
+    shank, thigh = ImuConfig().sensors
+    calm = shank.model_copy(
+        update={"soft_tissue": SkinMountConfig(), "vibration": VibrationConfig()}
+    )
+    for_all = ImuConfig(
+        soft_tissue=SkinMountConfig(amplitude=0.8, turn_amplitude=0.5, axes=(1, 0, 1)),
+        vibration=VibrationConfig(acceleration_mg=3, angular_velocity_deg_per_s=0.5),
+        sensors=(calm, thigh),
+    )
+    rigid = sensors.sense(swayer, ImuConfig())
+    felt = sensors.sense(swayer, for_all, shaking=np.random.default_rng(1))
+    mount = SkinMount(10.0, 0.25, 0.8, (1, 0, 1), 0.5)
+    shake = Vibration(3e-3 * 9.80665, rate=float(np.radians(0.5)))
+    expected = simulation.simulate_imu(
+        swayer,
+        skin_mount=[None, mount],
+        vibration=[None, shake],
+        rng=np.random.default_rng(1),
+    )
+    for name in ("specific_force", "angular_velocity"):
+        read = getattr(felt, name)
+        np.testing.assert_array_equal(read[:, 0], getattr(rigid, name)[:, 0])
+        np.testing.assert_array_equal(read, getattr(expected, name))
+    assert sensors.vibrate(for_all)
+    assert not sensors.vibrate(ImuConfig())
+
+
+def test_the_report_names_the_sensors_that_skin_moves():
+    assert sensors.skin_sentences(ImuConfig()) == ()
+    shank, thigh = ImuConfig().sensors
+    own = thigh.model_copy(update={"vibration": VibrationConfig(acceleration_mg=3)})
+    swings, shakes = sensors.skin_sentences(
+        ImuConfig(soft_tissue=SkinMountConfig(turn_amplitude=1), sensors=(shank, own))
+    )
+    assert swings == "Sensors swing on soft tissue: shank_l, thigh_l."
+    assert "thigh_l by 3 mg and 0 deg/s RMS" in shakes
+    assert "shank" not in shakes
