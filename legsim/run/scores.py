@@ -14,16 +14,16 @@ import numpy as np
 from legsim.core import files
 from legsim.core.files import key_of
 from legsim.evaluation import registration, residual_motion, similarity
-from legsim.evaluation.regions import SCALING_PERCENTILES, Region
+from legsim.evaluation.regions import Region
 from legsim.evaluation.registration import RegistrationError
 from legsim.evaluation.residual_motion import Structure
 from legsim.evaluation.scores import MethodResult, result_from
 from legsim.evaluation.similarity import RegionScores
-from legsim.geometry.volume import VolumeGrid
+from legsim.geometry.volume import Volume, VolumeGrid
 from legsim.run.folder import REGISTRATION_ERROR_FILE, registration_error
 from legsim.run.stages import StageContext
 from legsim.run.volumes import Reconstructed
-from legsim.simulation.setup import ScanSetup, scan_regions
+from legsim.simulation.setup import ScanSetup, scan_regions, true_volume
 from legsim.simulation.simulated_scan import SimulatedScan
 
 _SURFACES = (
@@ -52,6 +52,7 @@ def score_methods(
     regions = cache(lambda: scan_regions(scan.setup, grid, stage.device, margin=margin))
     shown = cache(lambda: structures(scan.setup, grid))
     measures = [f.name for f in fields(RegionScores)]  # a folder of an older version has fewer
+    true = cache(lambda: true_volume(scan.setup, grid, stage.device, regions()))
     results = []
     for k, one in enumerate(corrected):
         stage.on_progress("comparing", k, len(corrected))
@@ -64,7 +65,7 @@ def score_methods(
         key = key_of(stage.scan_key, evaluation.model_dump(), similarity.PROTOCOL, measures, made)
 
         def write(one: Reconstructed = one, path: Path = path) -> tuple[str, ...]:
-            result = _scored(stage, scan.setup, one, corrected[0], regions(), shown())
+            result = _scored(stage, scan.setup, one, corrected[0], regions(), true(), shown())
             files.write_text(path, json.dumps(asdict(result), indent=1) + "\n")
             return (path.name,)
 
@@ -90,7 +91,7 @@ def _registration_error(
     )
 
     def write() -> tuple[str, ...]:
-        found = registration.registration_error(reference.volume.volume, regions())
+        found = registration.registration_error(reference.volume.volume, regions(), stage.device)
         files.write_text(path, json.dumps(asdict(found), indent=1) + "\n")
         return (path.name,)
 
@@ -102,10 +103,12 @@ def _write_all(
     stage: StageContext, results: list[MethodResult], missed: RegistrationError | None
 ) -> None:
     """Writes metrics.json for all methods."""
+    evaluation = stage.settings.evaluation
     content = {
-        "scaling": (
-            f"percentiles {SCALING_PERCENTILES} of each volume inside the regions to 0 and 1"
-        ),
+        "protocol": similarity.PROTOCOL,
+        "scaling": evaluation.scaling,
+        "window": evaluation.window,
+        "compared": similarity.protocol_sentence(evaluation.scaling, evaluation.window),
         "registration_error": None if missed is None else asdict(missed),
         "methods": [asdict(r) for r in results],
     }
@@ -129,12 +132,20 @@ def _scored(
     one: Reconstructed,
     reference: Reconstructed,
     regions: tuple[Region, ...],
+    true: Volume,
     seen: tuple[Structure, ...],
 ) -> MethodResult:
     name = one.volume.name
-    register = stage.settings.evaluation.register_volumes
+    evaluation = stage.settings.evaluation
     metrics = similarity.evaluate(
-        one.volume.volume, reference.volume.volume, regions, register=register
+        one.volume.volume,
+        reference.volume.volume,
+        regions,
+        register=evaluation.register_volumes,
+        scaling=evaluation.scaling,
+        window=evaluation.window,
+        phantom=true,
+        device=stage.device,
     )
     if one is reference:
         # its leg rests: nothing is left
