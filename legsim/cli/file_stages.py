@@ -20,6 +20,9 @@ from legsim.deformation.files import load_motion
 from legsim.evaluation import regions as evaluation_regions
 from legsim.evaluation import similarity
 from legsim.evaluation.regions import Region
+from legsim.evaluation.scaling import Scaling
+from legsim.evaluation.similarity import Scores
+from legsim.evaluation.ssim import Window
 from legsim.geometry import files as geometry_files
 from legsim.geometry import image_files
 from legsim.geometry.cone_beam import ConeBeamGeometry
@@ -240,15 +243,24 @@ def _grid(
 
 
 def evaluate(
-    volume_file: Path, reference_file: Path, out: Path, *, regions: Path | None, register: bool
-) -> list[tuple[str, ...]]:
-    """Writes metrics.json; returns the rows of the table."""
+    volume_file: Path,
+    reference_file: Path,
+    out: Path,
+    *,
+    regions: Path | None,
+    register: bool,
+    scaling: Scaling = "reference",
+    window: Window = "uniform",
+) -> Scores:
+    """Scores a volume and writes metrics.json."""
     volume, reference = (
         image_files.load_volume(volume_file),
         image_files.load_volume(reference_file),
     )
     chosen = _whole(reference.grid) if regions is None else _labelled(regions, reference)
-    metrics = similarity.evaluate(volume, reference, chosen, register=register)
+    metrics = similarity.evaluate(
+        volume, reference, chosen, register=register, scaling=scaling, window=window
+    )
     write_text(
         out,
         json.dumps(
@@ -257,10 +269,7 @@ def evaluate(
         )
         + "\n",
     )
-    return [
-        (m.region, f"{m.ssim:.4f}", f"{m.rmse:.4f}", f"{m.gradient_entropy:.4f}", str(m.voxels))
-        for m in metrics.regions
-    ]
+    return metrics
 
 
 def _whole(grid: VolumeGrid) -> tuple[Region, ...]:

@@ -104,7 +104,10 @@ class Scores:
         body = "".join(
             f"<tr>{''.join(f'<td>{escape(cell)}</td>' for cell in row)}</tr>" for row in self.rows()
         )
-        return f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
+        return (
+            f"<table><caption>{escape(self.protocol)}</caption><thead><tr>{head}</tr></thead>"
+            f"<tbody>{body}</tbody></table>"
+        )
 
 
 def protocol_sentence(scaling: Scaling, window: Window) -> str:
@@ -207,7 +210,7 @@ def _in_region(
 ) -> RegionScores:
     """Scores of a region; ``beside`` holds the reference, and perhaps the phantom, with SSIM."""
     mask = mask & np.isfinite(compared)
-    measures: list[float] = []
+    measures: list[tuple[float, float]] = []
     for other, similarity in beside:
         seen, total = _total(similarity, mask & np.isfinite(similarity))
         if not seen:
@@ -215,9 +218,11 @@ def _in_region(
                 f"region {name!r} has no voxel far enough inside the grid for a window of SSIM"
             )
         count, squares = _total(compared - other, mask, lambda v, _: v**2)
-        measures += [total / seen, math.sqrt(squares / count)]
+        measures.append((total / seen, math.sqrt(squares / count)))
     entropy = _entropy(steps, mask)
-    return RegionScores(name, *measures[:2], entropy, int(mask.sum()), *measures[2:])
+    ssim, rmse = measures[0]
+    true = measures[1] if len(measures) > 1 else (None, None)
+    return RegionScores(name, ssim, rmse, entropy, int(mask.sum()), *true)
 
 
 def _total(

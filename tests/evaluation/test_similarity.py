@@ -41,7 +41,7 @@ def test_one_affine_map_of_all_volumes_changes_nothing(rng, scaling):
     volume, reference, true = noisy(rng), blob(GRID), noisy(rng)
     other = [Volume(GRID, 3 * v.attenuation + 7) for v in (volume, reference, true)]
     before = scores(volume, reference, scaling, phantom=true)
-    after = scores(*other[:2], scaling, phantom=other[2])
+    after = scores(other[0], other[1], scaling, phantom=other[2])
     for field in ("ssim", "rmse", "ssim_phantom", "rmse_phantom", "gradient_entropy"):
         assert getattr(after, field) == pytest.approx(getattr(before, field), abs=2e-6)
 

@@ -24,14 +24,15 @@ def pair(rng) -> tuple[np.ndarray, np.ndarray]:
 def test_ssim_is_that_of_whole_windows_in_float64(device, pair, window):
     border = slice(ssim.reach(window), -ssim.reach(window))
     found = ssim_map(*pair, window=window, device=device)[border, border, border]
-    np.testing.assert_allclose(found, comparison.plain_ssim(*pair, window), atol=2e-6)
+    np.testing.assert_allclose(found, comparison.plain_ssim(pair[0], pair[1], window), atol=2e-6)
 
 
 @pytest.mark.parametrize("window", WINDOWS)
 @pytest.mark.parametrize("slab", [1, 10_000, 1 << 25])
 def test_ssim_in_slabs_is_scikit_images(device, pair, window, slab, monkeypatch):
     monkeypatch.setattr(ssim, "_SLAB_BYTES", slab)
-    wanted = comparison.ssim(*(v.astype(np.float64) for v in pair), window)
+    moving, fixed = (v.astype(np.float64) for v in pair)
+    wanted = comparison.ssim(moving, fixed, window)
     np.testing.assert_allclose(ssim_map(*pair, window=window, device=device), wanted, atol=2e-6)
 
 
