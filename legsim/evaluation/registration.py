@@ -1,14 +1,20 @@
-"""Rigid registration of a volume to its reference, and its own measured error."""
+"""Rigid registration of a volume to its reference, and its own measured error.
+
+It maximizes Pearson's correlation over seeded points inside a mask, both volumes read linearly, on
+a pyramid of halved volumes: what SimpleITK's ``ImageRegistrationMethod`` does with its metric
+"correlation", without smoothing whole volumes for it. Instead of gradient descent it takes
+Gauss-Newton steps: the correlation is greatest where the least-squares fit of the reference by
+gain x volume + offset is best.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
-import lazy_loader
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import map_coordinates
 
 from legsim.core import transforms
 from legsim.core.values import Float32Array, FloatArray
@@ -18,18 +24,16 @@ from legsim.evaluation.scaling import value_range
 from legsim.geometry.volume import Volume, VolumeGrid
 from legsim.opencl.device import Device, open_device
 
-if TYPE_CHECKING:
-    import SimpleITK as sitk
-else:
-    sitk = lazy_loader.load("SimpleITK")
-
-
-_REGISTRATION_SAMPLES = 20_000
-
-_WORK_UNITS = 16
+_SAMPLES, _COARSE_SAMPLES = 50_000, 20_000
+"""points at the finest and at other levels"""
 
 _LEVELS, _FEWEST_VOXELS = 3, 8
 """of the pyramid, and voxels along each axis of its coarsest level"""
+
+_MOST_STEPS, _MOST_HALVINGS = 30, 6
+
+_SMALLEST_STEP, _COARSE_STEP = 2e-4, 2e-2
+"""voxels at the grid's corner; a smaller step ends the search, at the finest and at other levels"""
 
 _REACH = 0.03
 """m around the regions that is read: farther than any registration shifts"""
@@ -37,7 +41,7 @@ _REACH = 0.03
 _WINDOW = 7
 """voxels around the regions that are compared: more than any window of SSIM reaches"""
 
-_KNOWN_SHIFT_MM, _KNOWN_TURN_DEG = (0.6, -0.5, 0.6), (0.5, 0.6, -0.6)
+_KNOWN_SHIFT, _KNOWN_TURN = np.array([0.6e-3, -0.5e-3, 0.6e-3]), np.radians([0.5, 0.6, -0.6])
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,7 +55,7 @@ class Registration:
     correlation_before: float
     correlation_after: float
     stopped: str
-    """the optimizer's stop message"""
+    """how the search ended"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -73,21 +77,26 @@ class Compared:
 def register(pair: Compared, device: Device) -> tuple[Registration, Float32Array]:
     """Rigidly registers the volume to the reference.
 
-    SimpleITK with correlation, a 4-2-1 pyramid and seeded samples inside the mask. Returns the
-    registration and the volume (z, y, x) to compare in the box: resampled by cubic B-splines where
-    that raises the correlation inside the mask, else as it was, so that interpolation never makes
-    an aligned volume worse. NaN where the resampled volume would need values outside the grid.
+    Returns the registration and the volume (z, y, x) to compare in the box: resampled by cubic
+    B-splines where that raises the correlation inside the mask, else as it was, so that
+    interpolation never makes an aligned volume worse. NaN where the resampled volume would need
+    values outside the grid.
     """
-    transform, stopped = _rigid_transform(pair)
-    matrix = _matrix(transform)
-    resampled = resampling.resample(pair.moving, _shift(matrix, pair.grid), pair.box, device)
+    matrix, stopped = rigid_transform(pair)
+    shift = shift_in_voxels(matrix, pair.grid)
+    resampled = resampling.resample(pair.moving, shift, pair.box, device)
     unmoved = pair.moving[pair.box]
     covered = pair.mask & np.isfinite(resampled)
     before, after = (_correlation(a, pair.fixed, covered) for a in (unmoved, resampled))
-    center_mm = 1e3 * np.array(pair.grid.center)
-    shift = np.linalg.norm(np.array(transform.TransformPoint(center_mm.tolist())) - center_mm)
-    angle = float(np.degrees(transforms.rotation_angle(matrix[:3, :3])))
-    registration = Registration(float(shift), angle, after > before, before, after, stopped)
+    center = np.array(pair.grid.center)
+    registration = Registration(
+        1e3 * float(np.linalg.norm(_moved(matrix, center) - center)),
+        float(np.degrees(transforms.rotation_angle(matrix[:3, :3]))),
+        after > before,
+        before,
+        after,
+        stopped,
+    )
     return registration, resampled if after > before else unmoved
 
 
@@ -114,19 +123,15 @@ def registration_error(
     inside = reference.attenuation[box][union[box]]
     scale = value_range(reference.attenuation, inside, "reference-leg", "reference")
     values = scale.scaled(reference.attenuation[wide])
-    known = sitk.Euler3DTransform()
-    known.SetCenter((1e3 * np.array(grid.center)).tolist())
-    known.SetRotation(*np.radians(_KNOWN_TURN_DEG).tolist())
-    known.SetTranslation(_KNOWN_SHIFT_MM)
-    everywhere = within(wide, wide)
+    center = np.array(grid.center)
+    known = _about(center, _KNOWN_TURN, _KNOWN_SHIFT)
     moved = resampling.resample(
-        values, _shift(_matrix(known), grid), everywhere, device or open_device()
+        values, shift_in_voxels(known, grid), within(wide, wide), device or open_device()
     )
-    found, _ = _rigid_transform(Compared(values[inner], union[box], moved, grid, inner))
+    found, _ = rigid_transform(Compared(values[inner], union[box], moved, grid, inner))
     # moved(p) = reference(known p), and the registration looks for moved(found p) = reference(p)
-    missed = _matrix(known) @ _matrix(found)
-    center = np.append(1e3 * np.array(grid.center), 1.0)
-    shift = float(np.linalg.norm((missed @ center - center)[:3]))
+    missed = known @ found
+    shift = 1e3 * float(np.linalg.norm(_moved(missed, center) - center))
     return RegistrationError(shift, float(np.degrees(transforms.rotation_angle(missed[:3, :3]))))
 
 
@@ -139,65 +144,137 @@ def boxes(mask: NDArray[np.bool_], grid: VolumeGrid) -> tuple[Box, Box]:
     return bounding_box(mask, wide), bounding_box(mask, [_WINDOW] * 3)
 
 
-def _matrix(transform: sitk.Euler3DTransform) -> FloatArray:
-    """Matrix 4x4, mm."""
-    turn = np.array(transform.GetMatrix()).reshape(3, 3)
-    return transforms.rigid(turn, np.array(transform.TransformPoint((0.0, 0.0, 0.0))))
-
-
-def _shift(matrix_mm: FloatArray, grid: VolumeGrid) -> FloatArray:
-    """Shift (3, 4) in voxels by a 4x4 matrix, as a function of the voxel's (x, y, z, 1)."""
+def shift_in_voxels(matrix: FloatArray, grid: VolumeGrid) -> FloatArray:
+    """Shift (3, 4) in voxels by a matrix (4, 4) m, as a function of the voxel's (x, y, z, 1)."""
     spacing = np.array(grid.spacing_xyz)
-    turned = matrix_mm[:3, :3] - np.eye(3)
-    constant = (turned @ grid.origin + 1e-3 * matrix_mm[:3, 3]) / spacing
+    turned = matrix[:3, :3] - np.eye(3)
+    constant = (turned @ grid.origin + matrix[:3, 3]) / spacing
     return np.column_stack([turned * spacing / spacing[:, None], constant])
 
 
-def _rigid_transform(pair: Compared) -> tuple[sitk.Euler3DTransform, str]:
-    """Transform from points (mm) of the reference to those of the volume; the last stop message.
-
-    Volumes are halved here: SimpleITK's own pyramid smooths whole volumes, which took most of the
-    time.
-    """
-    transform = sitk.Euler3DTransform()
-    transform.SetCenter((1e3 * np.array(pair.grid.center)).tolist())
+def rigid_transform(pair: Compared) -> tuple[FloatArray, str]:
+    """Matrix (4, 4) m from points of the reference to those of the volume; how the search ended."""
     levels = [pair]
     while len(levels) < _LEVELS and min(levels[-1].fixed.shape) >= 2 * _FEWEST_VOXELS:
         levels.append(_halved(levels[-1]))
-    stopped = ""
-    for depth, level in reversed(list(enumerate(levels))):
-        # coarse levels only lead the next one near; the first step halves from level to level
-        first, last = 0.25 * 2**depth, 1e-4 if depth == 0 else 1e-2
-        stopped = _improve(transform, level, first, last)
-    return transform, stopped
+    matrix, stopped = np.eye(4), ""
+    for level in reversed(levels):
+        finest = level is pair
+        matrix, stopped = _improved(
+            matrix,
+            level,
+            _SAMPLES if finest else _COARSE_SAMPLES,
+            _SMALLEST_STEP if finest else _COARSE_STEP,
+        )
+    return matrix, stopped
 
 
-def _improve(transform: sitk.Euler3DTransform, pair: Compared, first: float, last: float) -> str:
-    """Optimizes ``transform`` in place by steps of ``first`` to ``last`` mm; the stop message."""
-    method = sitk.ImageRegistrationMethod()
-    # sums over samples are made unit by unit: a fixed number of units gives the same digits on any
-    # number of cores
-    method.SetNumberOfWorkUnits(_WORK_UNITS)
-    method.SetMetricAsCorrelation()
+def _improved(
+    matrix: FloatArray, pair: Compared, count: int, enough: float
+) -> tuple[FloatArray, str]:
+    """Climbs from ``matrix`` to the greatest correlation of one level; how it ended.
+
+    ``count`` points are compared; a step of less than ``enough`` voxels is the last.
+    """
+    spacing = np.array(pair.grid.spacing_xyz)
+    corner = 0.5 * float(np.linalg.norm(spacing * pair.grid.shape_zyx[::-1]))
+    points = _points(pair, count)
+    fixed = _read(pair.fixed, pair.grid.cropped(pair.box), points)
+    known = np.isfinite(fixed)
+    points, fixed = points[known], fixed[known]
+    reached = _correlation_at(matrix, pair, points, fixed)
+    for done in range(_MOST_STEPS):
+        step = _newton_step(matrix, pair, points, fixed)
+        for _ in range(_MOST_HALVINGS):
+            tried = _about(_moved(matrix, pair.grid.center), *step) @ matrix
+            found = _correlation_at(tried, pair, points, fixed)
+            if found > reached:
+                break
+            step = 0.5 * step
+        else:
+            return matrix, f"no further step raises the correlation after {done} steps"
+        matrix, reached = tried, found
+        turn, shift = np.linalg.norm(step, axis=1)
+        if shift + corner * turn < enough * spacing.min():
+            return matrix, f"converged in {done + 1} steps"
+    return matrix, f"did not converge in {_MOST_STEPS} steps"
+
+
+def _points(pair: Compared, count: int) -> FloatArray:
+    """(count, 3) m world: seeded points anywhere in the mask's voxels, on no grid."""
+    rng = np.random.default_rng(42)
+    inside = np.flatnonzero(pair.mask)
+    voxels = np.unravel_index(inside[rng.integers(0, len(inside), count)], pair.mask.shape)
+    index = np.stack(voxels[::-1], -1) + rng.uniform(-0.5, 0.5, (count, 3))
     grid = pair.grid.cropped(pair.box)
-    method.SetMetricFixedMask(_image(pair.mask.view(np.uint8), grid))
-    method.SetInterpolator(sitk.sitkLinear)
-    # gradients at the samples only, not of whole images: half the time
-    method.MetricUseFixedImageGradientFilterOff()
-    method.MetricUseMovingImageGradientFilterOff()
-    method.SetMetricSamplingStrategy(method.RANDOM)
-    wanted = _REGISTRATION_SAMPLES / max(1, np.count_nonzero(pair.mask))
-    method.SetMetricSamplingPercentage(min(1.0, wanted), seed=42)
-    method.SetOptimizerAsRegularStepGradientDescent(first, last, 100, 0.5, 1e-8)
-    method.SetOptimizerScalesFromPhysicalShift()
-    method.SetInitialTransform(transform, inPlace=True)
-    method.Execute(_image(pair.fixed, grid), _image(_known(pair.moving), pair.grid))
-    return method.GetOptimizerStopConditionDescription()
+    return grid.origin + index * np.array(grid.spacing_xyz)
 
 
-def _known(values: Float32Array) -> Float32Array:
-    """The values with 0, the scale's lower end, for those that are not numbers."""
-    return values if np.isfinite(values).all() else np.nan_to_num(values, posinf=0.0, neginf=0.0)
+def _read(values: Float32Array, grid: VolumeGrid, points: FloatArray) -> FloatArray:
+    """Values (n,) at points (n, 3) m world by linear interpolation.
+
+    NaN outside the grid and beside values that are not finite.
+    """
+    index = (points - grid.origin) / np.array(grid.spacing_xyz)
+    found = map_coordinates(values, index.T[::-1], np.float64, 1, cval=np.nan, prefilter=False)
+    return np.where(np.isfinite(found), found, np.nan)
+
+
+def _correlation_at(
+    matrix: FloatArray, pair: Compared, points: FloatArray, fixed: FloatArray
+) -> float:
+    """Pearson's correlation at the points that the volume still covers; -1 where there are none."""
+    moving = _read(pair.moving, pair.grid, transforms.apply(matrix, points))
+    known = np.isfinite(moving)
+    if np.count_nonzero(known) < 0.5 * len(points):
+        return -1.0
+    x, y = moving[known] - moving[known].mean(), fixed[known] - fixed[known].mean()
+    size = np.sqrt(np.sum(x * x) * np.sum(y * y))
+    # sums, not BLAS products, whose last digits depend on the number of threads
+    return float(np.sum(x * y) / size) if size > 0 else -1.0
+
+
+def _newton_step(
+    matrix: FloatArray, pair: Compared, points: FloatArray, fixed: FloatArray
+) -> FloatArray:
+    """Turn (rad) and shift (m), (2, 3), of the volume's points about the grid's moved center.
+
+    They solve ``fixed = gain (volume + slope . movement) + offset`` by least squares.
+    """
+    spacing = np.array(pair.grid.spacing_xyz)
+    at = transforms.apply(matrix, points)
+    slope = np.stack(
+        [
+            (_read(pair.moving, pair.grid, at + d) - _read(pair.moving, pair.grid, at - d)) / s
+            for d, s in zip(0.5 * np.diag(spacing), spacing, strict=True)
+        ],
+        -1,
+    )
+    moving = _read(pair.moving, pair.grid, at)
+    lever = at - _moved(matrix, pair.grid.center)
+    arm = float(np.sqrt(np.mean(lever**2)))
+    columns = np.column_stack(
+        [np.cross(lever, slope) / arm, slope, moving, np.ones_like(moving), fixed]
+    )
+    columns = columns[np.isfinite(columns).all(-1)]
+    # one product of two columns after the other: no digit depends on the number of threads
+    products = np.array([[np.sum(a * b) for b in columns.T] for a in columns.T])
+    solved = np.linalg.lstsq(products[:-1, :-1], products[:-1, -1], rcond=1e-12)[0]
+    gain = solved[6]
+    if gain <= 0:
+        return np.zeros((2, 3))
+    return np.stack([solved[:3] / arm, solved[3:6]]) / gain
+
+
+def _moved(matrix: FloatArray, point: Sequence[float] | FloatArray) -> FloatArray:
+    """The point (3,) where the matrix carries it."""
+    return matrix[:3, :3] @ np.asarray(point, float) + matrix[:3, 3]
+
+
+def _about(center: FloatArray, turn: FloatArray, shift: FloatArray) -> FloatArray:
+    """Matrix (4, 4): a turn (3,) rad about a point, then a shift (3,) m."""
+    rotation = transforms.rotation_from_vector(turn)
+    return transforms.rigid(rotation, center - rotation @ center + shift)
 
 
 def _halved(pair: Compared) -> Compared:
@@ -225,13 +302,6 @@ def _mean_of_pairs(values: Float32Array) -> Float32Array:
         even[axis], odd[axis] = slice(0, stop, 2), slice(1, stop, 2)
         values = values[tuple(even)] + values[tuple(odd)]
     return values * np.float32(0.125)
-
-
-def _image(array: NDArray, grid: VolumeGrid) -> sitk.Image:
-    image = sitk.GetImageFromArray(array)
-    image.SetSpacing([1e3 * s for s in grid.spacing_xyz])
-    image.SetOrigin((1e3 * grid.origin).tolist())
-    return image
 
 
 def _correlation(a: Float32Array, b: Float32Array, mask: NDArray[np.bool_]) -> float:
