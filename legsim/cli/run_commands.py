@@ -33,13 +33,17 @@ def run(
     ] = None,
     out: OutFolder = Path("run"),
     device: DeviceOption = None,
+    force: Annotated[
+        bool, typer.Option("--force", help="Scan even a movement that no leg makes.")
+    ] = False,
 ) -> None:
     """Simulate, correct and score one scan, with a report and a recording."""
     from legsim import config
     from legsim.run import pipeline
 
+    forced = ("motion.implausible=scan",) if force else ()
     settings_tree = config.load_settings(
-        config_file, preset=preset.value, overrides=tuple(settings or ())
+        config_file, preset=preset.value, overrides=(*(settings or ()), *forced)
     )
     with progress.of_stages(console.err) as on_progress:
         result = pipeline.run_scan(settings_tree, out, device=device, on_progress=on_progress)
@@ -49,7 +53,7 @@ def run(
         result.columns(),
         result.rows(),
     )
-    print_lines(result.places())
+    print_lines([*(f"warning: {line}" for line in result.warnings), *result.places()])
 
 
 def replay(

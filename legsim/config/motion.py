@@ -49,3 +49,8 @@ class MotionConfig(ConfigSection):
 
     Else the leg stays as scaled and markers sit where the model has them.
     """
+    implausible: Literal["refuse", "scan"] = "refuse"
+    """what becomes of a movement that no leg makes (steps, rates, unlike lengths, a poor fit)
+
+    "scan" is what --force sets.
+    """

@@ -1,7 +1,7 @@
 """Volumes read between their voxels: cubic B-spline interpolation on the device.
 
 It follows ITK's ``BSplineInterpolateImageFunction`` of order 3: coefficients by the inverse filter
-(Unser, "Splines: a perfect fit for signal and image processing", IEEE Signal Processing Magazine
+(M. Unser, "Splines: a perfect fit for signal and image processing", IEEE Signal Processing Magazine
 16, 1999), mirrored at the borders, and no value more than half a voxel outside the grid. Single
 precision, slab by slab.
 """

@@ -20,12 +20,8 @@ from legsim.kinematics.scaling import Scaling
 from legsim.mocap.cleaning import CleaningReport
 from legsim.mocap.trajectories import JointTrajectories, MarkerTrajectories
 
-_POOR_RMS, _POOR_WORST = 0.03, 0.1
-"""m: skin and placement of markers explain less than this"""
-
 _WORTH_TELLING = 0.005
 """share of the samples"""
-"""more than any knee overextends"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -101,14 +97,20 @@ class MovingLeg:
         """Sentences on what no person's leg does, with names and times; such a leg is not to be
         scanned.
         """
-        return plausibility.objections(self.leg, self.trajectories)
+        times = self.trajectories.times
+        fit = () if self.fit is None else plausibility.poor_fit(self.fit.ik, times)
+        return (
+            *plausibility.objections(self.leg, self.trajectories),
+            *plausibility.at_limits(self.leg, self.trajectories),
+            *fit,
+        )
 
     @cached_property
     def warnings(self) -> tuple[str, ...]:
         """What a reader should know before using the movement: all that is implausible, and what is
         doubtful.
         """
-        doubts = list(plausibility.at_limits(self.leg, self.trajectories))
+        doubts: list[str] = []
         if self.fit is not None and len(self.fit.ik.frames_jumping):
             jumps = self.fit.ik.frames_jumping
             first = int(jumps[0])
@@ -240,14 +242,6 @@ class MovingLeg:
             f"model follows the markers within {1e3 * ik.rms:.1f} mm RMS (worst "
             f"{1e3 * np.nanmax(ik.marker_worst):.1f} mm)",
         ]
-        worst = int(np.nanargmax(ik.marker_worst))
-        if ik.rms > _POOR_RMS or ik.marker_worst[worst] > _POOR_WORST:
-            when = self.trajectories.times[ik.marker_worst_frame[worst]]
-            lines.append(
-                f"warning: that is no good fit; worst is {ik.marker_names[worst]} at {when:.2f} "
-                "s: see whether labels are "
-                "exchanged there, or a marker stands still"
-            )
         unseen = {
             r.role: r.left_missing / r.samples
             for r in cleaning.roles

@@ -5,6 +5,7 @@ wrong somewhere.
 import numpy as np
 
 from legsim.core.values import FloatArray
+from legsim.kinematics.inverse_kinematics import IkReport
 from legsim.kinematics.leg import Leg
 from legsim.mocap.trajectories import JointTrajectories
 
@@ -23,6 +24,12 @@ _UNLIKE = 0.04
 _LONG_AT_LIMIT = 0.2
 """share of the frames"""
 
+_POOR_RMS, _POOR_MARKER, _POOR_WORST = 0.015, 0.03, 0.1
+"""m of all markers, of one over the frames, in one frame
+
+Twenty recordings of ten marker sets stay within 7, 15 and 45 mm.
+"""
+
 
 def objections(leg: Leg, trajectories: JointTrajectories) -> tuple[str, ...]:
     """Sentences on what a person's leg cannot do, each with names and times; none where all is
@@ -39,21 +46,41 @@ def objections(leg: Leg, trajectories: JointTrajectories) -> tuple[str, ...]:
 
 
 def at_limits(leg: Leg, trajectories: JointTrajectories) -> tuple[str, ...]:
-    """Sentences on knees that stay at their limit: the markers would bend them further."""
+    """Sentences on knees that stay at a limit: the markers would bend them further."""
     lines = []
-    for side in "rl":
-        name = f"knee_angle_{side}"
+    for name in ("knee_angle_r", "knee_angle_l"):
         if name not in leg.coordinate_names:
             continue
         angle = trajectories.coordinate(name)
-        limits = leg.coordinate_ranges[leg.coordinate_names.index(name)]
-        share = float(np.mean((angle < limits[0] + 1e-6) | (angle > limits[1] - 1e-6)))
-        if share > _LONG_AT_LIMIT:
-            lines.append(
-                f"knee_angle_{side} is at its limit in {100 * share:.0f} % of the frames: the "
-                "markers of that leg do not sit where the model has them"
-            )
+        low, high = leg.coordinate_ranges[leg.coordinate_names.index(name)]
+        for limit, beyond in ((low, angle < low + 1e-6), (high, angle > high - 1e-6)):
+            share = float(np.mean(beyond))
+            if share > _LONG_AT_LIMIT:
+                lines.append(
+                    f"{name} is at its limit of {np.degrees(limit):.0f} deg in "
+                    f"{100 * share:.0f} % of the frames: that knee goes beyond what the model has, "
+                    "or its markers do not sit where the model has them"
+                )
     return tuple(lines)
+
+
+def poor_fit(ik: IkReport, times: FloatArray) -> tuple[str, ...]:
+    """A sentence on markers that the model follows worse than skin and placement explain."""
+    worst = int(np.nanargmax(ik.marker_worst))
+    loosest = int(np.nanargmax(ik.marker_rms))
+    if (
+        ik.rms <= _POOR_RMS
+        and ik.marker_rms[loosest] <= _POOR_MARKER
+        and ik.marker_worst[worst] <= _POOR_WORST
+    ):
+        return ()
+    frame = int(ik.marker_worst_frame[worst])
+    return (
+        f"the model follows the markers within {1e3 * ik.rms:.0f} mm RMS, and "
+        f"{ik.marker_names[loosest]} within {1e3 * ik.marker_rms[loosest]:.0f} mm, which is no "
+        f"good fit; worst is {ik.marker_names[worst]} in frame {frame} ({times[frame]:.2f} s): see "
+        "whether labels are exchanged there, or a marker stands still",
+    )
 
 
 def _too_fast(leg: Leg, values: FloatArray, times: FloatArray) -> list[str]:

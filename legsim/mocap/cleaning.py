@@ -3,7 +3,7 @@ bridged, noise filtered.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from itertools import combinations
 
 import numpy as np
@@ -14,6 +14,7 @@ from legsim.core.errors import LegsimError
 from legsim.core.values import FloatArray
 from legsim.mocap import gap_filling, outliers
 from legsim.mocap.held import find_held
+from legsim.mocap.in_view import note_of, span_in_view
 from legsim.mocap.labels import PAPER_ROLES, MarkerMap, check_covered, check_distinct
 from legsim.mocap.low_pass import low_pass, runs
 from legsim.mocap.trajectories import MarkerTrajectories
@@ -102,7 +103,8 @@ def clean(
     (:mod:`legsim.mocap.outliers`), short gaps bridged by cubic splines, longer ones from three
     other markers on the same segment where these are seen (:mod:`legsim.mocap.gap_filling`),
     several labels of a role averaged, and each unbroken stretch filtered by itself, so that a
-    dropout never smears into motion.
+    dropout never smears into motion. Frames before and after the person is in view are left out
+    (:mod:`legsim.mocap.in_view`).
 
     The filter is a second-order Butterworth low-pass run forwards and backwards (zero phase).
     ``filter_hz`` is the cut-off of each pass, not corrected for the second: together they halve the
@@ -136,6 +138,7 @@ def clean(
     _check_seen(never, marker_map, motion, required)
     _check_copies(motion, found)
     times, source = _even(motion, sorted({name for names in found.values() for name in names}))
+    resampled = len(times) != len(motion.times) or not np.array_equal(times, motion.times)
     dt = float(times[-1] - times[0]) / (len(times) - 1)
     _check_filter(filter_hz, 1 / dt)
     segments = {name: marker_map.segment(r) for r, names in found.items() for name in names}
@@ -145,13 +148,16 @@ def clean(
         for role, names in found.items()
     }
     _check_person(means)
+    span = span_in_view(means, {role: marker_map.segment(role) for role in found})
+    notes = note_of(span, times)
+    means, stages = {role: x[span] for role, x in means.items()}, stages.within(span)
+    times = times[span]
     cleaned = np.stack(
         [low_pass(x, 1 / dt, filter_hz) if filter_hz else x for x in means.values()], axis=1
     )
     reports = tuple(_report(role, names, stages, dt) for role, names in found.items())
-    resampled = len(times) != len(motion.times) or not np.array_equal(times, motion.times)
     used = {name for names in found.values() for name in names}
-    notes = tuple(note for name, note in held.items() if name in used)
+    notes = (*(note for name, note in held.items() if name in used), *notes)
     report = CleaningReport(marker_map.name, 1 / dt, filter_hz, resampled, reports, never, notes)
     return MarkerTrajectories(times, tuple(means), cleaned), report
 
@@ -283,6 +289,11 @@ class _Stages:
     """and longer ones filled from other markers"""
     bridged: dict[str, FloatArray]
     """and what remains bridged as far as asked"""
+
+    def within(self, span: slice) -> "_Stages":
+        """The same of some frames alone."""
+        steps = (getattr(self, field.name) for field in fields(self))
+        return _Stages(*({name: x[span] for name, x in step.items()} for step in steps))
 
 
 def _cleaned(

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from legsim import figures
+from legsim.imu import plausibility as imu_plausibility
 from legsim.kinematics.leg_model import LegModel
 from legsim.kinematics.moving_leg import MarkerFit, MovingLeg
 from legsim.mocap.cleaning import CleaningReport
@@ -78,10 +79,6 @@ def replay_report_lines(recovered: MovingLeg, out: Path) -> list[str]:
     ]
 
 
-_LARGE_RESIDUAL = 0.03
-"""m RMS: above it a marker is mislabeled, or its role names another place"""
-
-
 def still(scene: ReplayScene) -> bytes:
     """Draws the PNG of the body in the middle of the recording."""
     return figures.png(figures.still(scene, _middle(scene)))
@@ -117,7 +114,11 @@ def content(
             FileNote("kinematics.json", "the numbers of this page"),
             FileNote("manifest.json", "versions, seconds and sha256 of every file"),
         ),
-        warnings=(*recovered.warnings, *(() if fit is None else warnings(fit))),
+        warnings=(
+            *recovered.warnings,
+            *(() if scene.imu is None else imu_plausibility.objections(scene.imu)),
+            *(() if fit is None else warnings(fit)),
+        ),
     )
 
 
@@ -226,17 +227,7 @@ def coordinate_table(recovered: MovingLeg) -> Table:
 
 def warnings(fit: MarkerFit) -> tuple[str, ...]:
     """Lists what a reader should look at first."""
-    ik, lines = fit.ik, []
-    far = [
-        name
-        for name, rms in zip(ik.marker_names, ik.marker_rms, strict=True)
-        if rms > _LARGE_RESIDUAL
-    ]
-    if far:
-        lines.append(
-            f"The model stays more than {1e3 * _LARGE_RESIDUAL:g} mm from {', '.join(far)}: check "
-            "the labels and the marker map."
-        )
+    ik, lines = fit.ik, list[str]()
     if fit.cleaning.never_seen:
         lines.append(f"Never seen: {', '.join(fit.cleaning.never_seen)}.")
     if len(ik.frames_unconverged):

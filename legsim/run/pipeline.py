@@ -18,6 +18,7 @@ from legsim.correction.method import Scan
 from legsim.deformation.models import RigidMotion
 from legsim.evaluation.scores import MethodResult
 from legsim.geometry.volume import NamedVolume
+from legsim.imu import plausibility as imu_plausibility
 from legsim.opencl.device import Device, open_device
 from legsim.report import page, scan_page
 from legsim.run import c_arm, scores, sensors, stages, volumes
@@ -39,6 +40,8 @@ class RunResult:
 
     folder: Path
     methods: tuple[MethodResult, ...]
+    warnings: tuple[str, ...] = ()
+    """about the movement that was scanned"""
 
     @property
     def region_names(self) -> tuple[str, ...]:
@@ -127,6 +130,8 @@ def run_scan(
     stage = StageContext(settings, folder, opened, on_progress)
     setup = stages.set_up(stage)
     signals = stages.read_sensors(settings, setup.person, folder, stages.motion_key(settings))
+    readings = imu_plausibility.objections(signals)
+    stages.refuse_implausible(settings, setup.person.name, readings)
     starts = stages.starts(stage, setup, signals)
     moving, at_rest = stages.exposures(stage, setup)
     joints = joints_on_sensors(
@@ -140,7 +145,7 @@ def run_scan(
     results = scores.score_methods(stage, scan, corrected, grid)
     if presented:
         _present(stage, scan, corrected, results, starts)
-    return RunResult(out, results)
+    return RunResult(out, results, (*setup.person.warnings, *readings))
 
 
 def _about(settings: RunConfig, device: Device) -> dict[str, Any]:

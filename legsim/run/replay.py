@@ -9,6 +9,7 @@ from legsim.config import RunConfig
 from legsim.core import files
 from legsim.core.files import key_of
 from legsim.core.progress import OnProgress
+from legsim.imu import plausibility as imu_plausibility
 from legsim.report import page as report_page
 from legsim.report import replay_page
 from legsim.run import motion as run_motion
@@ -67,4 +68,5 @@ def replay(
     if image is not None:
         files.write_bytes(image, posture())
     on_progress("recording", 1, 1)
-    return ReplayResult(tuple(replay_page.replay_report_lines(person, out)))
+    doubts = (f"warning: {line}" for line in imu_plausibility.objections(signals))
+    return ReplayResult((*doubts, *replay_page.replay_report_lines(person, out)))

@@ -8,6 +8,7 @@ import numpy as np
 
 from legsim import __version__
 from legsim.config import RunConfig
+from legsim.core.errors import LegsimError
 from legsim.core.files import key_of, write_text
 from legsim.core.progress import OnProgress
 from legsim.correction import initialization
@@ -65,7 +66,9 @@ class StageContext:
 def motion_key(settings: RunConfig) -> str:
     """Key of all that decides the kinematics."""
     return key_of(
-        __version__, settings.motion.model_dump(), run_motion.fingerprint(settings.motion)
+        __version__,
+        settings.motion.model_dump(exclude={"implausible"}),
+        run_motion.fingerprint(settings.motion),
     )
 
 
@@ -129,6 +132,7 @@ def set_up(stage: StageContext) -> ScanSetup:
     stage.on_progress("joint angles", 0, 1)
     person = run_motion.solve(settings.motion)
     write_kinematics(person, stage.folder, motion_key(settings))
+    refuse_implausible(settings, person.name, person.implausible)
     wanted, scan = settings.phantom, settings.scan
     setup = prepare_scan(
         person,
@@ -145,6 +149,20 @@ def set_up(stage: StageContext) -> ScanSetup:
     )
     stage.on_progress("joint angles", 1, 1)
     return setup
+
+
+def refuse_implausible(settings: RunConfig, recording: str, objections: tuple[str, ...]) -> None:
+    """Refuses to scan a movement that no leg makes, unless the settings say otherwise.
+
+    Raises:
+        LegsimError: there are objections; the line holds the first.
+    """
+    if objections and settings.motion.implausible == "refuse":
+        more = f" (and {len(objections) - 1} more, in kinematics.json)" if objections[1:] else ""
+        raise LegsimError(
+            f"{recording}: {objections[0]}{more}; check the recording and its marker map, or scan "
+            "it all the same with --force"
+        )
 
 
 def exposures(stage: StageContext, setup: ScanSetup) -> tuple[Projections, Projections]:

@@ -113,6 +113,7 @@ def simulate_scan(
     seed: int = 0,
     device: Device | None = None,
     progress: OnProgress | None = None,
+    force: bool = False,
 ) -> SimulatedScan:
     """Scans a moving person, and once more at rest in the pose of the first view.
 
@@ -126,15 +127,21 @@ def simulate_scan(
         seed: of the photon noise.
         device: that projects; None opens the fastest.
         progress: is called with the name of the work, steps done and total steps.
+        force: scan even a movement that no leg makes (``person.implausible``).
 
     Raises:
-        LegsimError: a recording shorter than the scan, signals whose sensors have no known
-            position, no OpenCL device.
+        LegsimError: an implausible movement, a recording shorter than the scan, signals whose
+            sensors have no known position, no OpenCL device.
 
     >>> scan = simulate_scan(person, CArm.half(), imu)
     >>> scan.seen.projections.line_integrals.shape
     (248, 240, 310)
     """
+    if person.implausible and not force:
+        raise LegsimError(
+            f"{person.name}: {person.implausible[0]}; check the recording and its marker map, or "
+            "scan it all the same with force=True"
+        )
     arm, opened = c_arm or CArm.paper(), device or open_device()
     signals = imu or simulate_imu(person, default_sensors(side))
     if not signals.sensors:

@@ -1,5 +1,7 @@
 """What a moving person reports of the fit."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -33,10 +35,13 @@ def test_a_poor_fit_and_what_was_not_seen_are_told_aloud(tmp_path, squat):
     positions[half:, :, 0] += np.linspace(0, 0.6, len(positions) - half)[:, None]
     tremble = 1e-5 * np.random.default_rng(2).standard_normal((len(positions) - half, 3))
     positions[half:, knee] = positions[half - 1, knee] + tremble
-    lines = run_motion.solve(
+    moving = run_motion.solve(
         saved(tmp_path, MarkerTrajectories(squat.times, squat.marker_names, positions))
-    ).lines()
-    assert any(line.startswith("warning: that is no good fit; worst is") for line in lines)
+    )
+    lines = moving.lines()
+    (poor,) = [line for line in moving.implausible if "no good fit" in line]
+    assert re.search(r"epicondyle_lateral_r within \d+ mm, .* frame \d+ \(\d+\.\d+ s\)", poor)
+    assert f"warning: {poor}" in lines
     assert any(
         "not seen for longer than can be bridged" in line and "malleolus_lateral_r" in line
         for line in lines

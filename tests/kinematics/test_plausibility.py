@@ -64,12 +64,12 @@ def test_legs_of_unlike_length_are_named():
     assert "the thighs differ by 8 %" in said[0]
 
 
-def test_a_knee_at_its_limit_is_doubtful_and_printed():
+def test_a_knee_at_its_limit_is_implausible_and_printed():
     values = swaying()
     column = COORDINATES.index("knee_angle_l")
     values[:, column] = LEG.coordinate_ranges[column, 1]
     times = np.arange(len(values)) / 100
     moving = MovingLeg("a.mot", LEG, JointTrajectories(times, COORDINATES, values), None)
-    assert moving.implausible == ()
-    assert "knee_angle_l is at its limit in 100 % of the frames" in moving.warnings[0]
+    assert moving.implausible == moving.warnings
+    assert "knee_angle_l is at its limit of 10 deg in 100 % of the frames" in moving.warnings[0]
     assert any(line.startswith("warning: knee_angle_l is at its limit") for line in moving.lines())

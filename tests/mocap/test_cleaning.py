@@ -400,3 +400,16 @@ def test_somebody_who_lies_has_right_and_left_too(axis, angle):
     mirrored = motion.positions_world * [1, 1, -1]
     with pytest.raises(LegsimError, match="left and right are exchanged"):
         cleaning.clean(MarkerTrajectories(motion.times, LABELS, mirrored @ lying.T), SEVEN)
+
+
+def test_frames_without_the_person_are_left_out_and_named():
+    motion = recording()
+    positions = motion.positions_world.copy()
+    positions[:150] = np.nan
+    positions[-30:] = np.nan
+    part = MarkerTrajectories(motion.times, motion.marker_names, positions)
+    cleaned, report = cleaning.clean(part, SEVEN)
+    np.testing.assert_array_equal(cleaned.times, motion.times[150:-30])
+    assert np.isfinite(cleaned.positions_world).all()
+    assert all(r.missing == r.left_missing == 0 for r in report.roles)
+    assert any(note.startswith("150 frames before") for note in report.notes)

@@ -15,7 +15,9 @@ from legsim.deformation.files import load_motion
 from legsim.deformation.models import RigidMotion
 from legsim.geometry import files as geometry_files
 from legsim.geometry import image_files
+from legsim.kinematics.from_recording import solve_kinematics
 from legsim.mocap import opensim
+from legsim.mocap.trajectories import JointTrajectories
 from legsim.run import pipeline
 from legsim.run.folder import RunFolder
 
@@ -276,3 +278,26 @@ def test_the_example_makes_scans_with_their_truth(tmp_path):
     assert read["wanted"].shape == (40, 40, 40)
     assert len(read["motion"]) == 31
     assert np.abs(read["motion"]).max() > 1e-4
+
+
+@pytest.fixture(scope="module")
+def stepping(tiny_settings, tmp_path_factory) -> config.RunConfig:
+    """A scan of a person that steps aside by 0.5 m between two samples."""
+    whole = solve_kinematics(tiny_settings.motion.file).trajectories
+    values = whole.values.copy()
+    values[600:, whole.coordinate_names.index("pelvis_tx")] += 0.5
+    file = tmp_path_factory.mktemp("step") / "step.mot"
+    opensim.save(file, JointTrajectories(whole.times, whole.coordinate_names, values))
+    motion = tiny_settings.motion.model_copy(update={"file": str(file)})
+    return tiny_settings.model_copy(update={"motion": motion})
+
+
+def test_a_movement_that_no_leg_makes_is_solved_but_not_scanned(stepping, tmp_path):
+    message = r"step\.mot: pelvis_tx steps at 60 m/s from frame 599 .* --force"
+    with pytest.raises(LegsimError, match=message):
+        pipeline.run_scan(stepping, tmp_path)
+    written = {p.name for p in tmp_path.iterdir()}
+    assert "kinematics.json" in written
+    assert not {n for n in written if n.startswith("projections")}
+    said = json.loads((tmp_path / "kinematics.json").read_text())["warnings"]
+    assert said[0].startswith("pelvis_tx steps at 60 m/s")
