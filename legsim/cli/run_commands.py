@@ -81,6 +81,13 @@ def replay(
             metavar="SCALES.xml", help="OpenSim's scale factors, for legsim's leg or the model."
         ),
     ] = None,
+    tasks: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="TASKS.xml",
+            help="OpenSim's tasks of inverse kinematics: an IKTaskSet or a whole set-up.",
+        ),
+    ] = None,
     filter_hz: Annotated[
         float | None,
         typer.Option(
@@ -107,6 +114,7 @@ def replay(
     overrides = [f"motion.file={motion}", *(settings or ())]
     overrides += [f"motion.model={model}"] if model else []
     overrides += [f"motion.scale_file={scale_file}"] if scale_file else []
+    overrides += [f"motion.ik.tasks_file={tasks}"] if tasks else []
     if filter_hz is not None:
         overrides.append(f"motion.filter_hz={filter_hz}")
     with progress.of_stages(console.err) as on_progress:

@@ -108,8 +108,12 @@ def rigid_sensor(name: str) -> str | None:
 def label(name: str) -> str:
     """Label of a method in tables and file names.
 
-    It is the method's name, or the function's where it comes from a file.
+    It is the method's name, or the function's where it comes from a file. A sensor's slashes become
+    underscores, since no file name may hold them.
     """
+    sensor = rigid_sensor(name)
+    if sensor is not None:
+        return _RIGID_FROM + sensor.replace("/", "_").replace("\\", "_")
     return name.rpartition(":")[2]
 
 

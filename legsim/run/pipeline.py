@@ -123,13 +123,20 @@ def run_scan(
     """
     # wrong settings are reported before anything is computed
     volumes.check(settings)
+    sensors.check(settings.imu)
     c_arm.imaging(settings.scan)
     opened, out = open_device(device), Path(out)
     folder = RunFolder(out, _about(settings, opened), store)
     write_text(out / "config.toml", config.dump(settings))
     stage = StageContext(settings, folder, opened, on_progress)
     setup = stages.set_up(stage)
-    signals = stages.read_sensors(settings, setup.person, folder, stages.motion_key(settings))
+    signals = stages.read_sensors(
+        settings,
+        setup.person,
+        folder,
+        stages.motion_key(settings),
+        rest_at=float(setup.times[0]),
+    )
     readings = imu_plausibility.objections(signals)
     stages.refuse_implausible(settings, setup.person.name, readings)
     starts = stages.starts(stage, setup, signals)

@@ -18,6 +18,7 @@ from legsim.deformation.models import ControlPointMotion, Motion
 from legsim.geometry import image_files
 from legsim.geometry.volume import Volume, VolumeGrid
 from legsim.run import methods, reconstruction
+from legsim.run import sensors as run_sensors
 from legsim.run.methods import MethodInputs
 from legsim.run.stages import StageContext
 from legsim.simulation.setup import Side
@@ -131,6 +132,7 @@ def _key(stage: StageContext, name: str) -> str:
     return key_of(
         *always,
         settings.imu.model_dump(),
+        run_sensors.fingerprint(settings.imu),
         settings.methods.model_dump(exclude={"run"}),
         settings.seed,
     )

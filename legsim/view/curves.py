@@ -60,7 +60,7 @@ def log_imu(recorder: Recorder, imu: ImuSignals) -> None:
             ("specific_force", "m/s²", specific_force),
             ("angular_velocity", "rad/s", angular_velocity),
         ):
-            entity = f"imu/{name}/{kind}"
+            entity = f"imu/{rr.escape_entity_path_part(name)}/{kind}"
             recorder.columns(
                 entity,
                 imu.times,

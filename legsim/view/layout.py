@@ -1,6 +1,7 @@
 """How the viewer shows a recording when it first opens."""
 
 import numpy as np
+import rerun as rr
 import rerun.blueprint as rrb
 
 from legsim.scene.values import ReplayScene, ScanScene
@@ -83,12 +84,11 @@ def _angles(scene: ReplayScene) -> rrb.Tabs:
 
 
 def _sensor(name: str) -> rrb.Vertical:
+    place = f"imu/{rr.escape_entity_path_part(name)}"
     return rrb.Vertical(
+        rrb.TimeSeriesView(origin=f"{place}/specific_force", name=f"{name}: specific force (m/s²)"),
         rrb.TimeSeriesView(
-            origin=f"imu/{name}/specific_force", name=f"{name}: specific force (m/s²)"
-        ),
-        rrb.TimeSeriesView(
-            origin=f"imu/{name}/angular_velocity", name=f"{name}: angular velocity (rad/s)"
+            origin=f"{place}/angular_velocity", name=f"{name}: angular velocity (rad/s)"
         ),
         name=name,
     )

@@ -97,7 +97,8 @@ def log_markers(recorder: Recorder, scene: ReplayScene) -> None:
 def log_sensors(recorder: Recorder, sensor_poses: SegmentPoses) -> None:
     """Logs a box and the axes of each sensor: x red, y green, z blue."""
     for name in sensor_poses.segment_names:
-        entity = f"world/sensors/{name}"
+        # a slash would hang one sensor on another, and move it with that
+        entity = f"world/sensors/{rr.escape_entity_path_part(name)}"
         recorder.poses(entity, sensor_poses.times, sensor_poses.of(name))
         recorder.static(
             entity,
