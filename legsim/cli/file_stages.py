@@ -18,8 +18,11 @@ from legsim.core.files import write_text
 from legsim.core.progress import OnProgress
 from legsim.deformation.files import load_motion
 from legsim.evaluation import regions as evaluation_regions
-from legsim.evaluation import resampling, similarity
+from legsim.evaluation import regridding, similarity
 from legsim.evaluation.regions import Region
+from legsim.evaluation.scaling import Scaling
+from legsim.evaluation.similarity import Scores
+from legsim.evaluation.ssim import Window
 from legsim.geometry import files as geometry_files
 from legsim.geometry import image_files, projection_images, scan_files
 from legsim.geometry.cone_beam import ConeBeamGeometry
@@ -283,9 +286,11 @@ def evaluate(
     regions: Path | None,
     register: bool,
     resample: bool = False,
-) -> list[tuple[str, ...]]:
-    """Writes metrics.json; returns the rows of the table. ``resample`` brings the volume onto the
-    reference's grid first.
+    scaling: Scaling = "reference",
+    window: Window = "uniform",
+) -> Scores:
+    """Scores a volume and writes metrics.json. ``resample`` brings the volume onto the reference's
+    grid first.
     """
     volume, reference = (
         image_files.load_volume(volume_file),
@@ -293,9 +298,11 @@ def evaluate(
     )
     chosen = _whole(reference.grid) if regions is None else _labelled(regions, reference)
     if resample:
-        brought = resampling.onto(volume, reference.grid)
+        brought = regridding.onto(volume, reference.grid)
         volume, chosen = brought.volume, tuple(brought.clipped(region) for region in chosen)
-    metrics = similarity.evaluate(volume, reference, chosen, register=register)
+    metrics = similarity.evaluate(
+        volume, reference, chosen, register=register, scaling=scaling, window=window
+    )
     write_text(
         out,
         json.dumps(
@@ -309,10 +316,7 @@ def evaluate(
         )
         + "\n",
     )
-    return [
-        (m.region, f"{m.ssim:.4f}", f"{m.rmse:.4f}", f"{m.gradient_entropy:.4f}", str(m.voxels))
-        for m in metrics.regions
-    ]
+    return metrics
 
 
 def _whole(grid: VolumeGrid) -> tuple[Region, ...]:

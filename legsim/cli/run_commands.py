@@ -51,8 +51,8 @@ def run(
     with files.reading(named), progress.of_stages(console.err) as on_progress:
         result = pipeline.run_scan(settings_tree, out, device=device, on_progress=on_progress)
     print_table(
-        "Against the motion-free scan (volumes scaled 0 to 1, registered); residual motion; at "
-        "the bones in the images",
+        f"Against the motion-free scan. {result.protocol} Residual motion; at the bones in the "
+        "images",
         result.columns(),
         result.rows(),
     )

@@ -327,17 +327,37 @@ def evaluate(
         bool,
         typer.Option("--resample", help="Bring the volume onto the reference's grid first."),
     ] = False,
+    scaling: Annotated[
+        Literal["reference", "reference-leg", "percentiles", "extremes"],
+        typer.Option(
+            help=(
+                "Which attenuations become 0 and 1: the reference's range over the grid or in the "
+                "regions, or of each volume the 0.5 and 99.5 percentiles or the extremes."
+            )
+        ),
+    ] = "reference",
+    window: Annotated[
+        Literal["uniform", "gaussian"],
+        typer.Option(help="Of SSIM: 7 voxels, or a Gaussian of 1.5 voxels."),
+    ] = "uniform",
     out: Annotated[Path, typer.Option("--out", help="The numbers as JSON.")] = Path("metrics.json"),
 ) -> None:
     """SSIM and RMSE of a volume against a reference, and its gradient entropy, by region."""
     from legsim.cli import file_stages
 
-    rows = file_stages.evaluate(
-        volume, reference, out, regions=regions, register=register, resample=resample
+    scores = file_stages.evaluate(
+        volume,
+        reference,
+        out,
+        regions=regions,
+        register=register,
+        resample=resample,
+        scaling=scaling,
+        window=window,
     )
     print_table(
-        f"{volume} against {reference}",
+        f"{volume} against {reference}. {scores.protocol}",
         ("region", "SSIM", "RMSE", "gradient entropy", "voxels"),
-        rows,
+        list(scores.rows()),
     )
     console.out.print(f"numbers: {out}")

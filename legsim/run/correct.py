@@ -248,7 +248,7 @@ def _write_motions(
     for one in corrected:
         if one.motion is None:
             continue
-        label = one.volume.name
+        label = one.name
         matrices = one.motion.rigid_part(points)
 
         def write(label: str = label, matrices: np.ndarray = matrices) -> tuple[str, ...]:
@@ -285,7 +285,7 @@ def _sharpness(
     seen = _field_of_view(scan)
     found = []
     for one in corrected:
-        label = one.volume.name
+        label = one.name
         path = folder.path / f"sharpness-{label}.json"
         hashes = [
             folder.hash_of(name)
@@ -294,7 +294,7 @@ def _sharpness(
         ]
 
         def write(one: Reconstructed = one, path: Path = path) -> tuple[str, ...]:
-            made = _measure(one, seen, scan.grid, folder.seconds(f"volume-{one.volume.name}"))
+            made = _measure(one, seen, scan.grid, folder.seconds(f"volume-{one.name}"))
             files.write_text(path, json.dumps(asdict(made), indent=1) + "\n")
             return (path.name,)
 
@@ -319,8 +319,8 @@ def _measure(one: Reconstructed, seen: np.ndarray, grid: VolumeGrid, seconds: fl
         center = np.array([grid.center])
         far = 1e3 * float(np.linalg.norm(motion.carry(center)[:, 0] - center, axis=-1).max())
         turned = measured_page.largest_turn(motion.rigid_part(_field_points(grid)))
-    entropy = similarity.gradient_entropy(one.volume.volume.attenuation, seen)
-    return Sharpness(one.volume.name, entropy, far, turned, seconds)
+    entropy = similarity.gradient_entropy(one.load().attenuation, seen)
+    return Sharpness(one.name, entropy, far, turned, seconds)
 
 
 def _present(
@@ -336,10 +336,10 @@ def _present(
 
     def write() -> tuple[str, ...]:
         on_progress("recording and report", 0, 2)
-        scene = measured_scene(scan, [one.volume for one in corrected])
+        scene = measured_scene(scan, [NamedVolume(one.name, one.load()) for one in corrected])
         view.write_measured(folder.path / "recording.rrd", scene)
         on_progress("recording and report", 1, 2)
-        moved = [(one.volume.name, one.motion) for one in corrected if one.motion is not None]
+        moved = [(one.name, one.motion) for one in corrected if one.motion is not None]
         drawn = measured_page.measured_figures(scene, moved, scan.grid.center)
         pictures = scan_page.write_pictures(folder.path / "pictures", drawn)
         provenance = [(what, str(value)) for what, value in folder.about.items()]
@@ -350,7 +350,7 @@ def _present(
         on_progress("recording and report", 2, 2)
         return "recording.rrd", "report.html"
 
-    hashes = [folder.hash_of(f"volume-{one.volume.name}.mha") for one in corrected]
+    hashes = [folder.hash_of(f"volume-{one.name}.mha") for one in corrected]
     folder.cached("presentation", key_of(key, hashes, notes), write)
 
 

@@ -4,6 +4,7 @@ import json
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
+from pathlib import Path
 
 from legsim.config import ReconstructionConfig
 from legsim.core.files import write_text
@@ -12,7 +13,7 @@ from legsim.correction.method import Correction
 from legsim.deformation.files import load_motion, save_motion
 from legsim.deformation.models import ControlPointMotion, Motion
 from legsim.geometry import image_files
-from legsim.geometry.volume import NamedVolume, VolumeGrid
+from legsim.geometry.volume import Volume, VolumeGrid
 from legsim.opencl.device import Device
 from legsim.run import methods, reconstruction
 from legsim.run.folder import RunFolder
@@ -20,14 +21,19 @@ from legsim.run.folder import RunFolder
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Reconstructed:
-    """Result of one method."""
+    """Result of one method; its volume stays in its file, since a scan's do not fit in memory."""
 
-    volume: NamedVolume
+    name: str
+    file: Path
     motion: Motion | None
     """motion that the back-projection followed"""
     warped_by: ControlPointMotion | None
     """points by which the images were warped"""
     notes: tuple[str, ...]
+
+    def load(self) -> Volume:
+        """Reads the volume."""
+        return image_files.load_volume(self.file)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -76,7 +82,10 @@ class Reconstructor:
             for name in (f"motion-{label}.npz", f"warp-{label}.npz")
         )
         notes = json.loads((folder.path / f"correction-{label}.json").read_text("utf-8"))["notes"]
-        volume = NamedVolume(label, image_files.load_volume(folder.path / f"volume-{label}.mha"))
         return Reconstructed(
-            volume, motion, warp if isinstance(warp, ControlPointMotion) else None, tuple(notes)
+            label,
+            folder.path / f"volume-{label}.mha",
+            motion,
+            warp if isinstance(warp, ControlPointMotion) else None,
+            tuple(notes),
         )

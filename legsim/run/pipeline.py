@@ -4,7 +4,7 @@
 files.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -17,6 +17,7 @@ from legsim.correction.initialization import Starts
 from legsim.correction.method import Scan
 from legsim.deformation.models import RigidMotion
 from legsim.evaluation.scores import MethodResult
+from legsim.geometry.volume import NamedVolume
 from legsim.imu import plausibility as imu_plausibility
 from legsim.opencl.device import Device, open_device
 from legsim.report import page, scan_page
@@ -28,6 +29,7 @@ from legsim.run.stages import (
 )
 from legsim.run.store import StageCache
 from legsim.scene import build
+from legsim.scene.values import planes_alone
 from legsim.simulation.setup import joints_on_sensors
 from legsim.simulation.simulated_scan import SimulatedScan
 
@@ -45,6 +47,11 @@ class RunResult:
     def region_names(self) -> tuple[str, ...]:
         """Regions in the order of the table."""
         return tuple(r.region for r in self.methods[0].metrics.regions)
+
+    @property
+    def protocol(self) -> str:
+        """How volumes were scaled and which windows SSIM has, in words."""
+        return self.methods[0].metrics.protocol
 
     def columns(self) -> tuple[str, ...]:
         """Column names of :meth:`rows`."""
@@ -174,12 +181,12 @@ def _present(
 
     def write() -> tuple[str, ...]:
         stage.on_progress("recording and report", 0, 2)
-        scene = build.scan_scene(scan, [c.volume for c in corrected])
+        scene = build.scan_scene(scan, list(_shown(corrected)))
         view.write_scan(folder.path / "recording.rrd", scene)
         stage.on_progress("recording and report", 1, 2)
         shank = setup.poses.of(setup.named("tibia"))
         truth = RigidMotion.from_poses(setup.times, shank)
-        rigid = [(c.volume.name, c.motion) for c in corrected if isinstance(c.motion, RigidMotion)]
+        rigid = [(c.name, c.motion) for c in corrected if isinstance(c.motion, RigidMotion)]
         drawn = scan_page.scan_figures(scene, truth, rigid, shank[0, :3, 3])
         pictures = scan_page.write_pictures(folder.path / "pictures", drawn)
         provenance = [(what, str(value)) for what, value in folder.about.items()] + [
@@ -202,6 +209,14 @@ def _present(
     folder.cached("presentation", key, write)
 
 
+def _shown(corrected: tuple[Reconstructed, ...]) -> Iterator[NamedVolume]:
+    """The motion-free volume, whose values set the grays, and what is shown of the others."""
+    for k, one in enumerate(corrected):
+        volume = one.load()
+        planes = build.slice_planes(volume.grid.center)
+        yield NamedVolume(one.name, volume if k == 0 else planes_alone(volume, planes))
+
+
 def _summary(
     settings: RunConfig, results: tuple[MethodResult, ...], notes: Sequence[str]
 ) -> list[str]:
@@ -218,7 +233,7 @@ def _summary(
         lines.append(
             f"Motion lowers SSIM to {before.ssim:.3f} and raises RMSE to {before.rmse:.3f}; "
             f"following the {settings.methods.sensor} sensor "
-            f"rigidly brings {after.ssim:.3f} and {after.rmse:.3f}."
+            f"rigidly brings {after.ssim:.3f} and {after.rmse:.3f}. {results[0].metrics.protocol}"
         )
     lines += [
         c_arm.sentence(scan, settings.phantom),

@@ -118,7 +118,7 @@ def _headlines(clean: Sequence[ScanScore]) -> list[str]:
     if not clean:
         return []
     whole = study_tables.regions(clean)[0]
-    lines = []
+    lines = [study_tables.protocol(clean)]
     for condition, pool in statistics.pools(clean).items():
         for measure, published_of in (
             ("SSIM", published_values.ssim),

@@ -23,6 +23,11 @@ def regions(scores: Iterable[ScanScore]) -> tuple[str, ...]:
     return tuple(dict.fromkeys(m.region for score in scores for m in score.metrics.regions))
 
 
+def protocol(scores: Iterable[ScanScore]) -> str:
+    """How the volumes of the scores were compared; each way once."""
+    return " ".join(dict.fromkeys(score.metrics.protocol for score in scores))
+
+
 def quality(scores: Sequence[ScanScore]) -> tuple[Table, Table]:
     """SSIM and RMSE by condition, method and region."""
     kinds = []
@@ -36,7 +41,25 @@ def quality(scores: Sequence[ScanScore]) -> tuple[Table, Table]:
                 published = quality_entry(measure, condition, method, region, ours).published
                 entries.append(Entry(group, label, region, ours, published))
         kinds.append(entries)
-    return published_tables.quality_tables(kinds[0], kinds[1], "Table 1, seven scans a condition")
+    return published_tables.quality_tables(
+        kinds[0], kinds[1], "Table 1, seven scans a condition", protocol(scores)
+    )
+
+
+def to_phantom(scores: Sequence[ScanScore]) -> Table | None:
+    """SSIM and RMSE to the phantom itself, which has no streaks; None where they are unknown."""
+    columns = [
+        (f"{measure} {region}", _mean_of(statistics.of_region(f"{field}_phantom", region), 3))
+        for measure, field in (("SSIM", "ssim"), ("RMSE", "rmse"))
+        for region in regions(scores)
+    ]
+    return _by_method(
+        "SSIM and RMSE to the phantom",
+        scores,
+        columns,
+        f"{published_tables.PHANTOM} {protocol(scores)} {SPREAD_NOTE}",
+        "phantom",
+    )
 
 
 def _rows(scores: Sequence[ScanScore]) -> list[tuple[str, str, str, str, tuple[ScanScore, ...]]]:
@@ -186,8 +209,11 @@ def _own_error(errors: Sequence[RegistrationError]) -> str:
     )
 
 
-def tests(caption: str, found: Sequence[PairedTest], name: str) -> Table:
-    """A matrix: the median difference above the diagonal, Holm's p below it."""
+def tests(caption: str, found: Sequence[PairedTest], name: str, how: str) -> Table:
+    """A matrix: the median difference above the diagonal, Holm's p below it.
+
+    ``how`` says how volumes were compared.
+    """
     methods = tuple(dict.fromkeys(m for test in found for m in (test.first, test.second)))
     pairs = {(test.first, test.second): test for test in found}
 
@@ -209,8 +235,8 @@ def tests(caption: str, found: Sequence[PairedTest], name: str) -> Table:
     note = (
         "Below the diagonal: p of Wilcoxon's signed-rank test (two-sided, exact), adjusted by "
         "Holm for all pairs of this table. "
-        "Above it: the median difference, row minus column."
-    )
+        f"Above it: the median difference, row minus column. {how}"
+    ).rstrip()
     return Table(caption, ("method", *methods), rows, note, name)
 
 
@@ -357,7 +383,7 @@ def noisy_quality(scores: Sequence[ScanScore]) -> tuple[Table, Table]:
     note = (
         f"Over {counted(len(scans), 'scan')}; repetitions of a scan are averaged first. "
         f"{SPREAD_NOTE} The noise of the sensors is divided "
-        "by 10^f_a (accelerometer) and 10^f_g (gyroscope)."
+        f"by 10^f_a (accelerometer) and 10^f_g (gyroscope). {protocol(noisy)}"
     )
     source = "Maier et al. 2021, Table 3"
     return (
@@ -430,7 +456,7 @@ def every_scan(scores: Sequence[ScanScore], name: str) -> tuple[Table, ...]:
                 caption,
                 ("scan", *methods, "run folder"),
                 tuple(rows),
-                "",
+                protocol(scores),
                 f"{name}_{measure}",
                 links,
             )

@@ -1,6 +1,7 @@
 import json
 import subprocess
 import sys
+from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
@@ -192,13 +193,19 @@ def test_a_motion_of_another_scan_is_named(ball_scan, tmp_path):
 
 def test_a_volume_equals_itself_by_the_command(ball_scan, tmp_path):
     reconstruct(ball_scan, tmp_path / "v.mha")
-    rows = file_stages.evaluate(
-        tmp_path / "v.mha", tmp_path / "v.mha", tmp_path / "m.json", regions=None, register=True
+    scores = file_stages.evaluate(
+        tmp_path / "v.mha",
+        tmp_path / "v.mha",
+        tmp_path / "m.json",
+        regions=None,
+        register=True,
+        scaling="extremes",
+        window="gaussian",
     )
-    assert rows[0][:3] == ("cylinder", "1.0000", "0.0000")
-    written = json.loads((tmp_path / "m.json").read_text())["regions"][0]
-    assert written["ssim"] == pytest.approx(1)
-    assert rows[0][3] == f"{written['gradient_entropy']:.4f}"
+    assert scores.rows()[0][:3] == ("cylinder", "1.0000", "0.0000")
+    written = json.loads((tmp_path / "m.json").read_text())
+    assert written["regions"][0] == asdict(scores.regions[0])
+    assert (written["scaling"], written["window"]) == ("extremes", "gaussian")
 
 
 def test_labels_name_the_regions(ball_scan, tmp_path):
@@ -207,14 +214,14 @@ def test_labels_name_the_regions(ball_scan, tmp_path):
     labels = np.zeros(grid.shape_zyx, np.uint8)
     labels[:20, 10:30, 10:30], labels[20:, 10:30, 10:30] = 1, 7
     save_labels(tmp_path / "l.mha", labels, grid)
-    rows = file_stages.evaluate(
+    scores = file_stages.evaluate(
         tmp_path / "v.mha",
         tmp_path / "v.mha",
         tmp_path / "m.json",
         regions=tmp_path / "l.mha",
         register=False,
     )
-    assert [row[0] for row in rows] == ["label 1", "label 7"]
+    assert [region.region for region in scores.regions] == ["label 1", "label 7"]
     save_labels(tmp_path / "l.mha", 0 * labels, grid)
     with pytest.raises(LegsimError, match="holds no label above 0"):
         file_stages.evaluate(

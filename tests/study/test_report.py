@@ -105,13 +105,13 @@ def test_every_file_that_is_named_is_there(made, written_study):
             assert picture.size == figure.size
 
 
-def test_the_reference_is_in_no_table_but_that_of_sharpness(made):
+def test_the_reference_is_in_no_table_but_those_of_the_phantom_and_of_sharpness(made):
     rows = [
         row
         for row in Cells((made / "report.html").read_text()).rows
         if row[0] == "static" or "static" in row
     ]
-    assert len(rows) == 3  # of three blocks
+    assert len(rows) == 2 * 3  # of three blocks
 
 
 def test_a_ladder_alone_has_no_image_quality(ladder_alone):

@@ -38,6 +38,37 @@ def test_quality_is_the_mean_and_deviation_over_scans(group, postures):
     assert row_of(ssim, "30", "oracle")["published leg"] == "–"
 
 
+def test_distances_from_the_phantom_have_a_row_for_the_motion_free_scan():
+    every = [s for s in example_study.results().scores if s.noise is None]
+    table = tables.to_phantom(every)
+    assert table is not None
+    for method in ("static", "nonrigid-2d"):
+        found = [s.metrics.of("leg") for s in every if s.method == method]
+        row = row_of(table, "all", method)
+        for column, field in (("SSIM leg", "ssim_phantom"), ("RMSE leg", "rmse_phantom")):
+            values = np.array([getattr(m, field) for m in found])
+            assert row[column] == f"{values.mean():.3f} ± {values.std(ddof=1):.3f}"
+
+
+def test_without_a_phantom_there_is_no_table_of_it():
+    def blind(score):
+        regions = tuple(
+            replace(r, ssim_phantom=None, rmse_phantom=None) for r in score.metrics.regions
+        )
+        return replace(score, metrics=replace(score.metrics, regions=regions))
+
+    assert tables.to_phantom([blind(s) for s in CLEAN]) is None
+
+
+def test_every_table_of_image_quality_names_the_scaling():
+    other = [replace(s, metrics=replace(s.metrics, scaling="extremes")) for s in CLEAN]
+    found = statistics.paired_tests(CLEAN, statistics.of_region("ssim", "leg"))
+    for scores, words in ((CLEAN, "one map, the range"), (other, "its own minimum and maximum")):
+        shown = [*tables.quality(scores), *tables.every_scan(scores, "scans")]
+        shown += [tables.to_phantom(scores), tables.tests("", found, "", tables.protocol(scores))]
+        assert all(words in table.note for table in shown if table is not None)
+
+
 def test_a_method_that_failed_somewhere_says_how_many_scans_it_has():
     some = [s for s in CLEAN if not (s.method == "rigid" and s.subject == "subject03")]
     ssim, _ = tables.quality(some)
@@ -113,7 +144,7 @@ def test_without_registration_there_is_no_table():
 
 def test_a_matrix_of_tests_has_p_below_and_differences_above():
     found = statistics.paired_tests(CLEAN, statistics.of_region("ssim", "leg"))
-    table = tables.tests("c", found, "n")
+    table = tables.tests("c", found, "n", "how")
     rows = {row[0]: dict(zip(table.columns, row, strict=True)) for row in table.rows}
     for test in found:
         assert test.p_holm is not None
@@ -127,7 +158,7 @@ def test_a_matrix_of_tests_has_p_below_and_differences_above():
 def test_too_few_scans_are_told_in_their_cell():
     few = [s for s in CLEAN if s.subject in ("subject01", "subject02") or s.method != "rigid"]
     table = tables.tests(
-        "c", statistics.paired_tests(few, statistics.of_region("ssim", "leg")), "n"
+        "c", statistics.paired_tests(few, statistics.of_region("ssim", "leg")), "n", "how"
     )
     rows = {row[0]: dict(zip(table.columns, row, strict=True)) for row in table.rows}
     assert rows["rigid"]["uncorrected"] == rows["uncorrected"]["rigid"] == "too few scans"

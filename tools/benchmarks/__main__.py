@@ -108,6 +108,21 @@ def fdk_profile(
 
 
 @app.command()
+def evaluation(
+    counts: Annotated[
+        str, typer.Option(help="Comma-separated: voxels along each side of the cube of 256 mm.")
+    ] = "256,512",
+    device: Annotated[str | None, typer.Option(help="Part of an OpenCL device's label.")] = None,
+) -> None:
+    """Comparison of a volume with its reference: time and memory, beside SimpleITK and
+    scikit-image.
+    """
+    from tools.benchmarks import evaluation as bench_evaluation
+
+    bench_evaluation.run([int(count) for count in counts.split(",")], device, typer.echo)
+
+
+@app.command()
 def fdk_motion() -> None:
     """Filtered back-projection along known motion: slow errors by whose path the weights belong
     to.
