@@ -118,9 +118,13 @@ def run_scan(
     volumes.check(settings)
     c_arm.imaging(settings.scan)
     opened, out = open_device(device), Path(out)
-    folder = RunFolder(out, _about(settings, opened), store)
-    write_text(out / "config.toml", config.dump(settings))
-    stage = StageContext(settings, folder, opened, on_progress)
+    with RunFolder(out, _about(settings, opened), store) as folder:
+        write_text(out / "config.toml", config.dump(settings))
+        return _run(StageContext(settings, folder, opened, on_progress), presented=presented)
+
+
+def _run(stage: StageContext, *, presented: bool) -> RunResult:
+    settings, folder = stage.settings, stage.folder
     setup = stages.set_up(stage)
     signals = stages.read_sensors(settings, setup.person, folder, stages.motion_key(settings))
     readings = imu_plausibility.objections(signals)
@@ -132,13 +136,13 @@ def run_scan(
         volumes.followed_sides(settings),
         points_per_segment=settings.methods.points_per_segment,
     )
-    scan = SimulatedScan(setup, Scan(moving, signals, starts.starts, joints), at_rest, opened)
+    scan = SimulatedScan(setup, Scan(moving, signals, starts.starts, joints), at_rest, stage.device)
     grid = c_arm.volume_grid(settings.grid, setup.geometry.rotation_center())
     corrected = volumes.reconstruct_methods(stage, scan, grid)
     results = scores.score_methods(stage, scan, corrected, grid)
     if presented:
         _present(stage, scan, corrected, results, starts)
-    return RunResult(out, results, (*setup.person.warnings, *readings))
+    return RunResult(folder.path, results, (*setup.person.warnings, *readings))
 
 
 def _about(settings: RunConfig, device: Device) -> dict[str, Any]:

@@ -40,7 +40,19 @@ def replay(
         "config_hash": key_of(config.dump(settings)),
         "sensors": noise_sentence(settings.imu, view_rate_hz=settings.scan.rate_hz),
     }
-    folder = RunFolder(out, about)
+    with RunFolder(out, about, kind="replay") as folder:
+        return _replay(settings, folder, filtered=filtered, image=image, on_progress=on_progress)
+
+
+def _replay(
+    settings: RunConfig,
+    folder: RunFolder,
+    *,
+    filtered: bool,
+    image: Path | None,
+    on_progress: OnProgress,
+) -> ReplayResult:
+    out = folder.path
     on_progress("joint angles", 0, 1)
     person = run_motion.solve(settings.motion, filter_coordinates=filtered)
     key = stages.motion_key(settings)
