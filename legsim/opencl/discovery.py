@@ -59,12 +59,19 @@ class Candidate:
     """time of the probe kernel, None where it failed"""
     failure: str
     """first line of why the probe failed, empty where it passed"""
+    driver: str
+    """the driver's version"""
     handle: Any = field(repr=False, compare=False)
 
     @property
     def label(self) -> str:
         """What a user sees and may name in LEGSIM_DEVICE."""
         return f"{self.name.strip()} [{self.platform.strip()}]"
+
+    @property
+    def compiler(self) -> str:
+        """What turns kernels into numbers: the platform and its driver's version."""
+        return f"{self.platform.strip()} {self.driver.strip()}"
 
 
 def build_program(context: cl.Context, source: str, options: list[str]) -> cl.Program:
@@ -168,6 +175,7 @@ def _probe(platform: cl.Platform, device: cl.Device) -> Candidate:
         device.max_compute_units,
         seconds,
         failure,
+        device.driver_version,
         device,
     )
 

@@ -20,11 +20,9 @@ from legsim.evaluation.scores import MethodResult
 from legsim.imu import plausibility as imu_plausibility
 from legsim.opencl.device import Device, open_device
 from legsim.report import page, scan_page
-from legsim.run import c_arm, scores, sensors, stages, volumes
+from legsim.run import c_arm, code, scores, sensors, stages, volumes
 from legsim.run.folder import RunFolder, commit
-from legsim.run.stages import (
-    StageContext,
-)
+from legsim.run.stages import StageContext
 from legsim.run.store import StageCache
 from legsim.run.volumes import Reconstructed
 from legsim.scene import build
@@ -192,9 +190,14 @@ def _present(
         )
         write_text(folder.path / "report.html", page.render(content))
         stage.on_progress("recording and report", 2, 2)
-        return "recording.rrd", "report.html"
+        return "recording.rrd", "report.html", *(picture.file for picture in pictures)
 
-    key = key_of(stage.scan_key, settings.model_dump(), folder.hash_of("metrics.json"))
+    key = key_of(
+        stage.scan_key,
+        code.fingerprint("presentation"),
+        settings.model_dump(),
+        folder.hash_of("metrics.json"),
+    )
     folder.cached("presentation", key, write)
 
 

@@ -12,8 +12,8 @@ from legsim.core.progress import OnProgress
 from legsim.imu import plausibility as imu_plausibility
 from legsim.report import page as report_page
 from legsim.report import replay_page
+from legsim.run import code, stages
 from legsim.run import motion as run_motion
-from legsim.run import stages
 from legsim.run.folder import RunFolder, commit
 from legsim.run.sensors import noise_sentence
 from legsim.scene import build
@@ -76,7 +76,7 @@ def _replay(
         files.write_text(out / "report.html", report_page.render(page))
         return "recording.rrd", "report.html"
 
-    folder.cached("replay", key_of(key, provenance), write)
+    folder.cached("replay", key_of(key, code.fingerprint("replay"), provenance), write)
     if image is not None:
         files.write_bytes(image, posture())
     on_progress("recording", 1, 1)

@@ -25,6 +25,7 @@ from legsim.kinematics.moving_leg import MovingLeg
 from legsim.mocap import opensim, trc
 from legsim.opencl.device import Device
 from legsim.run import c_arm as run_c_arm
+from legsim.run import code
 from legsim.run import motion as run_motion
 from legsim.run import sensors as run_sensors
 from legsim.run.files import (
@@ -55,8 +56,11 @@ class StageContext:
     def scan_key(self) -> str:
         """Key of all that decides the projections."""
         settings = self.settings
+        swings = settings.phantom.tissue_swing.amplitude > 0
         return key_of(
             motion_key(settings),
+            code.fingerprint("projections", *(("tissue_swing",) if swings else ())),
+            self.device.candidate.compiler,
             settings.scan.model_dump(),
             settings.phantom.model_dump(),
             run_c_arm.fingerprint(settings.scan, settings.seed),
@@ -67,6 +71,7 @@ def motion_key(settings: RunConfig) -> str:
     """Key of all that decides the kinematics."""
     return key_of(
         __version__,
+        code.fingerprint("kinematics"),
         settings.motion.model_dump(exclude={"implausible"}),
         run_motion.fingerprint(settings.motion),
     )
@@ -120,7 +125,8 @@ def read_sensors(settings: RunConfig, person: MovingLeg, folder: RunFolder, key:
         save_imu(folder.path / "imu.csv", signals[0])
         return ("imu.csv",)
 
-    if folder.cached("imu", key_of(key, settings.imu.model_dump(), drawn), write):
+    decided_by = key_of(key, code.fingerprint("imu"), settings.imu.model_dump(), drawn)
+    if folder.cached("imu", decided_by, write):
         return signals[0]
     placed = run_sensors.sensors(settings.imu)
     return replace(load_imu(folder.path / "imu.csv"), sensors=placed)

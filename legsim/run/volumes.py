@@ -16,7 +16,7 @@ from legsim.deformation.files import load_motion, save_motion
 from legsim.deformation.models import ControlPointMotion, Motion
 from legsim.geometry import image_files
 from legsim.geometry.volume import NamedVolume, VolumeGrid
-from legsim.run import methods, reconstruction
+from legsim.run import code, methods, reconstruction
 from legsim.run.methods import MethodInputs
 from legsim.run.stages import StageContext
 from legsim.simulation.setup import Side
@@ -116,6 +116,7 @@ def _key(stage: StageContext, name: str) -> str:
     settings = stage.settings
     always = (
         stage.scan_key,
+        code.fingerprint("volume", settings.reconstruction.algorithm),
         settings.grid.model_dump(),
         settings.reconstruction.model_dump(),
         methods.fingerprint(name),
@@ -124,6 +125,7 @@ def _key(stage: StageContext, name: str) -> str:
         return key_of(*always)
     return key_of(
         *always,
+        code.fingerprint("correction", "imu"),
         settings.imu.model_dump(),
         settings.methods.model_dump(exclude={"run"}),
         settings.seed,
