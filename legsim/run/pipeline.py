@@ -18,6 +18,7 @@ from legsim.correction.method import Scan
 from legsim.deformation.models import RigidMotion
 from legsim.evaluation.scores import MethodResult
 from legsim.imu import plausibility as imu_plausibility
+from legsim.opencl import failures
 from legsim.opencl.device import Device, open_device
 from legsim.report import page, scan_page
 from legsim.run import c_arm, code, scores, sensors, stages, volumes
@@ -116,7 +117,7 @@ def run_scan(
     volumes.check(settings)
     c_arm.imaging(settings.scan)
     opened, out = open_device(device), Path(out)
-    with RunFolder(out, _about(settings, opened), store) as folder:
+    with failures.reported(opened.label), RunFolder(out, _about(settings, opened), store) as folder:
         write_text(out / "config.toml", config.dump(settings))
         return _run(StageContext(settings, folder, opened, on_progress), presented=presented)
 

@@ -3,6 +3,7 @@
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -115,6 +116,6 @@ def test_a_helper_that_is_called_like_an_installed_package_is_refused(folder):
         own_method(folder)
 
 
-def own_method(folder: Path) -> Callable[[object], object]:
+def own_method(folder: Path) -> Callable[[Any], Any]:
     """The method itself, without the check of what it returns."""
     return methods._from_file(folder / "own.py", "method")
