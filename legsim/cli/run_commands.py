@@ -104,14 +104,16 @@ def replay(
     from legsim import config
     from legsim.run.replay import replay as replay_recording
 
-    overrides = [f"motion.file={motion}", *(settings or ())]
-    overrides += [f"motion.model={model}"] if model else []
-    overrides += [f"motion.scale_file={scale_file}"] if scale_file else []
+    # a path is taken as it is: as an override, a file called 1 would be a number
+    named = {"model": model, "scale_file": scale_file}
+    given: dict[str, object] = {key: str(path) for key, path in named.items() if path}
     if filter_hz is not None:
-        overrides.append(f"motion.filter_hz={filter_hz}")
+        given["filter_hz"] = filter_hz
+    trees = [config.parse_override(text, config.RunConfig) for text in settings or ()]
+    asked = config.from_trees("paper", {"motion": {"file": str(motion)}}, *trees, {"motion": given})
     with progress.of_stages(console.err) as on_progress:
         result = replay_recording(
-            config.load_settings(overrides=tuple(overrides)),
+            asked,
             out,
             filtered=filter_hz is not None,
             image=image,

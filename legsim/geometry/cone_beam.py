@@ -57,6 +57,7 @@ class ConeBeamGeometry:
                 f"ConeBeamGeometry.shape_vu is {self.shape_vu}; both counts must be positive"
             )
         object.__setattr__(self, "shape_vu", (int(rows), int(columns)))
+        object.__setattr__(self, "pixel_pitch", float(self.pixel_pitch))
         if not self.pixel_pitch > 0:
             raise LegsimError(
                 f"ConeBeamGeometry.pixel_pitch is {self.pixel_pitch}; it must be positive"

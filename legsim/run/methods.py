@@ -5,11 +5,12 @@ Installed ones are entry points.
 
 import importlib.metadata
 import importlib.util
+import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import cast
+from typing import Any, cast
 
 from legsim.core.errors import LegsimError, file_error
 from legsim.correction import method as correction_method
@@ -108,9 +109,11 @@ def rigid_sensor(name: str) -> str | None:
 def label(name: str) -> str:
     """Label of a method in tables and file names.
 
-    It is the method's name, or the function's where it comes from a file.
+    It is the method's name, or the function's where it comes from a file. What no file name can
+    hold, in the name of a sensor, becomes an underscore.
     """
-    return name.rpartition(":")[2]
+    shown = name if rigid_sensor(name) is not None else name.rpartition(":")[2]
+    return re.sub(r'[/\\:*?"<>|]', "_", shown)
 
 
 def fingerprint(name: str) -> str:
@@ -167,16 +170,17 @@ def _from_file(path: Path, function: str) -> CorrectionMethod:
         raise file_error(
             path, f"cannot be imported ({type(error).__name__}: {error})", "fix the file"
         ) from error
-    method = getattr(module, function, None)
+    method: Any = getattr(module, function, None)
     if not callable(method):
         raise file_error(
             path,
             f"has no function {function!r}",
             f"define `def {function}(scan): return legsim.correction.method.Correction(...)`",
         )
+    own = cast(CorrectionMethod, method)
 
     def from_beside(scan: Scan) -> Correction:
         with own_code.importable(path):
-            return method(scan)
+            return own(scan)
 
     return from_beside

@@ -4,14 +4,22 @@ from functools import cache
 from pathlib import Path
 
 from legsim.config import MotionConfig
+from legsim.core.errors import file_error
 from legsim.core.files import sha256
 from legsim.kinematics.from_recording import files_read, solve_kinematics
 from legsim.kinematics.moving_leg import MovingLeg
 
+FEWEST_SAMPLES = 6
+"""of a motion whose splines have accelerations"""
+
 
 def solve(motion: MotionConfig, *, filter_coordinates: bool = False) -> MovingLeg:
-    """Solves the configured recording; errors as in ``solve_kinematics``."""
-    return solve_kinematics(
+    """Solves the configured recording.
+
+    Raises:
+        LegsimError: as ``solve_kinematics``; too few samples for accelerations.
+    """
+    person = solve_kinematics(
         motion.file,
         marker_map=motion.marker_map,
         unit=None if motion.unit == "file" else motion.unit,
@@ -26,6 +34,15 @@ def solve(motion: MotionConfig, *, filter_coordinates: bool = False) -> MovingLe
         in_degrees=None if motion.angles == "file" else motion.angles == "degrees",
         register=motion.registration,
     )
+    count = len(person.trajectories.times)
+    if count < FEWEST_SAMPLES:
+        raise file_error(
+            motion.file,
+            f"holds {count} sample{'' if count == 1 else 's'} of joint angles, but accelerations "
+            f"need {FEWEST_SAMPLES}",
+            "record for longer",
+        )
+    return person
 
 
 def fingerprint(motion: MotionConfig) -> list[str]:

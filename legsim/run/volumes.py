@@ -1,6 +1,7 @@
 """Every method's volume: the inputs of the methods, and their files in the run folder."""
 
 import json
+import warnings
 from dataclasses import dataclass
 from functools import partial
 
@@ -71,8 +72,35 @@ def check(settings: RunConfig) -> None:
                 f"{place}: unknown sensor {sensor!r}; name one of {', '.join(names)}, or add "
                 "it to imu.sensors"
             )
+    for place, sensor in followed:
+        _warn_of_other_leg(settings, place, sensor)
     if set(run) & set(_FOLLOW_JOINTS):
         _check_carriers(settings)
+    _warn_of_slow_sensors(settings)
+
+
+def _warn_of_other_leg(settings: RunConfig, place: str, name: str | None) -> None:
+    """Says where a rigid method follows the leg that is not scanned."""
+    other = "r" if settings.scan.side == "left" else "l"
+    for sensor in settings.imu.sensors:
+        if sensor.name == name and sensor.segment.endswith(f"_{other}"):
+            warnings.warn(
+                f"{place}: sensor {name!r} is on {sensor.segment}, but the {settings.scan.side} "
+                "leg is scanned, whose motion it does not follow; name a sensor on that leg, or "
+                "set scan.side",
+                stacklevel=3,
+            )
+
+
+def _warn_of_slow_sensors(settings: RunConfig) -> None:
+    """Says where sensors give fewer samples than the scan takes views."""
+    rate, views = settings.imu.rate_hz, settings.scan.rate_hz
+    if rate < views:
+        warnings.warn(
+            f"imu.rate_hz is {rate:g}, but {views:g} views are taken per second: motion between "
+            f"samples is lost; set imu.rate_hz to {views:g} or more",
+            stacklevel=3,
+        )
 
 
 def followed_sides(settings: RunConfig) -> tuple[Side, ...]:

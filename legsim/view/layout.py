@@ -4,6 +4,7 @@ import numpy as np
 import rerun.blueprint as rrb
 
 from legsim.scene.values import ReplayScene, ScanScene
+from legsim.view.stream import entity_path
 
 
 def replay(scene: ReplayScene) -> rrb.Blueprint:
@@ -67,7 +68,7 @@ def _curves(scene: ReplayScene) -> rrb.Vertical:
 def _angles(scene: ReplayScene) -> rrb.Tabs:
     names = scene.trajectories.coordinate_names
     bends = [
-        f"angles/{name}"
+        entity_path("angles", name)
         for name in names
         if name.startswith(("hip_flexion", "knee_angle", "ankle_angle"))
     ]
@@ -85,10 +86,11 @@ def _angles(scene: ReplayScene) -> rrb.Tabs:
 def _sensor(name: str) -> rrb.Vertical:
     return rrb.Vertical(
         rrb.TimeSeriesView(
-            origin=f"imu/{name}/specific_force", name=f"{name}: specific force (m/s²)"
+            origin=entity_path("imu", name, "specific_force"), name=f"{name}: specific force (m/s²)"
         ),
         rrb.TimeSeriesView(
-            origin=f"imu/{name}/angular_velocity", name=f"{name}: angular velocity (rad/s)"
+            origin=entity_path("imu", name, "angular_velocity"),
+            name=f"{name}: angular velocity (rad/s)",
         ),
         name=name,
     )

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from legsim.config import MotionConfig
+from legsim.core.errors import LegsimError
 from legsim.kinematics.leg_model import COORDINATES
 from legsim.mocap import opensim
 from legsim.mocap.trajectories import JointTrajectories
@@ -50,3 +51,12 @@ def test_a_model_and_scales_are_passed_on_and_known_by_their_content(tmp_path):
     scaled = motion.fingerprint(settings)
     osim.saved(tmp_path, text.replace("-0.41", "-0.4155"))
     assert len({*before, *scaled, *motion.fingerprint(settings)}) == 5
+
+
+@pytest.mark.parametrize("count", [1, 5])
+def test_a_recording_too_short_for_accelerations_is_named(tmp_path, count):
+    still = np.zeros((count, len(COORDINATES)))
+    file = tmp_path / "short.mot"
+    opensim.save(file, JointTrajectories(np.arange(count) / 60, COORDINATES, still))
+    with pytest.raises(LegsimError, match=rf"short\.mot: holds {count} samples? .* need 6; record"):
+        motion.solve(MotionConfig(file=str(file)))
