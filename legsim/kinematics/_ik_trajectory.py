@@ -11,6 +11,7 @@ from scipy.interpolate import CubicSpline
 from legsim.core.errors import LegsimError
 from legsim.core.values import FloatArray
 from legsim.kinematics import _ik_branches
+from legsim.kinematics._ik_neighbors import settle, without_turns
 from legsim.kinematics._ik_newton import minimize
 from legsim.kinematics._ik_problem import Problem
 
@@ -42,6 +43,9 @@ _LONGEST_REPAIR = 128
 
 _MOST_REPAIRS = 20
 
+_ENOUGH = 25
+"""iterations after which a solution that is followed from frame to frame is near its minimum"""
+
 
 class Trace(NamedTuple):
     """How each of n frames was solved."""
@@ -68,12 +72,18 @@ class Recording(NamedTuple):
 
 
 def solve_all(
-    problem: Problem, measured: FloatArray, seen: np.ndarray, progress: Progress | None
+    problem: Problem,
+    measured: FloatArray,
+    seen: np.ndarray,
+    shares: FloatArray,
+    progress: Progress | None,
 ) -> tuple[FloatArray, Trace]:
     """Values (n, c): a few frames from scratch, then ever more of them from between their
     neighbors; frames that show nothing are bridged.
+
+    ``shares`` (n, m) of their weights are kept by markers that come or go.
     """
-    n, weights = len(measured), seen * problem.sites.weights
+    n, weights = len(measured), shares * problem.sites.weights
     trace = Trace(np.zeros(n, int), np.zeros(n, bool), np.zeros(n, bool))
     upright = seen[:, problem.pelvis_rows].sum(1) >= 3
     if not upright.any():
@@ -89,12 +99,14 @@ def solve_all(
         _turn_along(problem, values, pelvis[frames])
         _solve_chunks(problem, recording, frames, values, trace, progress if stride == 1 else None)
         solved = frames
-    _join(problem, recording, solved, values, trace)
-    everywhere = _between(np.arange(n), solved, values)
+    _join(problem, recording, solved, values)
+    everywhere = _between(np.arange(n), solved, without_turns(problem.leg, values))
     solved = _march(problem, everywhere, solved, recording, trace)
     if progress:
         progress(n, n)
-    return _between(np.arange(n), solved, everywhere[solved]), trace
+    whole = without_turns(problem.leg, everywhere[solved])
+    trace.jumps[solved[_jumps(problem, recording, solved, whole)]] = True
+    return _between(np.arange(n), solved, whole), trace
 
 
 def _one_movement(
@@ -134,16 +146,11 @@ def _solve_chunks(
             progress(int(rows[-1]) + 1, len(trace.iterations))
 
 
-def _join(
-    problem: Problem, recording: Recording, frames: np.ndarray, values: FloatArray, trace: Trace
-) -> None:
-    """Mends jumps between neighboring ``frames`` in ``values`` (f, c), and marks what is left of
-    them.
-    """
+def _join(problem: Problem, recording: Recording, frames: np.ndarray, values: FloatArray) -> None:
+    """Repairs jumps between neighboring ``frames`` in ``values`` (f, c)."""
     for place in _jumps(problem, recording, frames, values)[:_MOST_REPAIRS]:
         if not _joined(problem, recording, frames, values, np.array([place]))[0]:
             _repair(problem, recording, frames, values, int(place))
-    trace.jumps[frames[_jumps(problem, recording, frames, values)]] = True
 
 
 def _jumps(
@@ -218,7 +225,11 @@ def _detour(
             return cost, np.array(places), np.array(path)
         here = recording.at(frames[[there]])
         new, _, _ = minimize(
-            problem, np.stack([now, values[there]]), here[0].repeat(2, 0), here[1].repeat(2, 0)
+            problem,
+            np.stack([now, values[there]]),
+            here[0].repeat(2, 0),
+            here[1].repeat(2, 0),
+            iterations_at_most=_ENOUGH,
         )
         if _ik_branches.same(problem.leg, new.values[0], values[there]):
             return (cost, np.array(places), np.array(path)) if places else None
@@ -252,7 +263,7 @@ def _march(
     side of each gap; frames solved in all.
 
     A frame starts as far from the one before it as the straight line across the gap goes; a
-    coordinate that moves no marker in sight stays on that line.
+    coordinate that moves no marker in sight goes straight between the frames that tell it.
     """
     weights = recording.weights
     line, done, rest = values.copy(), np.zeros(len(values), bool), np.asarray(weights.any(1))
@@ -278,8 +289,23 @@ def _march(
             converged,
         )
         done[rows], rest[rows] = True, False
-    values[lost] = line[lost]
-    return np.flatnonzero(done)
+    frames = np.flatnonzero(done)
+    doubtful = _doubtful(frames, values[frames], trace)
+    rows = np.union1d(np.setdiff1d(frames, solved), doubtful)
+    settle(problem, values, frames, rows, *recording[:2], trace.converged)
+    for k in np.flatnonzero(lost.any(0)):
+        told = frames[~lost[frames, k]]
+        values[lost[:, k], k] = np.interp(np.flatnonzero(lost[:, k]), told, values[told, k])
+    return frames
+
+
+def _doubtful(frames: np.ndarray, values: FloatArray, trace: Trace) -> np.ndarray:
+    """Those of ``frames`` that did not converge, or that step more than most from the one before or
+    to the next.
+    """
+    steps = np.abs(np.diff(values, axis=0)).max(1)
+    kinks = np.flatnonzero(steps > max(_KINK * float(np.median(steps)), _SMALLEST_KINK))
+    return np.union1d(frames[~trace.converged[frames]], frames[np.union1d(kinks, kinks + 1)])
 
 
 def _every(frames: np.ndarray, stride: int) -> np.ndarray:

@@ -19,6 +19,7 @@ from legsim.core import transforms
 from legsim.core.values import FloatArray, frozen, frozen_owned
 from legsim.kinematics._ik_problem import Problem, ReplayConfig
 from legsim.kinematics._ik_trajectory import Progress, Trace, solve_all
+from legsim.kinematics._marker_fading import faded
 from legsim.kinematics.leg import Leg
 from legsim.kinematics.marker_sites import MarkerSites
 from legsim.mocap.trajectories import JointTrajectories, MarkerTrajectories
@@ -108,7 +109,9 @@ def solve(
     measured = motion.positions_world[:, [motion.marker_names.index(name) for name in sites.names]]
     problem = Problem(leg, sites, config)
     seen = np.asarray(np.isfinite(measured).all(-1))
-    values, trace = solve_all(problem, measured, seen, progress)
+    # one frame has no neighbor to come from or go to
+    shares = faded(seen, motion.rate_hz) if len(seen) > 1 else seen.astype(float)
+    values, trace = solve_all(problem, measured, seen, shares, progress)
     trajectories = JointTrajectories(motion.times, leg.coordinate_names, values)
     modelled = MarkerTrajectories(motion.times, sites.names, leg.marker_positions(values, sites))
     return Solution(

@@ -46,20 +46,21 @@ def objections(leg: Leg, trajectories: JointTrajectories) -> tuple[str, ...]:
 
 
 def at_limits(leg: Leg, trajectories: JointTrajectories) -> tuple[str, ...]:
-    """Sentences on knees that stay at their limit: the markers would bend them further."""
+    """Sentences on knees that stay at a limit: the markers would bend them further."""
     lines = []
-    for side in "rl":
-        name = f"knee_angle_{side}"
+    for name in ("knee_angle_r", "knee_angle_l"):
         if name not in leg.coordinate_names:
             continue
         angle = trajectories.coordinate(name)
-        limits = leg.coordinate_ranges[leg.coordinate_names.index(name)]
-        share = float(np.mean((angle < limits[0] + 1e-6) | (angle > limits[1] - 1e-6)))
-        if share > _LONG_AT_LIMIT:
-            lines.append(
-                f"knee_angle_{side} is at its limit in {100 * share:.0f} % of the frames: the "
-                "markers of that leg do not sit where the model has them"
-            )
+        low, high = leg.coordinate_ranges[leg.coordinate_names.index(name)]
+        for limit, beyond in ((low, angle < low + 1e-6), (high, angle > high - 1e-6)):
+            share = float(np.mean(beyond))
+            if share > _LONG_AT_LIMIT:
+                lines.append(
+                    f"{name} is at its limit of {np.degrees(limit):.0f} deg in "
+                    f"{100 * share:.0f} % of the frames: that knee goes beyond what the model has, "
+                    "or its markers do not sit where the model has them"
+                )
     return tuple(lines)
 
 

@@ -71,5 +71,5 @@ def test_a_knee_at_its_limit_is_implausible_and_printed():
     times = np.arange(len(values)) / 100
     moving = MovingLeg("a.mot", LEG, JointTrajectories(times, COORDINATES, values), None)
     assert moving.implausible == moving.warnings
-    assert "knee_angle_l is at its limit in 100 % of the frames" in moving.warnings[0]
+    assert "knee_angle_l is at its limit of 10 deg in 100 % of the frames" in moving.warnings[0]
     assert any(line.startswith("warning: knee_angle_l is at its limit") for line in moving.lines())
