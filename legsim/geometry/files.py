@@ -2,6 +2,7 @@
 
 import json
 import re
+import tokenize
 from pathlib import Path
 
 import numpy as np
@@ -216,7 +217,7 @@ def _npy_values(path: Path) -> FloatArray:
     fix = "write it with numpy.save of a (views, 3, 4) array"
     try:
         values = np.load(path, allow_pickle=False)
-    except (ValueError, EOFError) as error:
+    except (ValueError, EOFError, SyntaxError, OverflowError, tokenize.TokenError) as error:
         raise file_error(path, "is not an .npy file of numbers", fix) from error
     if not isinstance(values, np.ndarray) or values.dtype.kind not in "fiu":
         raise file_error(path, "is not an .npy file of real numbers", fix)

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from legsim.core import files
 from legsim.core.errors import file_error
 from legsim.core.files import save_npz, write_text
 from legsim.core.values import FloatArray
@@ -80,9 +81,17 @@ def save_imu(path: Path, signals: ImuSignals) -> None:
 
 
 def load_imu(path: Path) -> ImuSignals:
-    """Reads the file that :func:`save_imu` writes."""
-    with path.open(encoding="utf-8", newline="") as stream:
-        header, *rows = list(csv.reader(stream))
+    """Reads the file that :func:`save_imu` writes.
+
+    Raises:
+        LegsimError: other columns, or a line that is not as long or holds no number; the line names
+            it.
+    """
+    try:
+        header, *rows = csv.reader(files.read(path, "IMU"), strict=True)
+    except csv.Error as error:
+        raise file_error(path, f"is not an IMU table ({error})", "make it again") from error
+    rows = [(line, row) for line, row in enumerate(rows, start=2) if row]
     suffix = f"_{_IMU_COLUMNS[0]}"
     names = tuple(column.removesuffix(suffix) for column in header[1::6])
     if (
@@ -96,9 +105,20 @@ def load_imu(path: Path) -> ImuSignals:
             f"<sensor>_{_IMU_COLUMNS[-1]}",
             place="line 1",
         )
-    values = np.array(rows, float)
+    values = np.array([_numbers(path, line, row, len(header)) for line, row in rows])
     signals = values[:, 1:].reshape(len(values), len(names), 2, 3)
     return ImuSignals(values[:, 0], names, signals[:, :, 1], signals[:, :, 0])
+
+
+def _numbers(path: Path, line: int, row: list[str], count: int) -> list[float]:
+    try:
+        numbers = [float(cell) for cell in row]
+    except ValueError as error:
+        raise file_error(path, str(error), "repair the line", place=f"line {line}") from error
+    if len(numbers) != count:
+        problem = f"holds {len(numbers)} numbers instead of {count}"
+        raise file_error(path, problem, "repair the line", place=f"line {line}")
+    return numbers
 
 
 def save_poses(path: Path, poses: SegmentPoses) -> None:

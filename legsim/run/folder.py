@@ -211,11 +211,16 @@ def _entries(folder: Path) -> dict[str, Any]:
     content = _manifest(folder)
     if content.get("schema") != SCHEMA:
         return {}
-    return {
-        stage: entry
-        for stage, entry in content.get("stages", {}).items()
-        if isinstance(entry, dict) and entry.keys() >= {"key", "seconds", "peak_mib", "files"}
-    }
+    return {stage: entry for stage, entry in content.get("stages", {}).items() if _is_entry(entry)}
+
+
+def _is_entry(entry: Any) -> bool:
+    if not isinstance(entry, dict) or not entry.keys() >= {"key", "seconds", "peak_mib", "files"}:
+        return False
+    files = entry["files"]
+    return isinstance(files, dict) and all(
+        isinstance(f, dict) and "sha256" in f for f in files.values()
+    )
 
 
 def check_kind(folder: Path, kind: Kind) -> None:

@@ -1,7 +1,9 @@
 """Files of a run give back what was written."""
 
 import numpy as np
+import pytest
 
+from legsim.core.errors import LegsimError
 from legsim.deformation.files import load_motion, save_motion
 from legsim.deformation.models import RigidMotion
 from legsim.imu.signals import ImuSignals
@@ -69,3 +71,23 @@ def test_marker_errors_are_opensims_columns_and_a_column_per_marker(tmp_path):
     rows = np.array([[float(v) for v in line.split("\t")] for line in lines[-2:]])
     np.testing.assert_allclose(rows[0], (0, 25e-6, np.sqrt(12.5e-6), 4e-3, 3e-3, 4e-3))
     np.testing.assert_allclose(rows[1], (0.5, 4e-6, 2e-3, 2e-3, 2e-3, np.nan))
+
+
+@pytest.mark.parametrize(
+    ("change", "problem"),
+    [
+        (lambda lines: [*lines[:2], lines[2] + ",1"], r"line 3\): holds 14 numbers instead of 13"),
+        (lambda lines: [lines[0], lines[1].replace("0.0", "x", 1)], r"line 2\): could not convert"),
+        (lambda lines: [lines[0]], "is not an IMU table"),
+        (lambda lines: [lines[0].replace("_ax_", "_bx_", 1), lines[1]], "is not an IMU table"),
+        (lambda lines: ['"', *lines], "is not an IMU table"),
+    ],
+)
+def test_a_damaged_imu_table_is_named_by_line(tmp_path, change, problem):
+    path = tmp_path / "imu.csv"
+    times = np.arange(3.0)
+    signals = np.zeros((2, 3, 2, 3))
+    save_imu(path, ImuSignals(times, ("a", "b"), *signals))
+    path.write_text("\n".join(change(path.read_text().splitlines())))
+    with pytest.raises(LegsimError, match=problem):
+        load_imu(path)
