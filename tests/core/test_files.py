@@ -89,3 +89,10 @@ def test_what_is_no_text_is_refused(tmp_path, content, problem):
 def test_a_missing_file_is_refused(tmp_path):
     with pytest.raises(LegsimError, match=r"none\.trc: cannot be read \(No such file"):
         files.read(tmp_path / "none.trc", "TRC")
+
+
+@pytest.mark.parametrize("content", [b"\xef\xbb\xbf", b"\xff\xfe", b"\xfe\xff", b"\xef\xbb\xbf \n"])
+def test_a_file_of_a_byte_order_mark_alone_is_empty(tmp_path, content):
+    (tmp_path / "x").write_bytes(content)
+    with pytest.raises(LegsimError, match="the file is empty"):
+        files.read(tmp_path / "x", "CSV")

@@ -9,6 +9,7 @@ finish, and its table is compared with that of a run that nobody disturbed.
 
 import json
 import resource
+import shutil
 import signal
 import subprocess
 import sys
@@ -91,7 +92,12 @@ def main(
         calm, troubled, cramped = (Path(folder, name) for name in ("calm", "troubled", "cramped"))
         seconds = finished(calm)
         typer.echo(f"undisturbed: {seconds:.1f} s")
-        struck = sum(killed(troubled, rng.uniform(0, seconds)) for _ in range(kills))
+        struck = 0
+        for _ in range(kills):
+            if killed(troubled, rng.uniform(0, seconds)):
+                struck += 1
+            else:
+                shutil.rmtree(troubled)
         finished(troubled)
         same = table(troubled) == table(calm)
         typer.echo(
