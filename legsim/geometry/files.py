@@ -213,11 +213,18 @@ def _load_matrices(
     return geometry_of(path, np.arange(len(matrices)) / view_rate_hz, matrices, shape_vu, pixel_mm)
 
 
+_UNREADABLE = (
+    *(ValueError, EOFError, TypeError, SyntaxError, OverflowError),
+    tokenize.TokenError,
+)
+"""what numpy raises for a damaged header"""
+
+
 def _npy_values(path: Path) -> FloatArray:
     fix = "write it with numpy.save of a (views, 3, 4) array"
     try:
         values = np.load(path, allow_pickle=False)
-    except (ValueError, EOFError, SyntaxError, OverflowError, tokenize.TokenError) as error:
+    except _UNREADABLE as error:
         raise file_error(path, "is not an .npy file of numbers", fix) from error
     if not isinstance(values, np.ndarray) or values.dtype.kind not in "fiu":
         raise file_error(path, "is not an .npy file of real numbers", fix)
