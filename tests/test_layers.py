@@ -48,7 +48,7 @@ SLOW = {
 TESTED_ELSEWHERE = {
     **{
         f"config/{name}": "settings alone; tests/config/test_settings.py reads them"
-        for name in ("imu", "methods", "motion", "reconstruction", "scan", "tree")
+        for name in ("ik", "imu", "methods", "motion", "reconstruction", "scan", "tree")
     },
     "core/constants": "numbers alone",
     "core/progress": "a type alone",

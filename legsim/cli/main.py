@@ -19,7 +19,14 @@ import typer.exceptions
 from rich.text import Text
 
 from legsim import __version__
-from legsim.cli import console, geometry_commands, run_commands, stage_commands, study_command
+from legsim.cli import (
+    console,
+    geometry_commands,
+    run_commands,
+    sensors_command,
+    stage_commands,
+    study_command,
+)
 from legsim.core.errors import LegsimError
 
 app = typer.Typer(
@@ -42,7 +49,7 @@ app.add_typer(geometry_app, name="geometry")
 for _command in (
     *(run_commands.run, run_commands.replay, stage_commands.convert, stage_commands.project),
     *(stage_commands.reconstruct, stage_commands.evaluate, study_command.study),
-    *(run_commands.view, run_commands.doctor),
+    *(sensors_command.sensors, run_commands.view, run_commands.doctor),
 ):
     app.command()(_command)
 

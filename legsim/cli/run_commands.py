@@ -81,6 +81,13 @@ def replay(
             metavar="SCALES.xml", help="OpenSim's scale factors, for legsim's leg or the model."
         ),
     ] = None,
+    tasks: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="TASKS.xml",
+            help="OpenSim's tasks of inverse kinematics: an IKTaskSet or a whole set-up.",
+        ),
+    ] = None,
     filter_hz: Annotated[
         float | None,
         typer.Option(
@@ -107,6 +114,8 @@ def replay(
     # a path is taken as it is: as an override, a file called 1 would be a number
     named = {"model": model, "scale_file": scale_file}
     given: dict[str, object] = {key: str(path) for key, path in named.items() if path}
+    if tasks:
+        given["ik"] = {"tasks_file": str(tasks)}
     if filter_hz is not None:
         given["filter_hz"] = filter_hz
     trees = [config.parse_override(text, config.RunConfig) for text in settings or ()]

@@ -1,3 +1,7 @@
+from .ik import IkConfig as IkConfig
+from .ik import ValueConfig as ValueConfig
+from .imu import AccelerometerConfig as AccelerometerConfig
+from .imu import GyroscopeConfig as GyroscopeConfig
 from .imu import ImuConfig as ImuConfig
 from .imu import NoiseConfig as NoiseConfig
 from .imu import SensorConfig as SensorConfig

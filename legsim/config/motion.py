@@ -4,6 +4,7 @@ from typing import Literal
 
 from pydantic import Field
 
+from legsim.config.ik import IkConfig
 from legsim.config.tree import ConfigSection
 
 
@@ -44,6 +45,10 @@ class MotionConfig(ConfigSection):
     """OpenSim model (.osim) to use, with its own markers and size; empty: legsim's own leg"""
     scale_file: str = ""
     """OpenSim's scale factors (.xml), for legsim's own leg or for the model; empty: none"""
+    zero_file: str = ""
+    """static trial whose mean pose is the zero of the joint angles in the report and in
+    coordinates_from_zero.mot; the movement stays as it is; empty: the model's own zero
+    """
     registration: bool = True
     """find lengths, hip centers and the places of the markers together with the poses
 
@@ -54,3 +59,4 @@ class MotionConfig(ConfigSection):
 
     "scan" is what --force sets.
     """
+    ik: IkConfig = IkConfig()

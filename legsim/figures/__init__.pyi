@@ -1,3 +1,6 @@
+from .allan import AllanCurve as AllanCurve
+from .allan import AllanPanel as AllanPanel
+from .allan import allan_deviations as allan_deviations
 from .canvas import Figure as Figure
 from .canvas import png as png
 from .curves import imu_curves as imu_curves

@@ -1,5 +1,15 @@
+from .budget import BudgetConditions as BudgetConditions
+from .budget import NominalMotion as NominalMotion
+from .budget import sensor_budget as sensor_budget
+from .calibration import Calibration as Calibration
+from .catalogue import load_sensor as load_sensor
+from .catalogue import sensor_catalogue as sensor_catalogue
+from .errors import SensorErrors as SensorErrors
+from .errors import TemperatureCourse as TemperatureCourse
+from .errors import TriadErrors as TriadErrors
 from .noise import ImuNoise as ImuNoise
 from .noise import add_noise as add_noise
+from .readout import read_out as read_out
 from .sensors import Sensor as Sensor
 from .signals import ImuSignals as ImuSignals
 from .signals import SensorStart as SensorStart

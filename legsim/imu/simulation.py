@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 from legsim.core.errors import LegsimError
 from legsim.core.values import FloatArray, increasing_times
 from legsim.imu import skin_mount as skin
+from legsim.imu.clock import SensorClock
 from legsim.imu.sensors import Sensor, default_sensors
 from legsim.imu.signals import ImuSignals, SensorStart
 from legsim.imu.skin_mount import SkinMount
@@ -32,6 +33,7 @@ def simulate_imu(
     rate_hz: float = 120.0,
     skin_mount: SkinMount | None = None,
     clock_offset: float = 0.0,
+    clock_drift: float = 0.0,
 ) -> ImuSignals:
     """Simulates noise-free sensors on a person, over the whole recording.
 
@@ -42,6 +44,8 @@ def simulate_imu(
         skin_mount: how the sensors swing on soft tissue; None fixes them to the bone.
         clock_offset: s, the sensors' clock minus the recording's, which is the C-arm's. The times
             of the signals are shifted by it; poses and views stay in the recording's time.
+        clock_drift: s per s by which the sensors' clock is fast, see
+            :class:`legsim.imu.clock.SensorClock`; samples are even on that clock.
 
     Raises:
         LegsimError: a rate that is not positive, segments that are missing, sensor names that
@@ -55,12 +59,12 @@ def simulate_imu(
         raise LegsimError(f"the rate of a sensor is {rate_hz:g} Hz; give a positive number")
     placed = default_sensors() if sensors is None else tuple(sensors)
     first, last = person.trajectories.times[[0, -1]]
-    count = int(np.floor((last - first) * rate_hz + 1e-6)) + 1
-    times = np.minimum(first + np.arange(count) / rate_hz, last)
+    clock = SensorClock(clock_offset, clock_drift)
+    times = clock.sample_times(float(first), float(last), rate_hz)
     signals = simulate(person.leg, person.splines, placed, times)
     if skin_mount is not None and skin_mount.amplitude > 0:
         signals = skin.swing(signals, skin_mount).signals
-    return replace(signals, times=signals.times + clock_offset, sensors=placed)
+    return replace(signals, times=clock.stamps(signals.times), sensors=placed)
 
 
 def simulate(

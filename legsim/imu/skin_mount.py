@@ -8,13 +8,12 @@ stays the rigid sensor's: this changes signals only.
 """
 
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
-from scipy.signal import cont2discrete, lfilter
 
 from legsim.core.errors import LegsimError
 from legsim.core.values import FloatArray, frozen
+from legsim.imu.processes import settled_response
 from legsim.imu.signals import ImuSignals
 
 
@@ -86,8 +85,8 @@ def swing(signals: ImuSignals, tissue: SkinMount) -> TissueMotion:
             "raise imu.rate_hz"
         )
     driven = signals.specific_force - signals.specific_force.mean(0)
-    second = _response(
-        [1.0, 0.0, 0.0], tissue.damping, 2 * np.pi * tissue.frequency_hz / rate, -driven
+    second = settled_response(
+        [1.0, 0.0, 0.0], _oscillator(tissue), 2 * np.pi * tissue.frequency_hz / rate, -driven
     )
     felt = replace(signals, specific_force=signals.specific_force + tissue.amplitude * second)
     return TissueMotion(felt, shift(driven, rate, tissue))
@@ -101,18 +100,9 @@ def shift(acceleration: FloatArray, rate_hz: float, tissue: SkinMount) -> FloatA
     """
     w = 2 * np.pi * tissue.frequency_hz
     # in units of 1/w, so that no coefficient is tiny
-    return tissue.amplitude * (_response([1.0], tissue.damping, w / rate_hz, -acceleration) / w**2)
+    swung = settled_response([1.0], _oscillator(tissue), w / rate_hz, -acceleration)
+    return tissue.amplitude * (swung / w**2)
 
 
-def _response(numerator: list[float], damping: float, step: float, drive: FloatArray) -> FloatArray:
-    """Output (n, ...) of numerator(s) / (s^2 + 2 damping s + 1) to a drive.
-
-    The drive is linear between samples ``step`` apart; the output is settled at the start.
-    """
-    # the stubs know only systems of arrays, and leave the number of results open
-    system: Any = (numerator, [1.0, 2 * damping, 1.0])
-    discrete: Any = cont2discrete(system, step, method="foh")
-    top, bottom = discrete[:2]
-    gain = float(np.sum(top) / np.sum(bottom))
-    swung = lfilter(np.ravel(top), bottom, drive - drive[0], axis=0)
-    return np.asarray(swung + gain * drive[0], float)
+def _oscillator(tissue: SkinMount) -> list[float]:
+    return [1.0, 2 * tissue.damping, 1.0]

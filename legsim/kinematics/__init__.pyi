@@ -1,7 +1,13 @@
 from .from_recording import solve_kinematics as solve_kinematics
+from .ik_options import CoordinateLock as CoordinateLock
+from .ik_options import CoordinatePrior as CoordinatePrior
+from .ik_options import CoordinateTask as CoordinateTask
+from .ik_options import IkOptions as IkOptions
+from .ik_options import PriorStrengths as PriorStrengths
 from .joint_splines import JointSplines as JointSplines
 from .leg_model import LegModel as LegModel
 from .moving_leg import MovingLeg as MovingLeg
 from .skeleton import JointCenters as JointCenters
 from .skeleton import SegmentPoses as SegmentPoses
 from .skeleton import SegmentScales as SegmentScales
+from .zero_pose import with_zero as with_zero

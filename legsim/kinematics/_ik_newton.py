@@ -59,10 +59,11 @@ def minimize(
 
 
 def held_at_limits(problem: Problem, state: State) -> np.ndarray:
-    """(n, 20) coordinates at a limit that the gradient pushes beyond it."""
-    return ((state.values <= problem.low) & (state.gradient > 0)) | (
+    """(n, 20) coordinates at a limit that the gradient pushes beyond it, and locked ones."""
+    beyond = ((state.values <= problem.low) & (state.gradient > 0)) | (
         (state.values >= problem.high) & (state.gradient < 0)
     )
+    return beyond | problem.locked
 
 
 def _converged(problem: Problem, state: State, held: np.ndarray) -> np.ndarray:

@@ -1,6 +1,5 @@
 """The least-squares problem of inverse kinematics: residuals, priors, limits and Jacobian."""
 
-from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
@@ -8,54 +7,18 @@ import numpy as np
 from legsim.core import transforms
 from legsim.core.errors import LegsimError
 from legsim.core.values import FloatArray
+from legsim.kinematics import _planted_feet
+from legsim.kinematics.ik_options import CoordinateLock, CoordinateTask, IkOptions, leg_priors
 from legsim.kinematics.leg import Leg
 from legsim.kinematics.leg_model import Kinematics, marker_rows
 from legsim.kinematics.marker_sites import MarkerSites
 from legsim.kinematics.skeleton import segment_index
 
+_ROUNDING = 1e-6
+"""rad or m that a locked value may lie beyond its range: files hold few digits"""
 
-@dataclass(frozen=True, slots=True)
-class CoordinatePrior:
-    """A coordinate is pulled to a value: adds ``weight * (coordinate - value)^2`` to the sum over
-    the markers.
-    """
-
-    coordinate: str
-    weight: float
-    """m^2/rad^2: (marker error / coordinate's spread)^2"""
-    value: float = 0.0
-    """rad"""
-
-
-def _default_priors() -> tuple[CoordinatePrior, ...]:
-    # 5 mm of marker error against 10 degrees of spread: decides hip rotation when the knee is
-    # straight, hardly counts when it is bent
-    weak = (("hip_rotation", 8e-4), ("subtalar_angle", 1e-7), ("mtp_angle", 1e-7))
-    return tuple(
-        CoordinatePrior(f"{name}_{side}", weight) for name, weight in weak for side in "rl"
-    )
-
-
-@dataclass(frozen=True, slots=True)
-class ReplayConfig:
-    """How markers become coordinates."""
-
-    priors: tuple[CoordinatePrior, ...] = field(default_factory=_default_priors)
-    """hip rotation toward neutral, toes straight; subtalar so weakly that the flat foot decides"""
-    flat_foot_weight: float = 1e-5
-    """m^2: of the squared horizontal part of each foot's upright axis; where no marker sits on the
-    foot it stands flat on the floor
-    """
-    tolerance: float = 1e-9
-    """m: converged when no free coordinate's gradient, over the root of its own curvature, exceeds
-    this
-    """
-    max_iterations: int = 200
-    """of one frame; a frame that has not converged by then is counted in the report"""
-    strides: tuple[int, ...] = (64, 8, 1)
-    """frames between those solved first, from scratch; then ever closer ones, each started between
-    solved neighbors
-    """
+_UNSEEN, _LOCK = 1e-12, 1e12
+"""m^2/rad^2 of priors that stand for no prior and for a lock"""
 
 
 class State(NamedTuple):
@@ -72,12 +35,15 @@ class State(NamedTuple):
 class Problem:
     """The least-squares problem of one leg and marker set."""
 
-    def __init__(self, leg: Leg, sites: MarkerSites, config: ReplayConfig) -> None:
+    def __init__(self, leg: Leg, sites: MarkerSites, config: IkOptions) -> None:
+        config = config.settled(leg_priors())
         self.leg, self.sites, self.config = leg, sites, config
         for side, word in (("r", "right"), ("l", "left")):
             if not any(s.endswith(f"_{side}") for s in sites.segments):
                 raise LegsimError(f"no marker sits on the {word} leg; complete the marker map")
         self.rows = marker_rows(sites)
+        # the others are pegs of planted feet
+        self.markers = np.array([not _planted_feet.is_peg(name) for name in sites.names])
         self.pelvis_rows = [k for k, segment in enumerate(sites.segments) if segment == "pelvis"]
         self.subtrees = leg.moves[:, self.rows].astype(float)
         related = (leg.moves[:, None] & leg.moves[None]).any(-1)
@@ -90,24 +56,76 @@ class Problem:
         self._pelvis_turns = [k for k, name in enumerate(pelvis) if name not in leg.shifts]
         self._diagonal = np.arange(len(names))
         self._feet = [segment_index(f"calcn_{side}") for side in "rl"]
-        self.prior_weights, self.prior_values = np.zeros((2, len(names)))
-        for prior in config.priors:
-            if prior.coordinate not in names:
-                raise LegsimError(
-                    f"unknown coordinate {prior.coordinate!r} for a prior; known: "
-                    f"{', '.join(names)}"
-                )
-            column = names.index(prior.coordinate)
+        self.prior_weights, self.prior_values, self.task_weights = np.zeros((3, len(names)))
+        for prior in config.priors or ():
+            column = self._column(prior.coordinate, "prior")
             self.prior_weights[column], self.prior_values[column] = prior.weight, prior.value
+        for task in config.tasks:
+            if task.weight > 0:
+                column = self._column(task.coordinate, "task")
+                self.prior_weights[column], self.task_weights[column] = 0.0, task.weight
+                self.prior_values[column] = self._value(task, column)
         limits = leg.coordinate_ranges.copy()
         limits[: leg.pelvis_coordinates] = -np.inf, np.inf
+        self.locked = np.zeros(len(names), bool)
+        for lock in config.locked:
+            column = self._column(lock.coordinate, "lock")
+            limits[column], self.locked[column] = self._locked_value(lock, column, limits), True
         self.low, self.high = limits.T
 
+    def _column(self, coordinate: str, what: str) -> int:
+        names = self.leg.coordinate_names
+        if coordinate not in names:
+            raise LegsimError(
+                f"unknown coordinate {coordinate!r} for a {what}; known: {', '.join(names)}"
+            )
+        return names.index(coordinate)
+
+    def _value(self, entry: CoordinateTask | CoordinateLock, column: int) -> float:
+        """Value of a task or lock, rad or m."""
+        unit = "m" if entry.coordinate in self.leg.shifts else "rad"
+        if entry.unit not in ("", unit):
+            kind, fix = ("a length", "mm or m") if unit == "m" else ("an angle", "degrees or rad")
+            raise LegsimError(f"{entry.coordinate} is {kind}; give its value in {fix}")
+        default = float(self.leg.default_coordinates[column])
+        return default if entry.value is None else entry.value
+
+    def _locked_value(self, lock: CoordinateLock, column: int, limits: FloatArray) -> float:
+        value, (low, high) = self._value(lock, column), limits[column]
+        if not low - _ROUNDING <= value <= high + _ROUNDING:
+            shift = lock.coordinate in self.leg.shifts
+            unit, by = ("mm", 1e3) if shift else ("deg", np.degrees(1.0))
+            raise LegsimError(
+                f"{lock.coordinate} cannot be locked at {by * value:g} {unit}: its range is "
+                f"{by * low:.4g} to {by * high:.4g} {unit}"
+            )
+        return value
+
+    def floor(self) -> FloatArray:
+        """(c, c) curvature of what neither markers nor priors see, and of locks."""
+        return np.diag(np.where(self.locked, _LOCK, _UNSEEN))
+
+    def pulls(self, weights: FloatArray) -> FloatArray:
+        """Weights (n, c) of priors and tasks in frames that show markers with ``weights`` (n, m).
+
+        A task counts as in OpenSim, where the markers' sum is divided by that of their weights
+        (Simbody's Markers::calcGoal).
+        """
+        return self.prior_weights + self.task_weights * weights.sum(1)[:, None]
+
     def at(
-        self, values: FloatArray, measured: FloatArray, weights: FloatArray, exact: np.ndarray
+        self,
+        values: FloatArray,
+        measured: FloatArray,
+        weights: FloatArray,
+        exact: np.ndarray,
+        pulls: FloatArray | None = None,
     ) -> State:
         """Cost, gradient and curvature at values (n, 20); ``weights`` (n, m) are 0 where a marker
         is not seen.
+
+        ``pulls`` (n, c) are those of all priors and tasks, where not of the markers with
+        ``weights``.
 
         The curvature is Gauss and Newton's, with the second derivatives of the markers where
         ``exact`` (n,) says so.
@@ -126,12 +144,11 @@ class Problem:
             angular, linear, points - center, residuals, weights
         )
         away = values - self.prior_values
-        gradient += self.prior_weights * away
-        upper[:, self._diagonal, self._diagonal] += self.prior_weights
+        pulls = self.pulls(weights) if pulls is None else pulls
+        gradient += pulls * away
+        upper[:, self._diagonal, self._diagonal] += pulls
         cost = (
-            cost
-            + 0.5 * (self.prior_weights * away**2).sum(1)
-            + self._add_flat_feet(pose, gradient, upper, bend)
+            cost + 0.5 * (pulls * away**2).sum(1) + self._add_flat_feet(pose, gradient, upper, bend)
         )
         scale = np.einsum("ncc->nc", upper).copy()
         upper[exact] += bend[exact]

@@ -11,6 +11,7 @@ import numpy as np
 from legsim.core import resources
 from legsim.core.errors import LegsimError, file_error, printable
 from legsim.kinematics import (
+    ik_tasks,
     inverse_kinematics,
     marker_sites,
     on_osim_model,
@@ -20,8 +21,11 @@ from legsim.kinematics import (
     smoothing,
     uncertainty,
 )
-from legsim.kinematics._ik_problem import Problem, ReplayConfig
+from legsim.kinematics._ik_names import Tasks, left_out
+from legsim.kinematics._ik_problem import Problem
+from legsim.kinematics._planted_feet import Pegs
 from legsim.kinematics.from_coordinates import gap_note, low_passed, moving_leg, named
+from legsim.kinematics.ik_options import IkOptions
 from legsim.kinematics.inverse_kinematics import Solution
 from legsim.kinematics.leg import Leg
 from legsim.kinematics.leg_model import LegModel
@@ -76,9 +80,10 @@ def files_read(
     scale_from: str | Path | None = None,
     model: str | Path | None = None,
     scale_file: str | Path | None = None,
+    tasks_file: str | Path | None = None,
 ) -> tuple[Path, ...]:
     """The files that :func:`solve_kinematics` reads: recording, scaling trial, own marker map,
-    model, scale file.
+    model, scale file, tasks.
 
     Raises:
         LegsimError: one of them is not there.
@@ -87,6 +92,7 @@ def files_read(
     files = [path, _scaling_source(path, scale_from)]
     _check_there(model, scale_file)
     files += [Path(given) for given in (model, scale_file) if given]
+    files += ik_tasks.files_of(tasks_file) if tasks_file else ()
     if str(marker_map).endswith(".toml") and Path(marker_map).is_file():
         files.append(Path(marker_map))
     return tuple(files)
@@ -107,6 +113,7 @@ def solve_kinematics(
     filter_coordinates: bool = False,
     in_degrees: bool | None = None,
     register: bool = True,
+    ik: IkOptions | None = None,
 ) -> MovingLeg:
     """Reads a recording, cleans it, scales the leg model to the person and solves for joint angles.
 
@@ -134,6 +141,9 @@ def solve_kinematics(
         register: find the person's lengths, hip centers and the places of the markers together with
             the poses; else the leg stays as scaled and markers where the model has them. Not where
             ``model`` or ``scale_file`` give the size.
+        ik: weights of markers, tasks and locks of coordinates, priors. They hold for the recording
+            that the person is scaled from too, except that a weight of 0 leaves a marker out of
+            ``recording`` alone.
 
     Raises:
         LegsimError: anything that a careful person would object to, with file, place and fix.
@@ -143,12 +153,15 @@ def solve_kinematics(
     ('squat_60.trc', 2400)
     """
     path = find_recording(recording)
+    tasks = Tasks.read(ik or IkOptions())
     reading = _Reading(marker_map, unit, up, filter_hz, longest_gap, marker_noise)
     _check_one_size(path, scale_from, model, scale_file)
     _check_there(model, scale_file)
     low_pass_hz = filter_hz if filter_coordinates else 0.0
     raw = mocap_files.read_raw(path)
     if isinstance(raw, RawCoordinates):
+        given = {"ik": None if tasks.options == IkOptions() else tasks.options}
+        mocap_files.refuse_options(path, given, "joint coordinates, which are not solved for")
         scaled = None if scale_from is None else find_recording(scale_from)
         if scaled is None:
             _refuse_marker_options(path, reading, filter_coordinates)
@@ -164,14 +177,33 @@ def solve_kinematics(
         return moving_leg(found, path, leg, low_pass_hz=low_pass_hz)
     mocap_files.refuse_options(path, {"angles": in_degrees}, "markers, not joint coordinates")
     if model is not None:
-        return _markers_on_model(reading, path, model, scale_file)
+        return _markers_on_model(reading, path, model, scale_file, tasks)
+    return _markers_on_own_leg(
+        reading, path, tasks, scale_from=scale_from, scale_file=scale_file, register=register
+    )
+
+
+def _markers_on_own_leg(
+    reading: _Reading,
+    path: Path,
+    tasks: Tasks,
+    *,
+    scale_from: str | Path | None,
+    scale_file: str | Path | None,
+    register: bool,
+) -> MovingLeg:
+    """A recording of markers on legsim's own leg, as large as the person."""
     # a trial that is scaled from another may go without the landmarks that only scaling needs
     given = scale_from or scale_file
-    measured, cleaning, notes = _cleaned(reading, path, required=() if given else PAPER_ROLES)
+    options, said = named(path, lambda: tasks.coordinates(LegModel.load()))
+    measured, cleaning, notes, weights = _cleaned(
+        reading, path, required=() if given else PAPER_ROLES, tasks=tasks
+    )
+    notes = (*notes, *said)
     scaled_from = Path(scale_file) if scale_file else _scaling_source(path, scale_from)
     same = scale_file or scaled_from == path
     reference = measured if same else _cleaned(reading, scaled_from)[0]
-    sites = marker_sites.load()
+    sites = marker_sites.load().weighted({r: w for r, w in weights.items() if w > 0})
     if scale_file:
         fitted, said = _given_scales(scale_file, sites, measured)
         notes = (*notes, *said)
@@ -181,15 +213,21 @@ def solve_kinematics(
     placed = fitted.sites
     loose = marker_sites.calibrated_roles() & set(measured.marker_names)
     if loose:
-        placed = inverse_kinematics.calibrate(leg, reference, placed, loose)
-    settings, registered = ReplayConfig(), None
+        placed = named(
+            path, lambda: inverse_kinematics.calibrate(leg, reference, placed, loose, options)
+        )
+    registered = None
     if register and not scale_file:
         registered = named(
-            scaled_from, lambda: registration.register(leg, reference, placed, loose, settings)
+            scaled_from, lambda: registration.register(leg, reference, placed, loose, options)
         )
-        leg, placed, settings = registered.leg, registered.sites, registered.config
-    solution = named(path, lambda: inverse_kinematics.solve(leg, measured, placed, settings))
-    how = _Fitting(fitted, scaled_from.name, notes, settings, registered)
+        leg, placed, options = registered.leg, registered.sites, registered.config
+    # feet stand elsewhere in another recording
+    pegs = registered.pegs if registered and same else None
+    solution = named(
+        path, lambda: inverse_kinematics.solve(leg, measured, placed, options, pegs=pegs)
+    )
+    how = _Fitting(fitted, scaled_from.name, notes, options, registered, pegs)
     return _solved(reading, path, leg, solution, measured, placed, cleaning, how)
 
 
@@ -200,8 +238,9 @@ class _Fitting:
     scaling: Scaling
     source: str
     notes: tuple[str, ...]
-    options: ReplayConfig
+    options: IkOptions
     registration: Registration | None = None
+    pegs: Pegs | None = None
 
 
 def _solved(
@@ -226,6 +265,9 @@ def _solved(
         noise=reading.marker_noise,
         filter_hz=reading.filter_hz,
     )
+    held, seen = placed.only(names), np.asarray(np.isfinite(shown.positions_world).all(-1))
+    if how.pegs is not None:
+        held, seen = how.pegs.beside(held), how.pegs.shown_with(seen)
     fit = MarkerFit(
         measured=shown,
         modelled=solution.modelled,
@@ -235,10 +277,7 @@ def _solved(
         options=how.options,
         registration=how.registration,
         spread=uncertainty.coordinate_spread(
-            Problem(leg, placed.only(names), how.options),
-            how.registration,
-            solution.trajectories.values,
-            np.asarray(np.isfinite(shown.positions_world).all(-1)),
+            Problem(leg, held, how.options), how.registration, solution.trajectories.values, seen
         ),
         ik=solution.report,
         scaled_from=printable(how.source),
@@ -248,12 +287,21 @@ def _solved(
 
 
 def _markers_on_model(
-    reading: _Reading, path: Path, model: str | Path, scale_file: str | Path | None
+    reading: _Reading,
+    path: Path,
+    model: str | Path,
+    scale_file: str | Path | None,
+    tasks: Tasks,
 ) -> MovingLeg:
     """A recording of markers on the user's own OpenSim model."""
     leg, notes = on_osim_model.load(model, scale_file)
     raw, read_notes = mocap_files.read_markers(path, unit=reading.unit, up=reading.up)
     own, sites, said = named(path, lambda: on_osim_model.marker_map(leg, raw.marker_names))
+    weights, weighed = named(
+        path,
+        lambda: tasks.marker_weights(own, raw.marker_names, leg.marker_sites()[0].names),
+    )
+    own = own.without(left_out(weights))
     measured, cleaning = named(
         path,
         lambda: mocap_cleaning.clean(
@@ -265,14 +313,16 @@ def _markers_on_model(
         ),
     )
     sites = sites.only([name for name in sites.names if name in measured.marker_names])
+    sites = sites.weighted(weights)
     size = named(path, lambda: on_osim_model.size_note(sites, measured))
     leg, locked = on_osim_model.held_leg(leg)
-    config = on_osim_model.replay_config(leg, sites)
+    config, tasked = named(path, lambda: tasks.coordinates(leg))
+    config = config.settled(on_osim_model.model_priors(leg, sites))
     solution = named(path, lambda: inverse_kinematics.solve(leg, measured, sites, config))
     known = _Fitting(
         Scaling(leg.scales, sites, ()),
         leg.model.path.name,
-        (*read_notes, *cleaning.notes, *notes, *said, *size, *locked),
+        (*read_notes, *cleaning.notes, *notes, *said, *weighed, *size, *locked, *tasked),
         config,
     )
     return _solved(reading, path, leg, solution, measured, sites, cleaning, known)
@@ -361,28 +411,48 @@ def _scaling_source(path: Path, scale_from: str | Path | None) -> Path:
 
 
 def _cleaned(
-    reading: _Reading, path: Path, required: Sequence[str] = PAPER_ROLES
-) -> tuple[MarkerTrajectories, CleaningReport, tuple[str, ...]]:
-    """The markers by role, what was done to them, and what the reader has to say about the file."""
+    reading: _Reading,
+    path: Path,
+    required: Sequence[str] = PAPER_ROLES,
+    tasks: Tasks | None = None,
+) -> tuple[MarkerTrajectories, CleaningReport, tuple[str, ...], dict[str, float]]:
+    """The markers by role, what was done to them, what there is to say about the file, and the
+    weights that ``tasks`` give; roles of weight 0 are left out.
+    """
     raw, notes = mocap_files.read_markers(path, unit=reading.unit, up=reading.up)
 
-    def cleaned() -> tuple[MarkerTrajectories, CleaningReport]:
+    def cleaned() -> tuple[MarkerTrajectories, CleaningReport, tuple[str, ...], dict[str, float]]:
         automatic = reading.marker_map == "auto"
         chosen = (
             marker_sets.guess(raw.marker_names, required=required)
             if automatic
             else marker_sets.load(str(reading.marker_map))
         )
-        return mocap_cleaning.clean(
+        # a mean of two markers that are used themselves would count them twice
+        shown = np.asarray(np.isfinite(raw.positions_world).all(-1).any(0))
+        seen = [name for name, here in zip(raw.marker_names, shown, strict=True) if here]
+        chosen = chosen.without(chosen.means_in(seen))
+        weights, said = {}, ()
+        if tasks is not None:
+            known = marker_sites.load().names
+            weights, said = tasks.marker_weights(chosen, raw.marker_names, known)
+            needed = [role for role in left_out(weights) if role in required]
+            if needed:
+                raise LegsimError(
+                    f"a weight of 0 leaves out {', '.join(needed)}, which scaling needs: give "
+                    "them a weight, or another recording to scale from (motion.scaling_file)"
+                )
+        markers, report = mocap_cleaning.clean(
             raw,
-            chosen,
+            chosen.without(left_out(weights)),
             filter_hz=reading.filter_hz,
             longest_gap_s=reading.longest_gap,
             required=required,
         )
+        return markers, report, said, weights
 
-    markers, report = named(path, cleaned)
-    return markers, report, (*notes, *report.notes)
+    markers, report, said, weights = named(path, cleaned)
+    return markers, report, (*notes, *report.notes, *said), weights
 
 
 def _refuse_marker_options(path: Path, reading: _Reading, filter_coordinates: bool) -> None:
@@ -404,7 +474,7 @@ def _sized_leg(
     """The model at the size of the person, and a note where nothing says that size."""
     leg = LegModel.load()
     if reference is not None:
-        markers, _, _ = _cleaned(reading, reference)
+        markers, *_ = _cleaned(reading, reference)
         return LegModel.load(scaling.fit(leg, markers, marker_sites.load()).scales), ()
     if scale_file is not None:
         factors, notes = _scales_of(scale_file)

@@ -17,12 +17,18 @@ import numpy as np
 
 from legsim.core import transforms
 from legsim.core.values import FloatArray, frozen, frozen_owned
-from legsim.kinematics._ik_problem import Problem, ReplayConfig
+from legsim.kinematics._ik_problem import Problem
 from legsim.kinematics._ik_trajectory import Progress, Trace, solve_all
 from legsim.kinematics._marker_fading import faded
+from legsim.kinematics._planted_feet import Pegs
+from legsim.kinematics.ik_options import IkOptions
 from legsim.kinematics.leg import Leg
 from legsim.kinematics.marker_sites import MarkerSites
+from legsim.kinematics.skeleton import segment_index
 from legsim.mocap.trajectories import JointTrajectories, MarkerTrajectories
+
+_ENOUGH_ON_FOOT = 3
+"""markers that show how a foot lies"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -43,6 +49,10 @@ class IkReport:
     """(20,) how much of each coordinate the markers decide, 0 to 1; the rest is the priors'"""
     coordinate_at_limit: np.ndarray
     """(20,) int, frames in which a joint limit holds the coordinate"""
+    coordinate_by_prior: np.ndarray
+    """(20,) int, frames in which priors decide a coordinate of the foot: they show fewer than three
+    markers of that foot, or for the toes none on them
+    """
     frames: int
     frames_unseen: np.ndarray
     """indices of frames that show no marker, bridged between their neighbors"""
@@ -80,8 +90,9 @@ def solve(
     leg: Leg,
     motion: MarkerTrajectories,
     sites: MarkerSites,
-    config: ReplayConfig | None = None,
+    config: IkOptions | None = None,
     *,
+    pegs: Pegs | None = None,
     progress: Progress | None = None,
 ) -> Solution:
     """Joint coordinates that bring the model's markers closest to the measured ones, frame by
@@ -91,14 +102,16 @@ def solve(
         leg: the scaled model.
         motion: markers named like ``sites``; NaN where not seen; other names are ignored.
         sites: where the markers sit on the scaled segments.
-        config: priors and tolerances; the defaults suit the seven markers of the study as well as
-            full sets.
+        config: weights, tasks, locks, priors and tolerances; the defaults suit the seven markers of
+            the study as well as full sets. Names of markers are those of ``sites``.
+        pegs: of feet that stand still in ``motion``, as registration finds them.
         progress: told (frames done, frames in all).
 
     Raises:
         LegsimError: no frame shows three markers of the pelvis, or a leg has no marker at all.
     """
-    config = config or ReplayConfig()
+    config = config or IkOptions()
+    sites = sites.weighted(config.marker_weights)
     sites = sites.only(
         [
             name
@@ -107,15 +120,21 @@ def solve(
         ]
     )
     measured = motion.positions_world[:, [motion.marker_names.index(name) for name in sites.names]]
-    problem = Problem(leg, sites, config)
     seen = np.asarray(np.isfinite(measured).all(-1))
     # one frame has no neighbor to come from or go to
     shares = faded(seen, motion.rate_hz) if len(seen) > 1 else seen.astype(float)
-    values, trace = solve_all(problem, measured, seen, shares, progress)
+    held, shown = sites, measured
+    if pegs is not None:
+        held, shown = pegs.beside(sites), pegs.beside_markers(measured)
+        shares = np.concatenate([shares, pegs.shares], axis=1)
+        seen = shares > 0
+    problem = Problem(leg, held, config)
+    values, trace = solve_all(problem, shown, seen, shares, progress)
     trajectories = JointTrajectories(motion.times, leg.coordinate_names, values)
     modelled = MarkerTrajectories(motion.times, sites.names, leg.marker_positions(values, sites))
+    share = _marker_share(problem, values, seen)
     return Solution(
-        trajectories, _report(problem, values, trace, measured, seen, modelled), modelled
+        trajectories, _report(problem, values, trace, measured, modelled, share), modelled
     )
 
 
@@ -124,7 +143,7 @@ def calibrate(
     motion: MarkerTrajectories,
     sites: MarkerSites,
     roles: Collection[str],
-    config: ReplayConfig | None = None,
+    config: IkOptions | None = None,
 ) -> MarkerSites:
     """Sites with those in ``roles`` moved to where the recording shows them on the model posed by
     all the others (median over frames).
@@ -150,24 +169,27 @@ def _report(
     values: FloatArray,
     trace: Trace,
     measured: FloatArray,
-    seen: np.ndarray,
     modelled: MarkerTrajectories,
+    share: FloatArray,
 ) -> IkReport:
+    seen = np.asarray(np.isfinite(measured).all(-1))
     errors = np.linalg.norm(modelled.positions_world - measured, axis=-1)
     shown = np.where(seen, errors, -1.0)
     count = seen.sum(0)
     squares = np.where(seen, errors, 0.0) ** 2
     rms = np.sqrt(squares.sum(0) / np.where(count > 0, count, np.nan))
     at_limit = (values <= problem.low + 1e-9) | (values >= problem.high - 1e-9)
+    at_limit &= ~problem.locked
     return IkReport(
-        marker_names=problem.sites.names,
+        marker_names=modelled.marker_names,
         marker_rms=frozen("marker_rms", rms, (None,)),
         marker_worst=frozen("marker_worst", np.where(count > 0, shown.max(0), np.nan), (None,)),
         marker_worst_frame=frozen_owned(shown.argmax(0)),
         marker_seen=frozen_owned(count),
         coordinate_names=problem.leg.coordinate_names,
-        coordinate_share=_marker_share(problem, values, seen),
+        coordinate_share=share,
         coordinate_at_limit=frozen_owned(at_limit.sum(0)),
+        coordinate_by_prior=frozen_owned(_by_prior(problem, seen)),
         frames=len(values),
         frames_unseen=frozen_owned(np.flatnonzero(~seen.any(1))),
         frames_unconverged=frozen_owned(np.flatnonzero(~trace.converged & seen.any(1))),
@@ -176,16 +198,35 @@ def _report(
     )
 
 
+def _by_prior(problem: Problem, seen: np.ndarray) -> np.ndarray:
+    """(c,) frames in which priors decide a coordinate of the foot; none with a task or a lock."""
+    leg, found = problem.leg, np.zeros(len(problem.low), int)
+    segments = np.array(problem.sites.segments)[problem.markers]
+    for side in "rl":
+        tibia, calcn, toes = (
+            leg.moves[:, segment_index(f"{name}_{side}")] for name in ("tibia", "calcn", "toes")
+        )
+        on_toes = segments == f"toes_{side}"
+        on_foot = on_toes | np.isin(segments, [f"talus_{side}", f"calcn_{side}"])
+        enough = seen[:, on_foot].sum(1) >= _ENOUGH_ON_FOOT
+        found[calcn & ~tibia] = (~enough).sum()
+        found[toes & ~calcn] = (~(enough & seen[:, on_toes].any(1))).sum()
+    return np.where(problem.locked | (problem.task_weights > 0), 0, found)
+
+
 def _marker_share(problem: Problem, values: FloatArray, seen: np.ndarray) -> FloatArray:
-    """Diagonal (20,) of (markers + priors)^-1 markers, mean over some twenty frames."""
+    """Diagonal (20,) of (markers + priors)^-1 markers, mean over some twenty frames; pegs count as
+    priors.
+    """
     some = np.unique(np.linspace(0, len(values) - 1, 20).astype(int))
     weights = seen[some] * problem.sites.weights
     measured = np.zeros((len(some), len(problem.rows), 3))
     plain = np.zeros(len(some), bool)
-    whole = problem.at(values[some], measured, weights, plain).curvature
-    priors = problem.at(values[some], measured, 0 * weights, plain).curvature
-    # what neither markers nor priors see belongs to nobody
-    unseen = 1e-12 * np.eye(whole.shape[1])
-    whole = whole + unseen
-    share = 1 - np.einsum("nij,nji->ni", np.linalg.inv(whole), priors + unseen)
+    pulls = problem.pulls(weights)
+    held = weights * ~problem.markers
+    whole = problem.at(values[some], measured, weights, plain, pulls).curvature
+    priors = problem.at(values[some], measured, held, plain, pulls).curvature
+    share = 1 - np.einsum(
+        "nij,nji->ni", np.linalg.inv(whole + problem.floor()), priors + problem.floor()
+    )
     return frozen("share", np.mean(np.clip(share, 0, 1), axis=0), (None,))

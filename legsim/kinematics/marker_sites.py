@@ -3,7 +3,7 @@
 """
 
 import tomllib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -67,6 +67,12 @@ class MarkerSites:
             self.positions[rows],
             self.weights[rows],
         )
+
+    def weighted(self, weights: Mapping[str, float]) -> "MarkerSites":
+        """The same sites with other weights for those that are named; further names are ignored."""
+        own = zip(self.names, self.weights, strict=True)
+        changed = np.array([weights.get(name, weight) for name, weight in own], float)
+        return MarkerSites(self.names, self.segments, self.positions, changed)
 
     def scaled(self, scales: SegmentScales) -> "MarkerSites":
         """The same places on the scaled segments."""

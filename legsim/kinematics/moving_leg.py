@@ -10,7 +10,7 @@ import numpy as np
 
 from legsim.core.values import FloatArray
 from legsim.kinematics import plausibility
-from legsim.kinematics._ik_problem import ReplayConfig
+from legsim.kinematics.ik_options import IkOptions
 from legsim.kinematics.inverse_kinematics import IkReport
 from legsim.kinematics.joint_splines import JointSplines
 from legsim.kinematics.leg import Leg
@@ -36,7 +36,7 @@ class MarkerFit:
     """where they sit on the model's segments"""
     cleaning: CleaningReport
     scaling: Scaling
-    options: ReplayConfig
+    options: IkOptions
     """that inverse kinematics ran with"""
     registration: Registration | None
     """None where the leg stayed as scaled"""
@@ -68,6 +68,17 @@ class CoordinateRange:
     highest_rate_frame: int
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class ZeroPose:
+    """A static trial's mean pose, from which joint angles are counted."""
+
+    file: str
+    frames: int
+    coordinate_names: tuple[str, ...]
+    values: FloatArray
+    """(c,) rad and m; 0 for the pelvis' heading and place"""
+
+
 @dataclass(frozen=True, eq=False)
 class MovingLeg:
     """A person's leg model and how it moves."""
@@ -79,6 +90,15 @@ class MovingLeg:
     """None where the file held coordinates"""
     notes: tuple[str, ...] = ()
     """what was put right on the way in"""
+    zero: ZeroPose | None = None
+    """of :meth:`from_zero`; the movement itself is not changed by it"""
+
+    def from_zero(self) -> JointTrajectories | None:
+        """The coordinates counted from the static trial's mean pose; None without one."""
+        if self.zero is None:
+            return None
+        values = self.leg.values_of(self.trajectories) - self.zero.values
+        return JointTrajectories(self.trajectories.times, self.leg.coordinate_names, values)
 
     @cached_property
     def splines(self) -> JointSplines:
@@ -155,6 +175,17 @@ class MovingLeg:
 
     def summary(self) -> dict[str, Any]:
         """Numbers about the fit, for kinematics.json."""
+        summary = self._summary()
+        if self.zero is not None:
+            factors = [1e3 if row.unit == "mm" else np.degrees(1.0) for row in self.ranges()]
+            summary["zero"] = {"file": self.zero.file, "frames": self.zero.frames}
+            for row, value, factor in zip(
+                summary["coordinates"], self.zero.values, factors, strict=True
+            ):
+                row["zero"] = float(factor * value)
+        return summary
+
+    def _summary(self) -> dict[str, Any]:
         if self.fit is None:
             ranges = [asdict(row) for row in self.ranges()]
             return {
@@ -200,6 +231,7 @@ class MovingLeg:
                     **asdict(row),
                     "decided_by_markers": float(ik.coordinate_share[k]),
                     "frames_at_limit": int(ik.coordinate_at_limit[k]),
+                    "frames_decided_by_prior": int(ik.coordinate_by_prior[k]),
                     "standard_deviation": self.standard_deviations()[k],
                 }
                 for k, row in enumerate(self.ranges())
@@ -224,8 +256,8 @@ class MovingLeg:
         )
         loose = [
             n
-            for n, share in zip(ik.coordinate_names, ik.coordinate_share, strict=True)
-            if share < 0.5
+            for k, n in enumerate(ik.coordinate_names)
+            if ik.coordinate_share[k] < 0.5 and ik.coordinate_by_prior[k] == 0
         ]
         lines = [
             f"{self.name}: {len(self.trajectories.times)} frames at {cleaning.rate_hz:g} Hz, "
@@ -253,9 +285,11 @@ class MovingLeg:
                 "not seen for longer than can be bridged, so that joint angles are guessed "
                 f"there: {shares} of the time"
             )
+        lines += _feet_by_prior(ik)
         if loose:
             lines.append(
-                f"decided by the stated priors rather than the markers: {', '.join(loose)}"
+                "decided by the stated priors, tasks or locks rather than the markers: "
+                f"{', '.join(loose)}"
             )
         lines.append(f"least known, by one standard deviation: {self._least_known()}")
         lines += [f"warning: {line}" for line in self.warnings]
@@ -267,12 +301,28 @@ class MovingLeg:
         return lines
 
 
+def _feet_by_prior(ik: IkReport) -> list[str]:
+    """A line on the joints of the feet that priors decide, with the share of the frames."""
+    by_share: dict[int, list[str]] = {}
+    for name, count in zip(ik.coordinate_names, ik.coordinate_by_prior, strict=True):
+        if count:
+            by_share.setdefault(int(count), []).append(name)
+    shares = [
+        f"{', '.join(names)} in {100 * count / ik.frames:.3g} % of the frames"
+        for count, names in sorted(by_share.items(), reverse=True)
+    ]
+    if not shares:
+        return []
+    why = "fewer than three markers of that foot are seen, or for mtp none on the toes"
+    return [f"decided by the prior, because {why}: {'; '.join(shares)}"]
+
+
 def _registration_summary(fit: MarkerFit) -> dict[str, Any] | None:
     """What registration changed, in mm and degrees."""
     found = fit.registration
     if found is None:
         return None
-    values = {prior.coordinate: prior.value for prior in found.config.priors}
+    values = {prior.coordinate: prior.value for prior in found.config.priors or ()}
     return {
         "frames": found.frames,
         "marker_rms_before_mm": 1e3 * found.rms_before,
@@ -287,7 +337,9 @@ def _registration_summary(fit: MarkerFit) -> dict[str, Any] | None:
             for side in "rl"
         },
         "habitual_hip_rotation_deg": {
-            side: float(np.degrees(values[f"hip_rotation_{side}"])) for side in "rl"
+            side: float(np.degrees(values[f"hip_rotation_{side}"]))
+            for side in "rl"
+            if f"hip_rotation_{side}" in values
         },
         "marker_places_mm": {
             name: [1e3 * float(x) for x in place]

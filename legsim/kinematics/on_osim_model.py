@@ -10,7 +10,7 @@ import numpy as np
 from legsim.core.errors import LegsimError, file_error
 from legsim.core.values import FloatArray
 from legsim.kinematics import osim_file, osim_scaling
-from legsim.kinematics._ik_problem import CoordinatePrior, ReplayConfig
+from legsim.kinematics.ik_options import CoordinatePrior
 from legsim.kinematics.marker_sites import MarkerSites
 from legsim.kinematics.osim_leg import OsimLeg
 from legsim.mocap.labels import MarkerMap
@@ -90,7 +90,7 @@ def coordinates(
     whole = leg.complete(trajectories)
     extra = [name for name in names if name not in whole.coordinate_names]
     if extra:
-        notes.append(f"columns that are no coordinates of the legs are left out: {_short(extra)}")
+        notes.append(f"columns that are no coordinates of the legs are left out: {short(extra)}")
     return leg, trajectories, (*notes, *_coupled_notes(whole, loaded), *_bound_notes(leg, values))
 
 
@@ -129,9 +129,9 @@ def marker_map(
     ]
     absent = [name for name in sites.names if name not in found]
     if absent:
-        notes[0] += f"; not there: {_short(absent)}"
+        notes[0] += f"; not there: {short(absent)}"
     if elsewhere:
-        notes.append(f"markers on other bodies are not used: {_short(elsewhere)}")
+        notes.append(f"markers on other bodies are not used: {short(elsewhere)}")
     used = MarkerMap.one_to_one(every.name, known.names, known.names, known.segments)
     return used, known, tuple(notes)
 
@@ -177,7 +177,7 @@ def held_leg(leg: OsimLeg) -> tuple[OsimLeg, tuple[str, ...]]:
     )
 
 
-def replay_config(leg: OsimLeg, sites: MarkerSites) -> ReplayConfig:
+def model_priors(leg: OsimLeg, sites: MarkerSites) -> tuple[CoordinatePrior, ...]:
     """Priors for this model: the markers decide, as in OpenSim, and what they do not see stays at
     the model's default. Hip rotation is drawn toward neutral where a thigh carries fewer than three
     markers, as on legsim's own leg.
@@ -191,8 +191,7 @@ def replay_config(leg: OsimLeg, sites: MarkerSites) -> ReplayConfig:
         if rotation in weights and sites.segments.count(f"femur_{side}") < 3:
             weights[rotation] = _HIP_ROTATION
     defaults = dict(zip(leg.coordinate_names, leg.default_coordinates, strict=True))
-    priors = tuple(CoordinatePrior(n, w, float(defaults[n])) for n, w in weights.items())
-    return ReplayConfig(priors=priors)
+    return tuple(CoordinatePrior(n, w, float(defaults[n])) for n, w in weights.items())
 
 
 def _check_knees(leg: OsimLeg, trajectories: JointTrajectories) -> None:
@@ -234,6 +233,7 @@ def _bound_notes(leg: OsimLeg, values: FloatArray) -> list[str]:
     return [f"beyond the model's range, and taken as it is: {', '.join(names)}"] if names else []
 
 
-def _short(names: Sequence[str], limit: int = 12) -> str:
+def short(names: Sequence[str], limit: int = 12) -> str:
+    """Names in a row, the first twelve of many."""
     more = f" and {len(names) - limit} more" if len(names) > limit else ""
     return ", ".join(names[:limit]) + more

@@ -11,7 +11,7 @@ API documentation, Joint and SpatialTransform).
 """
 
 import re
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from xml.etree import ElementTree
@@ -165,8 +165,10 @@ def read(path: Path | str) -> OsimModel:
         raise LegsimError(f"{path}: {error}") from error
 
 
-def document(path: Path) -> Element:
+def document(path: Path, *, bare: Collection[str] = ()) -> Element:
     """The root element of an OpenSim XML file.
+
+    ``bare`` are elements that may stand without the document around them, as in old files.
 
     Raises:
         LegsimError: the file cannot be read, or is not an OpenSim document.
@@ -188,7 +190,7 @@ def document(path: Path) -> Element:
             "copy the file again, or save it again from OpenSim",
             place=f"line {line}, column {column + 1}",
         ) from error
-    if root.tag != "OpenSimDocument":
+    if root.tag not in ("OpenSimDocument", *bare):
         raise file_error(path, f"begins with <{root.tag}>", "give a file that OpenSim wrote")
     return root
 

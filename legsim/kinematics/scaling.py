@@ -119,9 +119,11 @@ class _Pelvis:
     width: FloatArray
     """(n,) m between the ASIS"""
     depth: FloatArray
-    """(n,) m from the sacrum to the line of the ASIS"""
+    """(n,) m from the middle of the PSIS, or else the sacrum, to the line of the ASIS"""
     back_half: float
     """m, half the distance of the PSIS; 0 where the recording does not have both"""
+    sacrum: FloatArray | None
+    """(3,) m, along the axes from the origin, of a sacral marker beside both PSIS"""
     model_width: float
     model_back: FloatArray
     """(3,) m, from the middle of the ASIS to the sacrum on the unscaled model"""
@@ -150,6 +152,7 @@ class _Pelvis:
             width,
             depth,
             _half_back(motion),
+            _beside_psis(motion, middle, axes),
             model_width,
             back_site - front,
             model_hip,
@@ -210,6 +213,8 @@ class _Pelvis:
                 "psis_r": (-depth, 0, self.back_half),
                 "psis_l": (-depth, 0, -self.back_half),
             }
+        if self.sacrum is not None:
+            places["sacrum"] = tuple(self.sacrum)
         positions = sites.positions.copy()
         for name in set(places) & set(sites.names):
             positions[sites.index(name)] = front + turn @ np.array(places[name])
@@ -247,8 +252,23 @@ def _back(motion: MarkerTrajectories, sites: MarkerSites) -> tuple[FloatArray, F
 
 
 def _shows_both_psis(motion: MarkerTrajectories) -> bool:
-    both = {"psis_r", "psis_l"} <= set(motion.marker_names)
-    return both and bool(np.isfinite(motion.marker("psis_r") + motion.marker("psis_l")).any())
+    pelvis = ("psis_r", "psis_l", "asis_r", "asis_l")
+    if not set(pelvis) <= set(motion.marker_names):
+        return False
+    return bool(np.isfinite(sum(motion.marker(role) for role in pelvis)).all(1).any())
+
+
+def _beside_psis(
+    motion: MarkerTrajectories, middle: FloatArray, axes: FloatArray
+) -> FloatArray | None:
+    """Where a sacral marker is in the frame of ASIS and PSIS (3,), median; None without both PSIS
+    or without one.
+    """
+    if not _shows_both_psis(motion) or "sacrum" not in motion.marker_names:
+        return None
+    local = np.einsum("nji,nj->ni", axes, motion.marker("sacrum") - middle)
+    local = local[np.isfinite(local).all(1)]
+    return np.median(local, axis=0) if len(local) else None
 
 
 def _half_back(motion: MarkerTrajectories) -> float:

@@ -64,10 +64,11 @@ def smooth_below_noise(
     times, values = trajectories.times, leg.values_of(trajectories)
     rate = (len(times) - 1) / float(times[-1] - times[0])
     allowed, _ = left_by_filter(noise, filter_hz, rate)
-    before = leg.marker_positions(values, sites)
+    before, still = leg.marker_positions(values, sites), np.ptp(values, axis=0) == 0
     for cutoff in CUTOFFS_HZ if noise > 0 else ():
         if cutoff < filter_hz:
-            calm = low_pass(values, rate, cutoff, order=_ORDER)
+            # a filter leaves rounding on what stands still, such as locked coordinates
+            calm = np.where(still, values, low_pass(values, rate, cutoff, order=_ORDER))
             moved = leg.marker_positions(calm, sites) - before
             if (
                 np.sqrt((moved**2).mean((0, 2))).max() <= allowed

@@ -19,7 +19,7 @@ _FRAMES = 20
 
 _PEOPLES_RANGE_DEG = {"ankle_angle": 65.0, "subtalar_angle": 40.0, "mtp_angle": 90.0}
 """width: ankle -45 to 20, subtalar 15 out to 25 in, toes -30 to 60 (Kapandji, The physiology of the
-joints, vol. 2); gait2392 allows 180 degrees
+joints, vol. 2); the model's limits are wider
 """
 
 
@@ -41,7 +41,7 @@ def coordinate_spread(
     weights, values = seen[some] * sites.weights, values[some]
     measured = np.zeros((*weights.shape, 3))
     curvature = problem.at(values, measured, weights, np.zeros(len(some), bool)).curvature
-    curvature = curvature + 1e-12 * np.eye(values.shape[1])
+    curvature = curvature + problem.floor()
     error = MARKER_ERROR if found is None else found.error
     own = error**2 * np.linalg.inv(curvature)
     model = PersonModel(leg, sites, ()) if found is None else found.model.only(sites.names)

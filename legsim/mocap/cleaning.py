@@ -366,6 +366,8 @@ def _velocity(positions: FloatArray, times: FloatArray, index: int, side: int) -
 
 def _check_person(means: dict[str, FloatArray]) -> None:
     """Refuses lengths or sides that are not a person's: signs of a wrong unit, axis or label."""
+    if {"psis_r", "psis_l"} <= means.keys():
+        means = {"sacrum": (means["psis_r"] + means["psis_l"]) / 2, **means}
     if not {"sacrum", "asis_r", "asis_l"} <= means.keys():
         return
     right, left, back = (means[role] for role in ("asis_r", "asis_l", "sacrum"))

@@ -3,7 +3,7 @@ prefixes and spelling.
 """
 
 import re
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
@@ -105,12 +105,47 @@ class MarkerMap:
                     break
         return found
 
+    def without(self, roles: Collection[str]) -> "MarkerMap":
+        """The same map with some of the roles left out."""
+        keep = [k for k, role in enumerate(self.roles) if role not in roles]
+        return MarkerMap(
+            self.name,
+            tuple(self.roles[k] for k in keep),
+            tuple(self.alternatives[k] for k in keep),
+            tuple(self.segments[k] for k in keep) if self.segments else (),
+        )
+
     def missing_in(
         self, marker_names: Sequence[str], required: Sequence[str] = PAPER_ROLES
     ) -> tuple[str, ...]:
-        """Required roles that the recording does not cover."""
-        found = self.found_in(marker_names)
+        """Required roles that the recording does not cover; two posterior spines do for the
+        sacrum, whose place is the middle of them.
+        """
+        found = {*self.found_in(marker_names)}
+        if {"psis_r", "psis_l"} <= found:
+            found.add("sacrum")
         return tuple(role for role in required if role not in found)
+
+    def means_in(self, marker_names: Sequence[str]) -> tuple[str, ...]:
+        """Roles that are means of markers which play roles of their own on the same segment, so
+        that they add nothing, as a sacrum between the two posterior spines.
+        """
+        found = self.found_in(marker_names)
+        alone = {
+            (labels[0], self.segment(role)) for role, labels in found.items() if len(labels) == 1
+        }
+        return tuple(
+            role
+            for role, labels in found.items()
+            if len(labels) > 1 and {(label, self.segment(role)) for label in labels} <= alone
+        )
+
+
+def find_labels(names: Sequence[str], marker_names: Sequence[str]) -> dict[str, str]:
+    """Name to the recording's own label, for those names that the recording has."""
+    finder = _Finder(marker_names)
+    found = {name: finder.find(name) for name in names}
+    return {name: label for name, label in found.items() if label}
 
 
 def segment_of(role: str) -> str:

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 REPLAY_FILES = (
     FileNote("recording.rrd", "everything over time; open with `legsim view` or the rerun viewer"),
     FileNote("coordinates.mot", "joint coordinates, for OpenSim"),
+    FileNote("coordinates_from_zero.mot", "joint coordinates from the static trial's mean pose"),
     FileNote("joint_centres.csv", "hip, knee and ankle centers in world, m"),
     FileNote("poses.npz", "segment poses"),
     FileNote("imu.csv", "what the sensors read, in their own frames"),
@@ -64,6 +65,7 @@ def replay_files(recovered: MovingLeg) -> tuple[FileNote, ...]:
     A user's own model has no scaled model; without markers there are no marker files.
     """
     left_out = set() if isinstance(recovered.leg, LegModel) else {"scaled_model.osim"}
+    left_out |= {"coordinates_from_zero.mot"} if recovered.zero is None else set()
     left_out |= {"model_markers.trc", "marker_errors.sto"} if recovered.fit is None else set()
     return tuple(note for note in REPLAY_FILES if note.name not in left_out)
 
@@ -189,6 +191,7 @@ def coordinate_table(recovered: MovingLeg) -> Table:
             *(f"{v:.2f}" for v in (row.mean, row.rms, row.lowest, row.highest)),
         )
         rate = (f"{row.highest_rate:.1f}", str(row.highest_rate_frame))
+        rate = (*rate, *_from_zero(recovered, k, row.mean))
         known = (
             ()
             if fit is None
@@ -196,6 +199,7 @@ def coordinate_table(recovered: MovingLeg) -> Table:
                 f"{spread[k]:.1f}",
                 f"{fit.ik.coordinate_share[k]:.2f}",
                 str(fit.ik.coordinate_at_limit[k]),
+                str(fit.ik.coordinate_by_prior[k]),
             )
         )
         rows.append((*cells, *rate, *known))
@@ -209,20 +213,33 @@ def coordinate_table(recovered: MovingLeg) -> Table:
         "fastest (per s)",
         "at frame",
     )
-    own = isinstance(recovered.leg, LegModel)
+    own, zero = isinstance(recovered.leg, LegModel), recovered.zero
+    if zero is not None:
+        heads = (*heads, f"mean in {zero.file}", "mean from there")
     note = "Knee flexion is negative, as in gait2392." if own else "By the signs of the model."
     if fit is None:
         return Table("Joint coordinates", heads, tuple(rows), note)
     shares = (
         " Standard deviation: what errors and places of the markers, and the priors, leave open. "
-        "Decided by markers: 1 where the markers alone decide it, 0 where the stated priors do."
+        "Decided by markers: 1 where the markers alone decide it, 0 where priors, tasks or locks "
+        "do. Frames by prior: those that show fewer than three markers of that foot, or none on "
+        "the toes."
     )
     return Table(
         "Joint coordinates",
-        (*heads, "standard deviation", "decided by markers", "frames at limit"),
+        (*heads, "standard deviation", "decided by markers", "frames at limit", "frames by prior"),
         tuple(rows),
         note + shares,
     )
+
+
+def _from_zero(recovered: MovingLeg, row: int, mean: float) -> tuple[str, ...]:
+    """Cells of a coordinate's zero, and of its mean from there, where there is one."""
+    if recovered.zero is None:
+        return ()
+    factor = 1e3 if recovered.ranges()[row].unit == "mm" else np.degrees(1.0)
+    value = factor * float(recovered.zero.values[row])
+    return f"{value:.2f}", f"{mean - value:.2f}"
 
 
 def warnings(fit: MarkerFit) -> tuple[str, ...]:

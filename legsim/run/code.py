@@ -33,7 +33,7 @@ _IMPORT = re.compile(
 )
 _LAZY = re.compile(r"""lazy_loader\.load\(\s*["']([\w.]+)["']""")
 _KERNEL = re.compile(r"""["'](\w+\.cl)["']""")
-_MODEL = re.compile(r"""["'](lower_body|leg_phantom|marker_sets)\b""")
+_MODEL = re.compile(r"""["'](\w+)\b""")
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,7 +51,7 @@ STAGES = {
         ("kinematics.from_recording", "kinematics.osim_export", "mocap.opensim", "mocap.trc"),
         ("run.stages", "run.files", "run.motion"),
     ),
-    "imu": Code(("imu.simulation", "imu.noise"), ("run.sensors", "run.files", "run.stages")),
+    "imu": Code(("imu",), ("run.sensors", "run.files", "run.stages")),
     "projections": Code(
         (
             *("scan.acquisition", "scan.c_arm", "phantom.leg_phantom"),
@@ -75,7 +75,7 @@ STAGES = {
     "replay": Code(("run.replay",)),
     "study": Code(("run.pipeline",), ("study.jobs",)),
     "ladder": Code(
-        ("imu.drift", "imu.simulation", "imu.noise", "kinematics.from_recording", "scan.c_arm"),
+        ("imu", "kinematics.from_recording", "scan.c_arm"),
         ("study.jobs", "run.c_arm", "run.sensors", "run.motion"),
     ),
 }
@@ -91,7 +91,7 @@ class _Source:
     """dotted names; ``from a import b`` counts as a.b; relative ones begin with dots"""
     kernels: frozenset[str]
     models: frozenset[str]
-    """folders below models/ with which some string begins"""
+    """words with which some string begins: folders below models/, where there is one"""
 
 
 def _source(path: Path) -> _Source:

@@ -121,6 +121,26 @@ def _numbers(path: Path, line: int, row: list[str], count: int) -> list[float]:
     return numbers
 
 
+def save_rest(path: Path, signals: ImuSignals) -> None:
+    """Writes ``sensor, ax_m_s2, ay_m_s2, az_m_s2``: the mean specific force of the rest."""
+    stream = io.StringIO()
+    writer = csv.writer(stream, lineterminator="\n")
+    writer.writerow(["sensor", *_IMU_COLUMNS[:3]])
+    rest = np.empty((0, 3)) if signals.rest_force is None else signals.rest_force
+    for name, force in zip(signals.sensor_names, rest, strict=True):
+        writer.writerow([name, *(repr(float(v)) for v in force)])
+    write_text(path, stream.getvalue())
+
+
+def load_rest(path: Path, names: Sequence[str]) -> FloatArray:
+    """Reads the (k, 3) m/s^2 that :func:`save_rest` writes, in the order of ``names``."""
+    with path.open(encoding="utf-8", newline="") as stream:
+        rows = {row[0]: row[1:] for row in list(csv.reader(stream))[1:]}
+    if not set(names) <= rows.keys():
+        raise file_error(path, "lacks a sensor", "run again; the file is written by the run")
+    return np.array([rows[name] for name in names], float)
+
+
 def save_poses(path: Path, poses: SegmentPoses) -> None:
     """Writes poses.npz: times, segment_names, world_from_segment."""
     save_npz(

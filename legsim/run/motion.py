@@ -1,13 +1,22 @@
 """The recording of a run: solved by its [motion] settings, identified by its content."""
 
+import math
 from functools import cache
 from pathlib import Path
 
-from legsim.config import MotionConfig
+from legsim.config import IkConfig, MotionConfig, ValueConfig
 from legsim.core.errors import file_error
 from legsim.core.files import sha256
-from legsim.kinematics.from_recording import files_read, solve_kinematics
+from legsim.kinematics.from_recording import files_read, find_recording, solve_kinematics
+from legsim.kinematics.ik_options import (
+    CoordinateLock,
+    CoordinateTask,
+    IkOptions,
+    PriorStrengths,
+    Unit,
+)
 from legsim.kinematics.moving_leg import MovingLeg
+from legsim.kinematics.zero_pose import with_zero
 
 FEWEST_SAMPLES = 6
 """of a motion whose splines have accelerations"""
@@ -33,6 +42,7 @@ def solve(motion: MotionConfig, *, filter_coordinates: bool = False) -> MovingLe
         filter_coordinates=filter_coordinates,
         in_degrees=None if motion.angles == "file" else motion.angles == "degrees",
         register=motion.registration,
+        ik=ik_options(motion.ik),
     )
     count = len(person.trajectories.times)
     if count < FEWEST_SAMPLES:
@@ -42,7 +52,42 @@ def solve(motion: MotionConfig, *, filter_coordinates: bool = False) -> MovingLe
             f"need {FEWEST_SAMPLES}",
             "record for longer",
         )
-    return person
+    return _with_zero(person, motion) if motion.zero_file else person
+
+
+def _with_zero(person: MovingLeg, motion: MotionConfig) -> MovingLeg:
+    angles = None if motion.angles == "file" else motion.angles == "degrees"
+    return with_zero(
+        person,
+        motion.zero_file,
+        marker_map=motion.marker_map,
+        unit=None if motion.unit == "file" else motion.unit,
+        up=None if motion.up == "file" else motion.up,
+        filter_hz=motion.filter_hz,
+        longest_gap=motion.longest_gap_s,
+        in_degrees=angles,
+    )
+
+
+def ik_options(ik: IkConfig) -> IkOptions:
+    """Options of inverse kinematics, in SI.
+
+    Raises:
+        LegsimError: a weight below 0.
+    """
+    return IkOptions(
+        marker_weights=ik.marker_weights,
+        tasks=tuple(CoordinateTask(n, t.weight, *_in_si(t)) for n, t in ik.tasks.items()),
+        locked=tuple(CoordinateLock(n, *_in_si(lock)) for n, lock in ik.locked.items()),
+        tasks_file=ik.tasks_file,
+        strengths=PriorStrengths(**ik.priors.model_dump()),
+    )
+
+
+def _in_si(value: ValueConfig) -> tuple[float | None, Unit]:
+    if value.value_mm is not None:
+        return 1e-3 * value.value_mm, "m"
+    return (None, "") if value.value_deg is None else (math.radians(value.value_deg), "rad")
 
 
 def fingerprint(motion: MotionConfig) -> list[str]:
@@ -53,7 +98,9 @@ def fingerprint(motion: MotionConfig) -> list[str]:
         scale_from=motion.scaling_file or None,
         model=motion.model or None,
         scale_file=motion.scale_file or None,
+        tasks_file=motion.ik.tasks_file or None,
     )
+    read += (find_recording(motion.zero_file),) if motion.zero_file else ()
     return [_hash(path, path.stat().st_mtime_ns, path.stat().st_size) for path in read]
 
 

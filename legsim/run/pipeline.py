@@ -115,6 +115,7 @@ def run_scan(
     """
     # wrong settings are reported before anything is computed
     volumes.check(settings)
+    sensors.check(settings.imu)
     c_arm.imaging(settings.scan)
     opened, out = open_device(device), Path(out)
     with failures.reported(opened.label), RunFolder(out, _about(settings, opened), store) as folder:
@@ -125,7 +126,13 @@ def run_scan(
 def _run(stage: StageContext, *, presented: bool) -> RunResult:
     settings, folder = stage.settings, stage.folder
     setup = stages.set_up(stage)
-    signals = stages.read_sensors(settings, setup.person, folder, stages.motion_key(settings))
+    signals = stages.read_sensors(
+        settings,
+        setup.person,
+        folder,
+        stages.motion_key(settings),
+        rest_at=float(setup.times[0]),
+    )
     readings = imu_plausibility.objections(signals)
     stages.refuse_implausible(settings, setup.person.name, readings)
     starts = stages.starts(stage, setup, signals)

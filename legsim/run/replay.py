@@ -12,10 +12,9 @@ from legsim.core.progress import OnProgress
 from legsim.imu import plausibility as imu_plausibility
 from legsim.report import page as report_page
 from legsim.report import replay_page
-from legsim.run import code, stages
+from legsim.run import code, sensors, stages
 from legsim.run import motion as run_motion
 from legsim.run.folder import RunFolder, commit
-from legsim.run.sensors import noise_sentence
 from legsim.scene import build
 
 
@@ -34,11 +33,12 @@ def replay(
     settings: RunConfig, out: Path, *, filtered: bool, image: Path | None, on_progress: OnProgress
 ) -> ReplayResult:
     """Computes kinematics, IMU signals and a recording of one motion file; nothing is scanned."""
+    sensors.check(settings.imu)
     about = {
         "legsim": __version__,
         "commit": commit(),
         "config_hash": key_of(config.dump(settings)),
-        "sensors": noise_sentence(settings.imu, view_rate_hz=settings.scan.rate_hz),
+        "sensors": sensors.noise_sentence(settings.imu, view_rate_hz=settings.scan.rate_hz),
     }
     with RunFolder(out, about, kind="replay") as folder:
         return _replay(settings, folder, filtered=filtered, image=image, on_progress=on_progress)
@@ -60,7 +60,8 @@ def _replay(
     stages.write_kinematics(person, folder, key)
     on_progress("joint angles", 1, 1)
     on_progress("sensors", 0, 1)
-    signals = stages.read_sensors(settings, person, folder, key)
+    first = float(person.trajectories.times[0])
+    signals = stages.read_sensors(settings, person, folder, key, rest_at=first)
     on_progress("sensors", 1, 1)
     on_progress("recording", 0, 1)
     scene = build.replay_scene(person, signals)

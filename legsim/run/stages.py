@@ -30,10 +30,12 @@ from legsim.run import motion as run_motion
 from legsim.run import sensors as run_sensors
 from legsim.run.files import (
     load_imu,
+    load_rest,
     save_imu,
     save_joint_centers,
     save_marker_errors,
     save_poses,
+    save_rest,
 )
 from legsim.run.folder import RunFolder
 from legsim.simulation.setup import PhantomOptions, ScanSetup, prepare_scan
@@ -94,6 +96,10 @@ def write_kinematics(person: MovingLeg, folder: RunFolder, key: str) -> None:
         save_poses(path / "poses.npz", poses)
         write_text(path / "kinematics.json", json.dumps(person.summary(), indent=1) + "\n")
         more: list[str] = []
+        from_zero = person.from_zero()
+        if from_zero is not None:
+            opensim.save(path / "coordinates_from_zero.mot", from_zero)
+            more.append("coordinates_from_zero.mot")
         if isinstance(person.leg, LegModel):
             sites = None if person.fit is None else person.fit.sites
             model = osim_export.text(person.leg, sites, name=Path(person.name).stem)
@@ -108,28 +114,40 @@ def write_kinematics(person: MovingLeg, folder: RunFolder, key: str) -> None:
     folder.cached("kinematics", key, write)
 
 
-def read_sensors(settings: RunConfig, person: MovingLeg, folder: RunFolder, key: str) -> ImuSignals:
+def read_sensors(
+    settings: RunConfig, person: MovingLeg, folder: RunFolder, key: str, *, rest_at: float
+) -> ImuSignals:
     """Simulates the IMU signals over the whole recording, at the sensors' own rate.
 
-    ``key`` is that of the kinematics.
+    ``key`` is that of the kinematics. A calibration rests in the pose of the time ``rest_at`` (s).
     """
-    drawn = () if settings.imu.noise.kind == "none" else (settings.seed, settings.scan.rate_hz)
+    imu = settings.imu
+    chance = imu.noise.kind != "none" or imu.lost_share > 0
+    drawn = (settings.seed, settings.scan.rate_hz) if chance else ()
+    rested = () if imu.noise.calibration == "none" else (rest_at,)
     signals: list[ImuSignals] = []
 
     def write() -> tuple[str, ...]:
         drawing = np.random.default_rng([settings.seed, _NOISE])
-        clean = run_sensors.sense(person, settings.imu)
-        signals.append(
-            run_sensors.noisy(clean, settings.imu, view_rate_hz=settings.scan.rate_hz, rng=drawing)
+        read = run_sensors.record(
+            person, imu, view_rate_hz=settings.scan.rate_hz, rest_at=rest_at, rng=drawing
         )
-        save_imu(folder.path / "imu.csv", signals[0])
-        return ("imu.csv",)
+        signals.append(read)
+        save_imu(folder.path / "imu.csv", read)
+        if read.rest_force is None:
+            return ("imu.csv",)
+        save_rest(folder.path / "imu_rest.csv", read)
+        return "imu.csv", "imu_rest.csv"
 
-    decided_by = key_of(key, code.fingerprint("imu"), settings.imu.model_dump(), drawn)
+    own = run_sensors.fingerprint(imu)
+    decided_by = key_of(key, code.fingerprint("imu"), imu.model_dump(), drawn, rested, own)
     if folder.cached("imu", decided_by, write):
         return signals[0]
-    placed = run_sensors.sensors(settings.imu)
-    return replace(load_imu(folder.path / "imu.csv"), sensors=placed)
+    read = replace(load_imu(folder.path / "imu.csv"), sensors=run_sensors.sensors(imu))
+    if imu.noise.calibration == "none":
+        return read
+    rest = load_rest(folder.path / "imu_rest.csv", read.sensor_names)
+    return replace(read, rest_force=rest)
 
 
 def set_up(stage: StageContext) -> ScanSetup:
@@ -210,7 +228,11 @@ def _photons(settings: RunConfig, exposure: int) -> np.random.Generator:
 
 
 def starts(stage: StageContext, setup: ScanSetup, signals: ImuSignals) -> Starts:
-    """Starts of each sensor's integration, by methods.start."""
+    """Starts of each sensor's integration, by methods.start; leveled after a rest."""
+    return initialization.leveled(_starts(stage, setup, signals), signals)
+
+
+def _starts(stage: StageContext, setup: ScanSetup, signals: ImuSignals) -> Starts:
     settings, person = stage.settings, setup.person
     if settings.methods.start == "truth":
         return initialization.from_truth(

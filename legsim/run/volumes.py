@@ -18,6 +18,7 @@ from legsim.deformation.models import ControlPointMotion, Motion
 from legsim.geometry import image_files
 from legsim.geometry.volume import NamedVolume, VolumeGrid
 from legsim.run import code, methods, reconstruction
+from legsim.run import sensors as run_sensors
 from legsim.run.methods import MethodInputs
 from legsim.run.stages import StageContext
 from legsim.simulation.setup import Side
@@ -155,6 +156,7 @@ def _key(stage: StageContext, name: str) -> str:
         *always,
         code.fingerprint("correction", "imu"),
         settings.imu.model_dump(),
+        run_sensors.fingerprint(settings.imu),
         settings.methods.model_dump(exclude={"run"}),
         settings.seed,
     )

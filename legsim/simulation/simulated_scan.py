@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 from legsim.core.errors import LegsimError
 from legsim.core.progress import OnProgress
 from legsim.correction.bead_scan import Beads, BeadScan, add_beads
-from legsim.correction.initialization import from_truth
+from legsim.correction.initialization import from_truth, leveled
 from legsim.correction.method import Scan
 from legsim.correction.oracle import phantom_motion
 from legsim.correction.rigid import rigid_motion
@@ -154,7 +154,8 @@ def simulate_scan(
     setup = prepare_scan(
         person, arm, side=side, center=center, sensors=signals.sensors, phantom=phantom
     )
-    starts = from_truth(person.leg, person.splines, setup.sensors, float(setup.times[0])).starts
+    exact = from_truth(person.leg, person.splines, setup.sensors, float(setup.times[0]))
+    starts = leveled(exact, signals).starts
     moving, at_rest = (
         expose(setup, moving, opened, np.random.default_rng([seed, _PHOTONS, k]), progress)
         for k, moving in enumerate((True, False))

@@ -5,7 +5,7 @@ from dataclasses import asdict, fields
 
 from legsim.evaluation.similarity import RegionScores
 from legsim.report import formats
-from legsim.study.results import LadderScore, NoiseLevel, ScanScore
+from legsim.study.results import LadderScore, NoiseLevel, ScanScore, SensorScore
 
 _NOISE_COLUMNS = ("convention", "f_a", "f_g")
 
@@ -55,6 +55,12 @@ def scores_csv(scores: Sequence[ScanScore]) -> str:
         )
         rows += [(*who, *asdict(region).values(), *rest) for region in score.metrics.regions]
     return formats.csv_text([*header, "seconds", "folder", "command"], rows)
+
+
+def sensors_csv(sensors: Sequence[SensorScore]) -> str:
+    """One row per draw of a sensor's errors."""
+    header = [f.name for f in fields(SensorScore)]
+    return formats.csv_text(header, [tuple(asdict(s).values()) for s in sensors])
 
 
 def ladder_csv(ladder: Sequence[LadderScore]) -> str:

@@ -152,13 +152,22 @@ def gathered(
     """Scores in the order of the plan, whoever ended first."""
     scores = [score for job in planned.scans for score in outcome.results.get(job.name, ())]
     cells = [score for job in planned.ladders for score in outcome.results.get(job.name, ())]
+    sensors = [score for job in planned.sensors for score in outcome.results.get(job.name, ())]
     failures = tuple(f"{name}: {why}" for name, why in outcome.failures.items())
     provenance = (("command", command), ("legsim", __version__), *_about(planned, out))
     costs = stage_costs([job.folder for job in planned.scans])
     missed = [registration_error(job.folder) for job in planned.scans if job.noise is None]
     errors = tuple(error for error in missed if error is not None)
     return StudyResults(
-        study.name, study.title, tuple(scores), tuple(cells), provenance, failures, costs, errors
+        study.name,
+        study.title,
+        tuple(scores),
+        tuple(cells),
+        provenance,
+        failures,
+        costs,
+        errors,
+        tuple(sensors),
     )
 
 

@@ -11,7 +11,14 @@ from legsim.report import published_tables, published_values
 from legsim.report.page import PageSection, Picture
 from legsim.study import statistics
 from legsim.study import tables as study_tables
-from legsim.study.results import LadderScore, NoiseLevel, ScanScore, StudyResults, methods_of
+from legsim.study.results import (
+    LadderScore,
+    NoiseLevel,
+    ScanScore,
+    SensorScore,
+    StudyResults,
+    methods_of,
+)
 from legsim.study.statistics import LIMIT_DEG, LIMIT_MM, LadderCell, PairedTest
 
 CONVENTIONS = (
@@ -184,6 +191,21 @@ def ladder(
     )
     return PageSection("Sensor noise without images", lines, figures=tuple(drawn)), PageSection(
         "The noise ladder in numbers", tables=tables
+    )
+
+
+def sensors(scores: Sequence[SensorScore]) -> PageSection:
+    """Errors of the motion by sensor of the catalogue and calibration."""
+    scans = ", ".join(dict.fromkeys(f"{s.subject} {s.posture}" for s in scores))
+    lines = (
+        "The rigid motion from sensors with all errors of their data sheets is compared with that "
+        f"from exact ones. Scans: {scans}. Every draw is a row of sensors.csv; legsim sensors "
+        "lists what each error costs.",
+    )
+    return PageSection(
+        "Sensors that one can buy, without images",
+        lines,
+        tables=(study_tables.catalogued(scores),),
     )
 
 

@@ -12,7 +12,7 @@ from legsim.report.page import Table
 from legsim.report.published_tables import NONE, Entry, counted, quality_entry
 from legsim.report.published_values import Score
 from legsim.study import results, statistics
-from legsim.study.results import NoiseLevel, ScanScore, StageCost
+from legsim.study.results import NoiseLevel, ScanScore, SensorScore, StageCost
 from legsim.study.statistics import LadderCell, Measure, PairedTest
 
 SPREAD_NOTE = "Mean ± standard deviation (of a sample, n − 1) over scans."
@@ -257,6 +257,34 @@ def ladder(cells: dict[NoiseLevel, LadderCell], convention: Convention) -> Table
     return Table(
         f"Noise ladder, {convention} convention", columns, tuple(rows), note, f"ladder_{convention}"
     )
+
+
+def catalogued(scores: Sequence[SensorScore]) -> Table:
+    """One row per sensor of the catalogue, headed by the calibration before the scan."""
+    rows: list[tuple[str, ...]] = []
+    headings = {
+        "none": "not calibrated, exact start",
+        "rest": "rest before the scan",
+        "six-positions": "six positions and a rest before the scan",
+    }
+    for calibration in dict.fromkeys(s.calibration for s in scores):
+        rows.append((headings[calibration],))
+        for sensor in dict.fromkeys(s.sensor for s in scores):
+            found = [s for s in scores if (s.sensor, s.calibration) == (sensor, calibration)]
+            sizes = (spread(s.translation_mm for s in found), spread(s.rotation_deg for s in found))
+            rows.append((sensor, *(_alone(of) for of in sizes)))
+    note = (
+        "RMSE over the views of the motion from the sensor's readings against that from exact "
+        "ones, mean of three axes, mean ± standard deviation over draws and scans. A rest removes "
+        "the gyroscope's bias and levels the start; six positions calibrate the accelerometer. "
+        "What a sensor's file marks as missing (legsim sensors NAME) is not in its row."
+    )
+    columns = ("sensor", "translation (mm)", "rotation (deg)")
+    return Table("Sensors that one can buy", columns, tuple(rows), note, "sensors")
+
+
+def _alone(ours: MeanAndDeviation | None) -> str:
+    return NONE if ours is None else _beside(ours, None)[0]
 
 
 def exponent(value: float | None) -> str:

@@ -41,6 +41,7 @@ def failure(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
         "geometry",
         "view",
         "doctor",
+        "sensors",
     ],
 )
 def test_every_command_explains_itself(command, capsys):

@@ -13,6 +13,7 @@ from legsim.kinematics import from_recording
 from legsim.mocap import trc
 from legsim.mocap.trajectories import MarkerTrajectories
 from legsim.run import motion as run_motion
+from tests.examples import task_sets
 
 
 @pytest.fixture(scope="module")
@@ -49,6 +50,24 @@ def test_a_file_without_a_needed_marker_is_one_line(standing, tmp_path, capsys):
     line = refused(capsys, file)
     assert "lacks.trc" in line
     assert "epicondyle_lateral_l" in line
+
+
+def test_tasks_of_opensim_are_taken_and_what_is_none_is_one_line(standing, tmp_path, capsys):
+    line = refused(capsys, standing, "--tasks", str(tmp_path / "nowhere.xml"))
+    assert "nowhere.xml" in line
+    line = refused(capsys, standing, "--set", "motion.ik.marker_weights.nose=2")
+    assert "weight of nose: nose is no marker; give roles sacrum" in line
+    line = refused(capsys, standing, "--set", 'motion.ik.locked=["knee_angle"]')
+    assert "unknown coordinate 'knee_angle' for a lock; known: pelvis_tilt" in line
+    line = refused(capsys, standing, "--set", "motion.zero_file=nowhere.trc")
+    assert "nowhere.trc: no such motion file" in line
+    tasks = tmp_path / "tasks.xml"
+    markers = [task_sets.marker(name, 2) for name in trc.load(standing).marker_names]
+    tasks.write_text(task_sets.document(task_sets.task_set(*markers, task_sets.marker("C7", 1))))
+    with pytest.raises(SystemExit):
+        cli_main.main(["replay", str(standing), "--tasks", str(tasks), "--out", str(tmp_path)])
+    said = " ".join(capsys.readouterr().out.split())
+    assert "tasks.xml: tasks of markers that are not on these legs: C7" in said
 
 
 def test_a_wrong_unit_is_one_line_whose_cure_works(standing, tmp_path, capsys):

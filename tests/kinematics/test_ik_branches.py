@@ -10,7 +10,8 @@ import pytest
 from legsim.core.values import FloatArray
 from legsim.kinematics import from_recording, inverse_kinematics, marker_sites
 from legsim.kinematics._ik_newton import minimize
-from legsim.kinematics._ik_problem import Problem, ReplayConfig
+from legsim.kinematics._ik_problem import Problem
+from legsim.kinematics.ik_options import IkOptions
 from legsim.kinematics.leg_model import COORDINATES, LegModel
 from legsim.kinematics.marker_sites import MarkerSites
 from legsim.mocap.labels import PAPER_ROLES
@@ -118,7 +119,7 @@ def test_frames_with_two_minima_are_one_movement():
     motion = _shown(_standing())
     solution = inverse_kinematics.solve(LEG, motion, SITES)
     values = solution.trajectories.values
-    problem = Problem(LEG, SITES, ReplayConfig())
+    problem = Problem(LEG, SITES, IkOptions())
     turned = values.copy()
     rotation = COORDINATES.index("hip_rotation_l")
     turned[:, rotation] *= -1
@@ -135,10 +136,10 @@ def test_frames_with_two_minima_are_one_movement():
 def test_the_movement_does_not_depend_on_the_order_in_which_frames_are_solved(strides):
     motion = _shown(_standing())
     expected = inverse_kinematics.solve(LEG, motion, SITES).trajectories.values
-    found = inverse_kinematics.solve(LEG, motion, SITES, ReplayConfig(strides=strides))
+    found = inverse_kinematics.solve(LEG, motion, SITES, IkOptions(strides=strides))
     assert _distinct(found.trajectories.values, expected) < 0.05
     backwards = MarkerTrajectories(motion.times, SITES.names, motion.positions_world[::-1])
-    found = inverse_kinematics.solve(LEG, backwards, SITES, ReplayConfig(strides=strides))
+    found = inverse_kinematics.solve(LEG, backwards, SITES, IkOptions(strides=strides))
     assert _distinct(found.trajectories.values[::-1], expected) < 0.05
 
 

@@ -6,7 +6,8 @@ import pytest
 from legsim.core.values import FloatArray
 from legsim.kinematics import inverse_kinematics, marker_sites
 from legsim.kinematics._ik_neighbors import settle, without_turns
-from legsim.kinematics._ik_problem import Problem, ReplayConfig
+from legsim.kinematics._ik_problem import Problem
+from legsim.kinematics.ik_options import IkOptions
 from legsim.kinematics.leg_model import COORDINATES, LegModel
 from legsim.mocap.labels import PAPER_ROLES
 from legsim.mocap.trajectories import MarkerTrajectories
@@ -45,7 +46,7 @@ def test_whole_turns_and_the_other_way_to_write_a_posture_are_taken_out(rng):
 
 def test_frames_that_are_astray_take_the_movement_of_their_neighbors():
     truth, sites = walking(), SITES.only(PAPER_ROLES)
-    problem = Problem(LEG, sites, ReplayConfig())
+    problem = Problem(LEG, sites, IkOptions())
     measured = LEG.marker_positions(truth, sites)
     weights = np.tile(sites.weights, (len(truth), 1))
     solved = inverse_kinematics.solve(

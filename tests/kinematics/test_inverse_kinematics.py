@@ -8,7 +8,12 @@ import pytest
 from legsim.core import transforms
 from legsim.core.errors import LegsimError
 from legsim.kinematics import _ik_problem, inverse_kinematics, marker_sites
-from legsim.kinematics._ik_problem import CoordinatePrior, ReplayConfig
+from legsim.kinematics.ik_options import (
+    CoordinateLock,
+    CoordinatePrior,
+    CoordinateTask,
+    IkOptions,
+)
 from legsim.kinematics.leg_model import COORDINATES, LegModel
 from legsim.kinematics.marker_sites import MarkerSites
 from legsim.kinematics.skeleton import SegmentScales
@@ -31,7 +36,7 @@ FULL = (
         for side in "rl"
     ),
 )
-NO_PRIOR = ReplayConfig(
+NO_PRIOR = IkOptions(
     priors=tuple(CoordinatePrior(f"mtp_angle_{side}", 1e-6) for side in "rl"), flat_foot_weight=0.0
 )
 
@@ -125,6 +130,38 @@ def test_seven_markers_give_the_knees_and_a_stated_share_of_the_rest():
         assert solution.trajectories.coordinate(f"mtp_angle_{side}") == pytest.approx(0)
 
 
+def test_a_foot_is_by_its_prior_in_frames_that_show_fewer_than_three_of_its_markers():
+    values, used = squats(), sites(FULL)
+    motion = recording(values, used)
+    positions = motion.positions_world.copy()
+    positions[20:50, used.names.index("heel_r")] = np.nan
+    gaps = MarkerTrajectories(motion.times, used.names, positions)
+
+    def by_prior(**options) -> dict[str, int]:
+        report = inverse_kinematics.solve(LEG, gaps, used, IkOptions(**options)).report
+        return {
+            n: int(c) for n, c in zip(COORDINATES, report.coordinate_by_prior, strict=True) if c
+        }
+
+    # nobody puts markers on the toes of this model
+    toes = {"mtp_angle_r": 200, "mtp_angle_l": 200}
+    assert by_prior() == {"ankle_angle_r": 30, "subtalar_angle_r": 30, **toes}
+    task, lock = CoordinateTask("ankle_angle_r", 1e-3), CoordinateLock("mtp_angle_l")
+    expected = {"subtalar_angle_r": 30, "mtp_angle_r": 200}
+    assert by_prior(tasks=(task,), locked=(lock,)) == expected
+
+
+def test_ankle_and_subtalar_joint_stop_where_peoples_do():
+    """Beyond the mean and two standard deviations (models/lower_body/README.md)."""
+    ranges = dict(zip(COORDINATES, np.degrees(LEG.coordinate_ranges), strict=True))
+    for side in "rl":
+        for name, low, high in (
+            ("ankle_angle", -56.2 - 2 * 6.1, 38.5 + 2 * 5.9),
+            ("subtalar_angle", -20.7 - 2 * 5.0, 36.8 + 2 * 4.5),
+        ):
+            np.testing.assert_allclose(ranges[f"{name}_{side}"], (low, high), atol=2.5)
+
+
 def test_feet_without_markers_stand_flat():
     solution = inverse_kinematics.solve(LEG, recording(squats(), sites(SEVEN)), sites(SEVEN))
     poses = LEG.segment_poses(solution.trajectories)
@@ -150,7 +187,7 @@ def test_the_gradient_vanishes_at_the_solution(rng):
 
 def test_the_curvature_is_the_derivative_of_the_gradient(rng):
     used = sites(FULL)
-    problem = _ik_problem.Problem(LEG, used, ReplayConfig())
+    problem = _ik_problem.Problem(LEG, used, IkOptions())
     values = squats(6) + 0.05 * rng.normal(size=(6, 20))
     measured = LEG.marker_positions(squats(6), used)
     weights, exact, h = np.tile(used.weights, (6, 1)), np.ones(6, bool), 1e-6
@@ -314,7 +351,7 @@ def test_an_unknown_coordinate_is_refused():
             LEG,
             recording(squats(20), sites(SEVEN)),
             sites(SEVEN),
-            ReplayConfig(priors=(CoordinatePrior("knee", 1.0),)),
+            IkOptions(priors=(CoordinatePrior("knee", 1.0),)),
         )
 
 

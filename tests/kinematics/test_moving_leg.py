@@ -50,3 +50,13 @@ def test_a_poor_fit_and_what_was_not_seen_are_told_aloud(tmp_path, squat):
         "no good fit" in line or "not seen" in line
         for line in from_recording.solve_kinematics(SQUAT).lines()
     )
+
+
+def test_joints_of_the_foot_that_priors_decide_are_told_with_their_share():
+    person = from_recording.solve_kinematics(SQUAT)
+    (line,) = [text for text in person.lines() if text.startswith("decided by the prior")]
+    assert "ankle_angle_r, subtalar_angle_r, mtp_angle_r, ankle_angle_l" in line
+    assert line.endswith("in 100 % of the frames")
+    frames = {c["name"]: c["frames_decided_by_prior"] for c in person.summary()["coordinates"]}
+    assert frames["subtalar_angle_l"] == len(person.trajectories.times)
+    assert frames["knee_angle_l"] == 0

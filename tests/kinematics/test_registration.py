@@ -16,8 +16,8 @@ from legsim.kinematics import (
     registration,
     scaling,
 )
-from legsim.kinematics._ik_problem import ReplayConfig
 from legsim.kinematics._registration_model import PersonModel
+from legsim.kinematics.ik_options import IkOptions
 from legsim.kinematics.leg_model import COORDINATES, LegModel
 from legsim.kinematics.marker_sites import MarkerSites
 from legsim.mocap.labels import PAPER_ROLES
@@ -167,11 +167,9 @@ def test_the_sum_has_its_minimum_where_registration_ends(rng: np.random.Generato
     leg = LegModel.load(scaled.scales)
     sites = scaled.sites
     chosen = registration._postures(
-        inverse_kinematics.Problem(leg, sites, ReplayConfig()), noisy.positions_world
+        inverse_kinematics.Problem(leg, sites, IkOptions()), noisy.positions_world
     )
-    fit = registration._Fit(
-        PersonModel(leg, sites, ()), ReplayConfig(), noisy.positions_world[chosen]
-    )
+    fit = registration._Fit(PersonModel(leg, sites, ()), IkOptions(), noisy.positions_world[chosen])
     fit.settle()
     assert 1e-3 < fit.error < 3e-3
     least = fit._total(fit.state, fit.theta)

@@ -138,6 +138,27 @@ def test_two_psis_stand_for_the_sacrum():
     ] == pytest.approx(0.122)
 
 
+def test_a_sacral_marker_beside_both_psis_keeps_its_place():
+    """On the sacrum, 3 cm below the middle of the PSIS, which alone tells the depth."""
+    leg, sites = person()
+    names = (*SEVEN, "psis_r", "psis_l")
+    positions, middle = sites.positions.copy(), sites.position("sacrum")
+    for side, z in (("r", 0.061), ("l", -0.061)):
+        positions[sites.index(f"psis_{side}")] = middle + np.array((0, 0, z))
+    below = np.array((0.005, -0.03, 0.002))
+    positions[sites.index("sacrum")] = middle + below
+    both = MarkerSites(sites.names, sites.segments, positions, sites.weights)
+    found = scaling.fit(GENERIC, recording(leg, both, names, np.full(5, -30.0)), SITES)
+    plain = scaling.fit(GENERIC, recording(leg, sites, SEVEN, np.full(5, -30.0)), SITES)
+    assert found.measurement("pelvis_depth").measured == pytest.approx(
+        plain.measurement("pelvis_depth").measured
+    )
+    mean = (found.sites.position("psis_r") + found.sites.position("psis_l")) / 2
+    away = found.sites.position("sacrum") - mean
+    assert np.linalg.norm(away) == pytest.approx(np.linalg.norm(below))
+    assert away[2] == pytest.approx(below[2])
+
+
 def test_frames_that_hide_a_marker_and_outliers_do_not_matter():
     leg, sites = person()
     whole = recording(leg, sites, SEVEN, np.linspace(0, -90, 60))

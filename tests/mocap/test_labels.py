@@ -132,3 +132,36 @@ def test_a_marker_on_two_segments_is_refused_also_as_part_of_a_middle():
 def test_a_sacrum_between_the_posterior_spines_shares_them():
     spines = seven_with(sacrum=(("RPSI", "LPSI"),), psis_r=(("RPSI",),), psis_l=(("LPSI",),))
     labels.check_distinct(spines, spines.found_in((*LABELS, "RPSI", "LPSI")))
+
+
+def with_psis(sacrum):
+    """A map of a sacrum, both posterior spines and two front ones."""
+    roles = ("sacrum", "psis_r", "psis_l", "asis_r", "asis_l")
+    alone = tuple(((name,),) for name in ("RPSI", "LPSI", "RASI", "LASI"))
+    return MarkerMap("psis", roles, ((sacrum,), *alone))
+
+
+def test_a_mean_of_markers_that_play_roles_themselves_is_known_as_such():
+    labels_of = ("RPSI", "LPSI", "RASI", "LASI", "SACR")
+    assert with_psis(("RPSI", "LPSI")).means_in(labels_of) == ("sacrum",)
+    assert with_psis(("SACR",)).means_in(labels_of) == ()
+    assert with_psis(("RPSI", "SACR")).means_in(labels_of) == ()
+    lone = MarkerMap("lone", ("sacrum",), ((("RPSI", "LPSI"),),))
+    assert lone.means_in(labels_of) == ()
+
+
+def test_both_posterior_spines_do_for_the_sacrum():
+    without = with_psis(("SACR",)).without(["sacrum"])
+    assert without.roles == ("psis_r", "psis_l", "asis_r", "asis_l")
+    needed = ("sacrum", "asis_r")
+    assert without.missing_in(("RPSI", "LPSI", "RASI"), needed) == ()
+    assert without.missing_in(("RPSI", "RASI"), needed) == ("sacrum",)
+
+
+def test_a_map_without_a_role_keeps_the_segments_of_the_others():
+    own = MarkerMap.one_to_one("own", ("A", "B"), ("A", "B"), ("pelvis", "tibia_r"))
+    assert own.without(["A"]).segment("B") == "tibia_r"
+
+
+def test_names_are_found_among_labels_whatever_their_spelling():
+    assert labels.find_labels(["r_asi", "nose"], ["S:RASI", "S:LASI"]) == {"r_asi": "S:RASI"}

@@ -15,11 +15,12 @@ from legsim.kinematics import (
     osim_file,
     osim_scaling,
 )
-from legsim.kinematics._ik_problem import ReplayConfig
+from legsim.kinematics.ik_options import IkOptions, PriorStrengths
 from legsim.kinematics.leg_model import COORDINATES, LegModel
 from legsim.kinematics.osim_leg import OsimLeg
 from legsim.kinematics.skeleton import JOINT_CENTERS, SEGMENTS, SegmentScales
 from legsim.mocap.trajectories import JointTrajectories, MarkerTrajectories
+from tests.examples import task_sets
 
 pytestmark = [pytest.mark.peer, pytest.mark.filterwarnings("ignore::DeprecationWarning")]
 POSTURES = 500
@@ -103,7 +104,7 @@ def test_inverse_kinematics_by_the_models_own_markers_agrees(opensim_peer, share
         measured = MarkerTrajectories(
             person.trajectories.times, sites.names, places + rng.normal(0, 5e-3, places.shape)
         )
-    plain = ReplayConfig(priors=(), flat_foot_weight=0.0)
+    plain = IkOptions(priors=(), flat_foot_weight=0.0)
     ours = inverse_kinematics.solve(leg, measured, sites, plain)
     values, places = opensim_peer.own_markers(
         opensim_peer.any_model(path), measured, leg.coordinate_names, accuracy=1e-10
@@ -115,6 +116,33 @@ def test_inverse_kinematics_by_the_models_own_markers_agrees(opensim_peer, share
     ]
     assert (costs[0] <= costs[1] * (1 + 1e-6)).all()
     assert np.degrees(np.abs(ours.trajectories.values - values).max()) < 0.01
+
+
+def test_tasks_are_weighed_as_opensims_tool_weighs_them(opensim_peer, shared_data, tmp_path):
+    """Markers of several weights, one without a task, coordinates held loosely and hard."""
+    path = shared_data / "opensim/gait2392_subject01_scaled.osim"
+    walk = shared_data / "mocap/walk_opensim/subject01_walk1.trc"
+    names = OsimLeg(osim_file.read(path)).marker_sites()[0].names
+    weights = {n: 10 if "ASIS" in n else 1 + k % 3 for k, n in enumerate(names) if n != "R.Heel"}
+    held = [task_sets.coordinate(f"lumbar_{n}", 1000) for n in ("extension", "bending", "rotation")]
+    text = task_sets.task_set(
+        *(task_sets.marker(name, weight) for name, weight in weights.items()),
+        task_sets.marker("Nobody", 7),
+        *held,
+        task_sets.coordinate("hip_flexion_r", 0.01, "manual_value", 0.6),
+        task_sets.coordinate("subtalar_angle_l", 1000),
+    )
+    (tmp_path / "tasks.xml").write_text(task_sets.document(text))
+    theirs = opensim_peer.run_tool(path, walk, text, tmp_path)
+    none = PriorStrengths(0, 0, 0, 0, 0)
+    options = IkOptions(tasks_file=tmp_path / "tasks.xml", strengths=none)
+    ours = from_recording.solve_kinematics(
+        walk, model=path, filter_hz=0, marker_noise=0, ik=options
+    ).trajectories
+    rows = np.searchsorted(ours.times, theirs.times - 1e-6)
+    for name in ours.coordinate_names:
+        away = ours.coordinate(name)[rows] - theirs.coordinate(name)
+        assert np.degrees(np.abs(away).max()) < 0.01, name
 
 
 def test_the_scaled_leg_opens_in_opensim_to_the_same_bodies_and_masses(opensim_peer, tmp_path, rng):

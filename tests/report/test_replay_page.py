@@ -68,6 +68,7 @@ def test_the_numbers_tell_where_each_coordinate_goes(folder):
         "rebuilt",
         "knee_angle_l",
         "decided by markers",
+        "frames by prior",
         "lengths in m",
         "thigh",
     ],

@@ -12,7 +12,6 @@ from types import FrameType
 import pytest
 
 from legsim import config
-from legsim.core import resources
 from legsim.core.errors import LegsimError
 from legsim.opencl import device
 from legsim.run import code, pipeline, sensors, stages
@@ -115,10 +114,13 @@ def test_every_module_that_the_table_names_is_there():
     assert not {n for n in named if n.replace(".", "/") not in there}
 
 
-def test_every_folder_of_models_is_known():
-    models = resources.model_file("lower_body").parent
-    for folder in (p for p in models.iterdir() if p.is_dir()):
-        assert code._MODEL.fullmatch(f'"{folder.name}')
+def test_a_model_in_a_new_folder_is_in_the_key_of_what_names_it(copy):
+    (copy.parent / "models/knees").mkdir()
+    (copy.parent / "models/knees/one.toml").write_text("a = 1")
+    with (copy / "imu/noise.py").open("a") as stream:
+        stream.write('\nKNEE = "knees/one.toml"\n')
+    assert changed_by(copy, "../models/knees/one.toml") >= {"imu"}
+    assert not changed_by(copy, "../models/knees/one.toml") & {*VOLUMES}
 
 
 def test_versions_of_libraries_are_in_the_keys(monkeypatch):

@@ -9,7 +9,14 @@ from legsim.deformation.models import RigidMotion
 from legsim.imu.signals import ImuSignals
 from legsim.kinematics.skeleton import SegmentPoses
 from legsim.mocap.trajectories import MarkerTrajectories
-from legsim.run.files import load_imu, save_imu, save_marker_errors, save_poses
+from legsim.run.files import (
+    load_imu,
+    load_rest,
+    save_imu,
+    save_marker_errors,
+    save_poses,
+    save_rest,
+)
 
 
 def test_imu_signals_survive_the_file_to_the_last_bit(tmp_path, rng):
@@ -24,6 +31,22 @@ def test_imu_signals_survive_the_file_to_the_last_bit(tmp_path, rng):
     assert loaded.sensor_names == signals.sensor_names
     for name in ("times", "angular_velocity", "specific_force"):
         np.testing.assert_array_equal(getattr(loaded, name), getattr(signals, name))
+
+
+def test_lost_samples_and_names_with_commas_survive_the_file(tmp_path, rng):
+    rate, force = rng.normal(size=(2, 5, 2, 3))
+    rate[2, 0], force[2, 0] = np.nan, np.nan
+    rest = rng.normal(size=(2, 3))
+    signals = ImuSignals(np.arange(5.0), ("a/b, c", "ü"), rate, force, rest_force=rest)
+    save_imu(tmp_path / "imu.csv", signals)
+    save_rest(tmp_path / "rest.csv", signals)
+    loaded = load_imu(tmp_path / "imu.csv")
+    assert loaded.sensor_names == signals.sensor_names
+    np.testing.assert_array_equal(loaded.specific_force, force)
+    np.testing.assert_array_equal(loaded.samples("a/b, c")[0], [0, 1, 3, 4])
+    np.testing.assert_array_equal(load_rest(tmp_path / "rest.csv", ("ü", "a/b, c")), rest[::-1])
+    with pytest.raises(LegsimError, match="lacks a sensor"):
+        load_rest(tmp_path / "rest.csv", ("other",))
 
 
 def test_imu_table_has_the_columns_that_were_promised(tmp_path):

@@ -7,7 +7,7 @@ import pytest
 
 from legsim.evaluation.registration import RegistrationError
 from legsim.study import statistics, tables
-from legsim.study.results import LadderScore, NoiseLevel, StageCost
+from legsim.study.results import LadderScore, NoiseLevel, SensorScore, StageCost
 from tests.examples import study as example_study
 
 CLEAN = tuple(s for s in example_study.results().scores if s.noise is None and s.method != "static")
@@ -230,3 +230,19 @@ def test_every_scan_is_linked_to_its_folder():
 def test_costs_are_listed_by_stage():
     table = tables.costs((StageCost("replay", 14, 2.5, 400.4), StageCost("fdk", 1, 8.04, None)))
     assert table.rows == (("replay", "14", "2.5", "400"), ("fdk", "1", "8.0", "–"))
+
+
+def test_sensors_are_rows_below_their_calibration():
+    draws = [
+        SensorScore("a", "b", sensor, calibration, k, mm, mm / 10)
+        for calibration in ("none", "rest")
+        for sensor in ("bmi160", "mti300")
+        for k, mm in enumerate((1.0, 3.0))
+    ]
+    table = tables.catalogued(draws)
+    assert [row[0] for row in table.rows] == [
+        *("not calibrated, exact start", "bmi160", "mti300"),
+        *("rest before the scan", "bmi160", "mti300"),
+    ]
+    assert table.rows[1] == ("bmi160", "2 ± 1.41", "0.2 ± 0.141")
+    assert tables.catalogued(draws[:1]).rows[1] == ("bmi160", "1", "0.1")

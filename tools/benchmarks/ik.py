@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from legsim.kinematics import inverse_kinematics, marker_sites, scaling
-from legsim.kinematics._ik_problem import CoordinatePrior, ReplayConfig
+from legsim.kinematics.ik_options import CoordinatePrior, IkOptions
 from legsim.kinematics.leg_model import COORDINATES, LegModel
 from legsim.kinematics.marker_sites import MarkerSites
 from legsim.mocap import cleaning, files, marker_sets
@@ -50,7 +50,7 @@ OPENSIM_FRAMES = 80
 """OpenSim solves so many in a row from a third of the trial on, legsim all; the comparison is over
 the former
 """
-SAME_TASKS = ReplayConfig(
+SAME_TASKS = IkOptions(
     priors=tuple(
         CoordinatePrior(f"{name}_{side}", 1000.0)
         for name in ("subtalar_angle", "mtp_angle")

@@ -17,6 +17,7 @@ from legsim.core.values import FloatArray
 from legsim.kinematics.leg_model import COORDINATES
 from legsim.kinematics.marker_sites import MarkerSites
 from legsim.kinematics.skeleton import SEGMENTS, SegmentScales
+from legsim.mocap import opensim as storage
 from legsim.mocap import trc
 from legsim.mocap.trajectories import JointTrajectories, MarkerTrajectories
 
@@ -168,6 +169,20 @@ def own_markers(
             place = marker.getLocationInGround(state)
             places[i, k] = [place.get(a) for a in range(3)]
     return values, places
+
+
+def run_tool(model_file: Path, recording: Path, tasks: str, folder: Path) -> JointTrajectories:
+    """What OpenSim's inverse kinematics tool finds with a task set (XML), rad and m."""
+    setup, result = folder / "setup.xml", folder / "found.mot"
+    setup.write_text(
+        '<OpenSimDocument Version="30000"><InverseKinematicsTool name="peer">'
+        f"<model_file>{model_file}</model_file><marker_file>{recording}</marker_file>"
+        f"<constraint_weight>Inf</constraint_weight><accuracy>1e-9</accuracy>{tasks}"
+        f"<report_errors>false</report_errors><output_motion_file>{result}</output_motion_file>"
+        "</InverseKinematicsTool></OpenSimDocument>"
+    )
+    opensim.InverseKinematicsTool(str(setup)).run()
+    return storage.load(result)
 
 
 def _couple(model: opensim.Model, names: tuple[str, ...], values: FloatArray) -> None:
