@@ -33,7 +33,6 @@ _IMPORT = re.compile(
 )
 _LAZY = re.compile(r"""lazy_loader\.load\(\s*["']([\w.]+)["']""")
 _KERNEL = re.compile(r"""["'](\w+\.cl)["']""")
-_MODEL = re.compile(r"""["'](\w+)\b""")
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,10 +90,12 @@ class _Source:
     """dotted names; ``from a import b`` counts as a.b; relative ones begin with dots"""
     kernels: frozenset[str]
     models: frozenset[str]
-    """words with which some string begins: folders below models/, where there is one"""
+    """folders below models/ with which some string begins"""
+    libraries: frozenset[str]
+    """distributions that compute in it"""
 
 
-def _source(path: Path) -> _Source:
+def _source(path: Path, model: re.Pattern[str]) -> _Source:
     data = path.read_bytes()
     text = data.decode("utf-8")
     imports: set[str] = set(_LAZY.findall(text))
@@ -102,7 +103,9 @@ def _source(path: Path) -> _Source:
         listed = [part.split()[0] for part in _listed(names or plain)]
         dotted = origin if origin.endswith(".") else f"{origin}."
         imports |= {f"{dotted}{name}" for name in listed} if origin else set(listed)
-    found = (imports, _KERNEL.findall(text), _MODEL.findall(text))
+    tops = {name.partition(".")[0] for name in imports} & _LIBRARIES.keys()
+    libraries = {_LIBRARIES[name] for name in tops}
+    found = (imports, _KERNEL.findall(text), model.findall(text), libraries)
     return _Source(hashlib.sha256(data).hexdigest(), *map(frozenset, found))
 
 
@@ -149,6 +152,9 @@ class CodeTree:
         self._faces: dict[tuple[str, ...], dict[str, str]] = {}
         models = (package / "data" / "models", package.parent / "models")
         self._models = next((folder for folder in models if folder.is_dir()), None)
+        inside = () if self._models is None else self._models.iterdir()
+        folders = "|".join(sorted(re.escape(path.name) for path in inside if path.is_dir()))
+        self._model = re.compile(rf"""["']({folders or "-"})\b""")
 
     def fingerprint(self, *codes: Code) -> str:
         """Hash of the code, which is the same wherever the same files are.
@@ -176,9 +182,7 @@ class CodeTree:
 
     def libraries(self, *codes: Code) -> set[str]:
         """Distributions that compute in this code."""
-        imported = (self._read(file).imports for file in self._closure(*codes))
-        names = {name.partition(".")[0] for names in imported for name in names}
-        return {_LIBRARIES[name] for name in names & _LIBRARIES.keys()}
+        return set().union(*(self._read(file).libraries for file in self._closure(*codes)))
 
     def _closure(self, *codes: Code) -> frozenset[str]:
         """Files of the modules and of all that they import."""
@@ -242,7 +246,7 @@ class CodeTree:
     def _read(self, file: str) -> _Source:
         if file not in self._sources:
             self._check(file)
-            self._sources[file] = _source(self.package / file)
+            self._sources[file] = _source(self.package / file, self._model)
         return self._sources[file]
 
     def _check(self, file: str) -> None:
