@@ -57,7 +57,7 @@ class Reader:
     """What reads a file, and how a valid one is made."""
 
     suffix: str
-    make: Callable[[Path], None]
+    make: Callable[[Path], object]
     load: Callable[[Path], object]
 
 
@@ -88,7 +88,7 @@ def _geometry() -> ls.ConeBeamGeometry:
 
 def _volume() -> ls.Volume:
     grid = ls.VolumeGrid.cubic(5, 0.01, [0.0, 0.0, 0.0])
-    return ls.Volume(grid, np.random.default_rng(1).normal(size=grid.shape_zyx))
+    return ls.Volume(grid, np.random.default_rng(1).normal(size=grid.shape_zyx).astype(np.float32))
 
 
 def _signals() -> ImuSignals:
@@ -101,8 +101,8 @@ def _motion(path: Path) -> None:
     motion_files.save_motion(path, ls.RigidMotion(np.arange(4) / 31, matrices))
 
 
-def _copy(source: Path) -> Callable[[Path], None]:
-    return lambda path: path.write_bytes(source.read_bytes()) and None
+def _copy(source: Path) -> Callable[[Path], object]:
+    return lambda path: path.write_bytes(source.read_bytes())
 
 
 def _manifest(path: Path) -> None:
@@ -127,7 +127,7 @@ def _phantom(path: Path) -> None:
     if not mesh.exists():
         import trimesh
 
-        mesh.write_bytes(trimesh.creation.icosphere(1, 0.05).export(file_type="stl_ascii").encode())
+        trimesh.creation.icosphere(1, 0.05).export(mesh, file_type="stl_ascii")
     path.write_text('[[part]]\nname = "a"\nfile = "part.stl"\nunit = "m"\nmaterial = "water"\n')
 
 
@@ -170,7 +170,7 @@ READERS = {
     "marker_set": Reader(".toml", _copy(MODELS / "marker_sets/cast.toml"), marker_sets.load),
     "settings": Reader(
         ".toml",
-        lambda p: p.write_text(_settings_text(), "utf-8") and None,
+        lambda p: p.write_text(_settings_text(), "utf-8"),
         ls.load_settings,
     ),
     "geometry_json": Reader(
@@ -206,7 +206,7 @@ READERS = {
     "phantom": Reader(".toml", _phantom, ls.load_phantom),
     "mesh": Reader(".stl", _mesh, _load_mesh),
     "osim": Reader(".osim", lambda p: _osim(p), osim_file.read),
-    "scales": Reader(".xml", lambda p: p.write_text(_SCALES) and None, osim_scaling.read),
+    "scales": Reader(".xml", lambda p: p.write_text(_SCALES), osim_scaling.read),
     "manifest": Reader(".json", _manifest, _open_manifest),
 }
 
