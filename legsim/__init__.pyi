@@ -19,10 +19,12 @@ from .figures.plots import plot_imu as plot_imu
 from .figures.plots import plot_slices as plot_slices
 from .geometry.cone_beam import ConeBeamGeometry as ConeBeamGeometry
 from .geometry.cone_beam import Projections as Projections
+from .geometry.counts import Counts as Counts
 from .geometry.files import load_geometry as load_geometry
 from .geometry.image_files import load_projections as load_projections
 from .geometry.image_files import load_volume as load_volume
 from .geometry.image_files import save_volume as save_volume
+from .geometry.scan_files import read_scan as read_scan
 from .geometry.volume import Volume as Volume
 from .geometry.volume import VolumeGrid as VolumeGrid
 from .imu.budget import BudgetConditions as BudgetConditions
@@ -60,6 +62,10 @@ from .phantom.meshes import Phantom as Phantom
 from .reconstruction.cgls import cgls as cgls
 from .reconstruction.fdk import FdkOptions as FdkOptions
 from .reconstruction.fdk import fdk as fdk
+from .run.correct import correct as correct
+from .run.imu_files import read_imu as read_imu
+from .run.measured import MeasuredScan as MeasuredScan
+from .run.measured import load_measured_scan as load_measured_scan
 from .run.pipeline import run_scan as run_scan
 from .scan.c_arm import CArm as CArm
 from .scan.detector import Detector as Detector

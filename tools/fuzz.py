@@ -33,11 +33,11 @@ from legsim.core.errors import LegsimError
 from legsim.deformation import files as motion_files
 from legsim.geometry import files as geometry_files
 from legsim.geometry import image_files
+from legsim.imu import files as imu_files
 from legsim.imu.signals import ImuSignals
 from legsim.kinematics import from_recording, osim_file, osim_scaling
 from legsim.mocap import files as mocap_files
 from legsim.mocap import marker_sets
-from legsim.run import files as run_files
 from legsim.run.folder import RunFolder
 from legsim.scan import spectrum
 
@@ -200,7 +200,7 @@ READERS = {
         ),
         lambda p: ls.load_projections(p, _geometry()),
     ),
-    "imu": Reader(".csv", lambda p: run_files.save_imu(p, _signals()), run_files.load_imu),
+    "imu": Reader(".csv", lambda p: imu_files.save_imu(p, _signals()), imu_files.load_imu),
     "motion": Reader(".npz", _motion, motion_files.load_motion),
     "spectrum": Reader(".csv", _spectrum, spectrum.load),
     "phantom": Reader(".toml", _phantom, ls.load_phantom),

@@ -21,12 +21,14 @@ from rich.text import Text
 from legsim import __version__
 from legsim.cli import (
     console,
+    correct_command,
     geometry_commands,
     run_commands,
     sensors_command,
     stage_commands,
     study_command,
 )
+from legsim.cli.inputs import kept
 from legsim.core.errors import LegsimError
 
 app = typer.Typer(
@@ -47,19 +49,25 @@ geometry_app = typer.Typer(
 app.add_typer(geometry_app, name="geometry")
 
 for _command in (
-    *(run_commands.run, run_commands.replay, stage_commands.convert, stage_commands.project),
+    *(
+        run_commands.run,
+        correct_command.correct,
+        run_commands.replay,
+        stage_commands.convert,
+        stage_commands.project,
+    ),
     *(stage_commands.reconstruct, stage_commands.evaluate, study_command.study),
     *(sensors_command.sensors, run_commands.view, run_commands.doctor),
 ):
-    app.command()(_command)
+    app.command()(kept(_command))
 
-geometry_app.command()(geometry_commands.show)
-geometry_app.command()(geometry_commands.convert)
+geometry_app.command()(kept(geometry_commands.show))
+geometry_app.command()(kept(geometry_commands.convert))
 
 _INTERRUPTED = 130
 """exit code of a command that Ctrl-C ended, as shells have it and typer returns it"""
 
-_RESUMED = ("run", "replay", "study")
+_RESUMED = ("run", "correct", "replay", "study")
 """commands whose folders keep each finished part"""
 
 _warned: set[str] = set()

@@ -153,7 +153,7 @@ def from_fiducials(
         except LegsimError as error:
             raise LegsimError(f"start of sensor {sensor.name}: {error}") from error
         starts.append(found.start)
-        notes.append(_conditioning(sensor.name, found))
+        notes.append(conditioning(sensor.name, found))
     return Starts(tuple(starts), tuple(notes))
 
 
@@ -249,7 +249,7 @@ class FoundStart:
     velocity: VelocityFit
 
 
-def _conditioning(name: str, found: FoundStart) -> str:
+def conditioning(name: str, found: FoundStart) -> str:
     """Describes the effect of one pixel of detection error.
 
     Short axes and few views raise it.

@@ -108,12 +108,13 @@ def evaluate(
     """Scores ``volume`` against ``reference`` in every region.
 
     Raises:
-        LegsimError: the grids differ, a region is empty, or a volume holds NaN or is constant.
+        LegsimError: the grids differ by over a thousandth of a voxel, a region is empty, or a
+            volume holds NaN or is constant.
     """
-    if volume.grid != reference.grid:
+    if not volume.grid.alike(reference.grid):
         raise LegsimError(
             f"volume and reference lie on different grids: {volume.grid} and {reference.grid}; "
-            "reconstruct both --like the same file"
+            "reconstruct both --like the same file, or resample the volume (--resample)"
         )
     for region in regions:
         if region.mask.shape != reference.grid.shape_zyx or not region.mask.any():

@@ -133,6 +133,7 @@ def scan_report(
             FileNote("geometry.json", "one 3x4 matrix per view, mm to pixels"),
             FileNote("geometry_rtk.xml", "the same for RTK"),
             FileNote("projections.mha", "line integrals"),
+            FileNote("scan.toml", "what a scanner would know; `legsim correct` reads it"),
             FileNote("metrics.json", "the numbers of the tables"),
             *(FileNote(f"volume-{r.method}.mha", "attenuation, 1/mm") for r in results),
         ),

@@ -62,14 +62,15 @@ STAGES = {
     "fdk": Code(("reconstruction.fdk",)),
     "cgls": Code(("reconstruction.cgls",)),
     "volume": Code(
-        ("deformation.files", "geometry.image_files", "geometry.volume"),
-        ("run.volumes", "run.reconstruction", "run.methods", "run.c_arm", "correction.method"),
+        ("deformation.files", "geometry.image_files", "correction.method"),
+        ("run.volumes", "run.reconstruction", "run.methods", "run.c_arm", "run.corrected"),
     ),
     "correction": Code(("correction", "imu", "simulation.simulated_scan"), ("run.stages",)),
     "scores": Code(
         ("evaluation", "deformation.files", "phantom.voxelize", "phantom.leg_phantom"),
         ("run.scores", "simulation.setup"),
     ),
+    "correct": Code(("run.correct",)),
     "presentation": Code(("run.pipeline",)),
     "replay": Code(("run.replay",)),
     "study": Code(("run.pipeline",), ("study.jobs",)),

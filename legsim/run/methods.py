@@ -6,7 +6,7 @@ Installed ones are entry points.
 import importlib.metadata
 import importlib.util
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -46,18 +46,47 @@ class MethodInputs:
     """coarse grid over the volume for displacement fields"""
     scanned_shank: str
     """segment whose true motion the rigid oracle takes"""
-    truth: ScanTruth
-    beads: Callable[[], BeadScan]
-    """the same scan with beads on the skin, simulated when called"""
+    truth: ScanTruth | None
+    """None for a measured scan"""
+    beads: Callable[[], BeadScan] | None
+    """the same scan with beads on the skin, simulated when called; None for a measured scan"""
+
+
+FOLLOW_ONE, FOLLOW_JOINTS = ("rigid", "rigid-paper-order"), ("nonrigid-2d", "nonrigid-3d")
+"""methods that need the sensor of methods.sensor, and those that need thigh and shank"""
+
+
+def _oracle(given: MethodInputs) -> CorrectionMethod:
+    return Oracle(_truth(given, "oracle").motion_of(given.scanned_shank))
+
+
+def _nonrigid_oracle(given: MethodInputs) -> CorrectionMethod:
+    truth = _truth(given, "oracle-nonrigid")
+    return Oracle(partial(truth.field, given.nodes), "oracle-nonrigid")
+
+
+def _truth(given: MethodInputs, name: str) -> ScanTruth:
+    if given.truth is None:
+        raise LegsimError(
+            f"{name} follows the true motion, which only a simulated scan has; leave it out"
+        )
+    return given.truth
+
+
+def _marker_based(given: MethodInputs) -> CorrectionMethod:
+    if given.beads is None:
+        raise LegsimError(
+            "marker-based follows beads on the skin, which only a simulated scan has here; leave "
+            "it out"
+        )
+    return MarkerBased(given.beads)
 
 
 BUILT_IN: dict[str, Callable[[MethodInputs], CorrectionMethod]] = {
     "uncorrected": lambda _: Uncorrected(),
-    "oracle": lambda given: Oracle(given.truth.motion_of(given.scanned_shank)),
-    "oracle-nonrigid": lambda given: Oracle(
-        partial(given.truth.field, given.nodes), "oracle-nonrigid"
-    ),
-    "marker-based": lambda given: MarkerBased(given.beads),
+    "oracle": _oracle,
+    "oracle-nonrigid": _nonrigid_oracle,
+    "marker-based": _marker_based,
     "rigid": lambda given: Rigid(given.sensor, given.scheme),
     "nonrigid-2d": lambda given: NonRigid2D(scheme=given.scheme, device=given.device),
     "nonrigid-3d": lambda given: NonRigid3D(given.nodes, given.scheme),
@@ -99,6 +128,21 @@ def find(name: str) -> Callable[[MethodInputs], CorrectionMethod]:
 def build(name: str, given: MethodInputs) -> CorrectionMethod:
     """Builds the method of that name; errors as in :func:`find`."""
     return find(name)(given)
+
+
+def check_names(names: Sequence[str], place: str) -> None:
+    """Refuses unknown methods, and two of one label; ``place`` is where they are named.
+
+    Raises:
+        LegsimError: such a name; as :func:`find`.
+    """
+    labels = [label(name) for name in names]
+    for name, own in zip(names, labels, strict=True):
+        find(name)
+        if labels.count(own) > 1 or own == REFERENCE:
+            raise LegsimError(
+                f"{place}: {name} would be called {own!r} like another method; rename its function"
+            )
 
 
 def rigid_sensor(name: str) -> str | None:

@@ -21,11 +21,11 @@ from legsim.imu import plausibility as imu_plausibility
 from legsim.opencl import failures
 from legsim.opencl.device import Device, open_device
 from legsim.report import page, scan_page
-from legsim.run import c_arm, code, scores, sensors, stages, volumes
+from legsim.run import c_arm, code, scan_file, scores, sensors, stages, volumes
+from legsim.run.corrected import Reconstructed
 from legsim.run.folder import RunFolder, commit
 from legsim.run.stages import StageContext
 from legsim.run.store import StageCache
-from legsim.run.volumes import Reconstructed
 from legsim.scene import build
 from legsim.simulation.setup import joints_on_sensors
 from legsim.simulation.simulated_scan import SimulatedScan
@@ -143,6 +143,7 @@ def _run(stage: StageContext, *, presented: bool) -> RunResult:
         points_per_segment=settings.methods.points_per_segment,
     )
     scan = SimulatedScan(setup, Scan(moving, signals, starts.starts, joints), at_rest, stage.device)
+    scan_file.write(folder.path, settings, scan.seen, setup.sensors)
     grid = c_arm.volume_grid(settings.grid, setup.geometry.rotation_center())
     corrected = volumes.reconstruct_methods(stage, scan, grid)
     results = scores.score_methods(stage, scan, corrected, grid)

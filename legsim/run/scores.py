@@ -21,9 +21,9 @@ from legsim.evaluation.scores import MethodResult, result_from
 from legsim.evaluation.similarity import RegionScores
 from legsim.geometry.volume import VolumeGrid
 from legsim.run import code
+from legsim.run.corrected import Reconstructed
 from legsim.run.folder import REGISTRATION_ERROR_FILE, registration_error
 from legsim.run.stages import StageContext
-from legsim.run.volumes import Reconstructed
 from legsim.simulation.setup import ScanSetup, scan_regions
 from legsim.simulation.simulated_scan import SimulatedScan
 

@@ -18,6 +18,7 @@ from legsim.geometry import files as geometry_files
 from legsim.geometry import image_files
 from legsim.geometry.cone_beam import Projections
 from legsim.imu import simulation
+from legsim.imu.files import load_imu, load_rest, save_imu, save_rest
 from legsim.imu.signals import ImuSignals
 from legsim.kinematics import osim_export
 from legsim.kinematics.leg_model import LegModel
@@ -28,15 +29,7 @@ from legsim.run import c_arm as run_c_arm
 from legsim.run import code
 from legsim.run import motion as run_motion
 from legsim.run import sensors as run_sensors
-from legsim.run.files import (
-    load_imu,
-    load_rest,
-    save_imu,
-    save_joint_centers,
-    save_marker_errors,
-    save_poses,
-    save_rest,
-)
+from legsim.run.files import save_joint_centers, save_marker_errors, save_poses
 from legsim.run.folder import RunFolder
 from legsim.simulation.setup import PhantomOptions, ScanSetup, prepare_scan
 from legsim.simulation.simulated_scan import expose

@@ -192,6 +192,19 @@ class ScanScene:
             raise LegsimError("a scene with volumes needs the planes to cut them at")
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class MeasuredScene:
+    """A measured scan: its projections, its volumes and what its sensors read."""
+
+    projections: Projections
+    imu: ImuSignals
+    """without any sensor where none was read"""
+    volumes: tuple[NamedVolume, ...]
+    planes: SlicePlanes
+    sensor_poses: SegmentPoses | None = None
+    """world_from_sensor at the views, with the sensors as the segments"""
+
+
 def axial(volume: Volume, y: float) -> Float32Array:
     """Slice (x, z) at world height ``y`` (m, nearest voxel), 1/m.
 

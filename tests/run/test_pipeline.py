@@ -37,6 +37,7 @@ PROMISED = {
         "imu.csv",
         "geometry.json",
         "geometry_rtk.xml",
+        "scan.toml",
     ),
     *(
         "projections.mha",

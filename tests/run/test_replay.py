@@ -9,14 +9,15 @@ import pytest
 
 from legsim import config
 from legsim.imu import simulation
+from legsim.imu.files import load_imu
 from legsim.imu.signals import ImuSignals
 from legsim.kinematics import from_recording, osim_file
 from legsim.kinematics.osim_leg import OsimLeg
 from legsim.mocap import opensim, trc
 from legsim.mocap.trajectories import MarkerTrajectories
-from legsim.run import files, stages
 from legsim.run import replay as run_replay
 from legsim.run import sensors as run_sensors
+from legsim.run import stages
 from legsim.run.folder import RunFolder
 from tests.examples import osim
 
@@ -63,7 +64,7 @@ def plain(standing: Path, tmp_path: Path, undrawn: None) -> Path:
 
 
 def signals(folder: Path) -> ImuSignals:
-    return files.load_imu(folder / "imu.csv")
+    return load_imu(folder / "imu.csv")
 
 
 def contents(folder: Path, names: tuple[str, ...] = TRUTH) -> list[bytes]:
