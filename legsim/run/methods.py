@@ -15,6 +15,7 @@ from legsim.core import files
 from legsim.core.errors import LegsimError, file_error
 from legsim.correction import method as correction_method
 from legsim.correction.bead_scan import BeadScan
+from legsim.correction.bead_tracking import Reference
 from legsim.correction.marker_based import MarkerBased
 from legsim.correction.method import CorrectionMethod
 from legsim.correction.nonrigid import NonRigid2D, NonRigid3D
@@ -48,6 +49,8 @@ class MethodInputs:
     truth: ScanTruth
     beads: Callable[[], BeadScan]
     """the same scan with beads on the skin, simulated when called"""
+    bead_reference: Reference = "bundle"
+    """what the beads' poses are fitted to"""
 
 
 BUILT_IN: dict[str, Callable[[MethodInputs], CorrectionMethod]] = {
@@ -56,7 +59,7 @@ BUILT_IN: dict[str, Callable[[MethodInputs], CorrectionMethod]] = {
     "oracle-nonrigid": lambda given: Oracle(
         partial(given.truth.field, given.nodes), "oracle-nonrigid"
     ),
-    "marker-based": lambda given: MarkerBased(given.beads),
+    "marker-based": lambda given: MarkerBased(given.beads, given.bead_reference),
     "rigid": lambda given: Rigid(given.sensor, given.scheme),
     "nonrigid-2d": lambda given: NonRigid2D(scheme=given.scheme, device=given.device),
     "nonrigid-3d": lambda given: NonRigid3D(given.nodes, given.scheme),
