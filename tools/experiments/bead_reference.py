@@ -85,9 +85,7 @@ def row(name: str, reference: str, cells: tuple[str, ...], found: tuple[Residual
 
 
 def main(
-    motion_files: Annotated[
-        str, typer.Option()
-    ] = "subject01/squat_30.trc subject01/squat_60.trc subject07/squat_60.trc",
+    motion_files: Annotated[str, typer.Option()] = "subject01/squat_30.trc subject01/squat_60.trc",
     preset: str = "demo",
 ) -> None:
     """Prints the table."""
