@@ -15,6 +15,7 @@ from typing import Any, cast
 from legsim.core.errors import LegsimError, file_error
 from legsim.correction import method as correction_method
 from legsim.correction.bead_scan import BeadScan
+from legsim.correction.bead_tracking import Reference
 from legsim.correction.marker_based import MarkerBased
 from legsim.correction.method import Correction, CorrectionMethod, Scan
 from legsim.correction.nonrigid import NonRigid2D, NonRigid3D
@@ -50,6 +51,8 @@ class MethodInputs:
     """None for a measured scan"""
     beads: Callable[[], BeadScan] | None
     """the same scan with beads on the skin, simulated when called; None for a measured scan"""
+    bead_reference: Reference = "bundle"
+    """what the beads' poses are fitted to"""
 
 
 FOLLOW_ONE, FOLLOW_JOINTS = ("rigid", "rigid-paper-order"), ("nonrigid-2d", "nonrigid-3d")
@@ -79,7 +82,7 @@ def _marker_based(given: MethodInputs) -> CorrectionMethod:
             "marker-based follows beads on the skin, which only a simulated scan has here; leave "
             "it out"
         )
-    return MarkerBased(given.beads)
+    return MarkerBased(given.beads, given.bead_reference)
 
 
 BUILT_IN: dict[str, Callable[[MethodInputs], CorrectionMethod]] = {

@@ -60,6 +60,7 @@ class RunResult:
             *measures,
             *(f"{r.structure} mm" for r in self.methods[0].residuals),
             "bones px",
+            "px after similarity",
             "seconds",
         )
 
@@ -67,7 +68,7 @@ class RunResult:
         """Formats the scores of each method.
 
         They are method, SSIM by region, RMSE by region, residual motion by structure and at the
-        bones in the images, seconds.
+        bones in the images (as it is, and after the best constant similarity), seconds.
         """
         return [
             (
@@ -76,6 +77,7 @@ class RunResult:
                 *(f"{r.rmse:.3f}" for r in m.metrics.regions),
                 *("-" if r.mm is None else f"{r.mm:.2f}" for r in m.residuals),
                 f"{m.residual_px:.2f}",
+                f"{m.residual_px_after_similarity:.2f}",
                 f"{m.seconds:.1f}",
             )
             for m in self.methods

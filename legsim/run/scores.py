@@ -16,7 +16,7 @@ from legsim.core.files import key_of
 from legsim.evaluation import registration, residual_motion, similarity
 from legsim.evaluation.regions import Region
 from legsim.evaluation.registration import RegistrationError
-from legsim.evaluation.residual_motion import Structure
+from legsim.evaluation.residual_motion import Residual, Structure
 from legsim.evaluation.scores import MethodResult, result_from
 from legsim.evaluation.similarity import RegionScores
 from legsim.geometry.volume import Volume, VolumeGrid
@@ -52,7 +52,8 @@ def score_methods(
     margin = 1e-3 * evaluation.air_margin_mm
     regions = cache(lambda: scan_regions(scan.setup, grid, stage.device, margin=margin))
     shown = cache(lambda: structures(scan.setup, grid))
-    measures = [f.name for f in fields(RegionScores)]  # a folder of an older version has fewer
+    # a folder of an older version has fewer
+    measures = [f.name for kind in (RegionScores, Residual) for f in fields(kind)]
     reference = cache(corrected[0].load)
     true = cache(lambda: true_volume(scan.setup, reference().grid, stage.device, regions()))
     results = []

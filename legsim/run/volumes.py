@@ -172,4 +172,5 @@ def _method_inputs(stage: StageContext, scan: SimulatedScan, grid: VolumeGrid) -
         scanned_shank=setup.named("tibia"),
         truth=scan.truth,
         beads=beads,
+        bead_reference=wanted.reference,
     )
