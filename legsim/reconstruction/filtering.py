@@ -143,7 +143,11 @@ def filtered_views(
 def filter_batch(plan: FilterPlan, images: Float32Array, views: slice) -> Float32Array:
     """Filters images (n, rows, columns) of the given views."""
     columns = images.shape[-1]
-    rows = _extended(images, plan) if plan.reach and plan.water_pixels else images.copy()
+    rows = (
+        _extended(images, plan.added, plan.reach, plan.water_pixels)
+        if plan.reach and plan.water_pixels
+        else images.copy()
+    )
     for k, view in enumerate(range(views.start, views.stop)):
         rows[k] *= plan.ray_weights(view)
         rows[k] *= plan.shares[view]
@@ -153,9 +157,11 @@ def filter_batch(plan: FilterPlan, images: Float32Array, views: slice) -> Float3
     return np.ascontiguousarray(filtered[..., plan.reach : plan.reach + columns])
 
 
-def _extended(images: Float32Array, plan: FilterPlan) -> Float32Array:
+def _extended(
+    images: Float32Array, added: tuple[int, int], reach: int, water_pixels: float
+) -> Float32Array:
     """(..., columns + 2 reach): what was measured continued, also into the added columns."""
-    before, after = plan.added
+    before, after = added
     measured = images[..., before : images.shape[-1] - after]
-    wide = extended_rows(measured, plan.reach + max(before, after), plan.water_pixels)
+    wide = extended_rows(measured, reach + max(before, after), water_pixels)
     return wide[..., max(after - before, 0) : wide.shape[-1] - max(before - after, 0)]
