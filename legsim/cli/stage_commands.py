@@ -139,11 +139,16 @@ def reconstruct(
     like: Annotated[Path | None, typer.Option(help="A volume whose grid to use.")] = None,
     shape_zyx: Annotated[
         tuple[int, int, int] | None,
-        typer.Option(help="Voxels along z, y, x; where there is no --like."),
+        typer.Option(
+            help="Voxels along z, y, x; where there is no --like. Default: the field of view."
+        ),
     ] = None,
     spacing_mm: Annotated[
         tuple[float, float, float] | None,
-        typer.Option(help="Voxel spacing along x, y, z; where there is no --like."),
+        typer.Option(
+            help="Voxel spacing along x, y, z; where there is no --like. Default: a pixel at the "
+            "isocenter."
+        ),
     ] = None,
     center_mm: Annotated[
         tuple[float, float, float] | None,

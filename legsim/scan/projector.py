@@ -143,7 +143,7 @@ def _met(points: FloatArray, matrix: FloatArray, shape_vu: tuple[int, int]) -> F
     if not ((points @ planes[:, :3].T + planes[:, 3]).max(axis=0) < 0).any():
         return points
     ahead = np.linalg.solve(matrix[:, :3], [0.0, 0.0, 1.0] - matrix[:, 3])
-    return np.broadcast_to(ahead, points.shape)
+    return np.broadcast_to(np.asarray(ahead, np.float64), points.shape)
 
 
 def _require_in_front(
