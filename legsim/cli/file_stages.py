@@ -248,7 +248,9 @@ def _grid(
             )
         return image_files.read_header(like).grid()
     if shape_zyx is None:
-        seen = field_of_view.grid_of(geometry, spacing_mm and _in_meters(spacing_mm))
+        seen = field_of_view.grid_of(
+            geometry, None if spacing_mm is None else _in_meters(spacing_mm)
+        )
         return seen if center_mm is None else replace(seen, center=_in_meters(center_mm))
     if spacing_mm is None:
         raise LegsimError(

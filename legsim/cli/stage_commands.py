@@ -181,7 +181,18 @@ def reconstruct(
         ),
     ] = None,
     iterations: Annotated[
-        int | None, typer.Option(min=1, help="cgls: steps; fewer are smoother. Default: 15.")
+        int | None,
+        typer.Option(
+            min=1,
+            help="cgls: steps; fewer are smoother. Default: until a step gains little, 60 at most.",
+        ),
+    ] = None,
+    noise: Annotated[
+        float | None,
+        typer.Option(
+            help="cgls: standard deviation of the line integrals; steps end where the misfit is "
+            "as large."
+        ),
     ] = None,
     nonnegative: Annotated[
         bool, typer.Option("--nonnegative", help="cgls: keep attenuation at 0 or above.")
@@ -198,6 +209,7 @@ def reconstruct(
         "water_attenuation_per_mm": water_attenuation_per_mm,
         "redundancy": redundancy,
         "iterations": iterations,
+        "noise": noise,
         "nonnegative": nonnegative or None,
     }
     with progress.of_stages(console.err) as on_progress:
