@@ -60,6 +60,7 @@ def project(
     detector: DetectorSize,
     energy_kev: float,
     settings: tuple[str, ...] = (),
+    repair: bool = False,
     device: str | None,
     on_progress: OnProgress,
 ) -> list[str]:
@@ -75,7 +76,7 @@ def project(
     read_by = config.load_settings(overrides=settings)
     how = c_arm.imaging(read_by.scan)
     geometry = detector.geometry(geometry_file)
-    read = phantom_files.read(phantom_file, energy_kev=energy_kev)
+    read = phantom_files.read(phantom_file, energy_kev=energy_kev, repair=repair)
     phantom = read.phantom
     opened = open_device(device)
     drawing = np.random.default_rng(read_by.seed)

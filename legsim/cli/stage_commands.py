@@ -105,6 +105,13 @@ def project(
             "scan.detector.photons=1e5, scan.spectrum.kind=tube.",
         ),
     ] = None,
+    repair: Annotated[
+        bool,
+        typer.Option(
+            "--repair",
+            help="Repair meshes: merge doubles, close small holes, orient triangles alike.",
+        ),
+    ] = False,
     columns: ColumnsOption = None,
     rows: RowsOption = None,
     pixel_mm: PixelOption = None,
@@ -122,6 +129,7 @@ def project(
             detector=detector,
             energy_kev=energy_kev,
             settings=tuple(settings or ()),
+            repair=repair,
             device=device,
             on_progress=on_progress,
         )
