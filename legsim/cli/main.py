@@ -19,7 +19,16 @@ import typer.exceptions
 from rich.text import Text
 
 from legsim import __version__
-from legsim.cli import console, geometry_commands, run_commands, stage_commands, study_command
+from legsim.cli import (
+    console,
+    correct_command,
+    geometry_commands,
+    run_commands,
+    sensors_command,
+    stage_commands,
+    study_command,
+)
+from legsim.cli.inputs import kept
 from legsim.core.errors import LegsimError
 
 app = typer.Typer(
@@ -40,19 +49,25 @@ geometry_app = typer.Typer(
 app.add_typer(geometry_app, name="geometry")
 
 for _command in (
-    *(run_commands.run, run_commands.replay, stage_commands.convert, stage_commands.project),
+    *(
+        run_commands.run,
+        correct_command.correct,
+        run_commands.replay,
+        stage_commands.convert,
+        stage_commands.project,
+    ),
     *(stage_commands.reconstruct, stage_commands.evaluate, study_command.study),
-    *(run_commands.view, run_commands.doctor),
+    *(sensors_command.sensors, run_commands.view, run_commands.doctor),
 ):
-    app.command()(_command)
+    app.command()(kept(_command))
 
-geometry_app.command()(geometry_commands.show)
-geometry_app.command()(geometry_commands.convert)
+geometry_app.command()(kept(geometry_commands.show))
+geometry_app.command()(kept(geometry_commands.convert))
 
 _INTERRUPTED = 130
 """exit code of a command that Ctrl-C ended, as shells have it and typer returns it"""
 
-_RESUMED = ("run", "replay", "study")
+_RESUMED = ("run", "correct", "replay", "study")
 """commands whose folders keep each finished part"""
 
 _warned: set[str] = set()
@@ -93,6 +108,10 @@ def _explain(error: Exception) -> str | None:
         return (
             f"{error.filename or ''}: {error.strerror or error}; check the path and its permissions"
         )
+    if type(error).__module__.startswith("pyopencl"):
+        from legsim.opencl import failures
+
+        return failures.explain(error, "in use")
     if isinstance(error, MemoryError):
         return "the memory is full; use a smaller preset or grid (legsim doctor reports the memory)"
     return None

@@ -22,6 +22,8 @@ def scores_from(entry: dict[str, Any]) -> Scores:
     return Scores(
         tuple(RegionScores(**r) for r in entry["regions"]),
         None if registration is None else Registration(**registration),
+        entry["scaling"],
+        entry["window"],
     )
 
 

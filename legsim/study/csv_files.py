@@ -5,7 +5,7 @@ from dataclasses import asdict, fields
 
 from legsim.evaluation.similarity import RegionScores
 from legsim.report import formats
-from legsim.study.results import LadderScore, NoiseLevel, ScanScore
+from legsim.study.results import LadderScore, NoiseLevel, ScanScore, SensorScore
 
 _NOISE_COLUMNS = ("convention", "f_a", "f_g")
 
@@ -15,8 +15,8 @@ def _noise_cells(noise: NoiseLevel | None) -> tuple[object, ...]:
 
 
 def scores_csv(scores: Sequence[ScanScore]) -> str:
-    """One row per score and region: scan, method and noise, the region's scores, the registration,
-    every residual, seconds, folder and command.
+    """One row per score and region: scan, method, noise, scaling and window, the region's scores,
+    the registration, every residual, seconds, folder and command.
 
     Clean sensors have no convention; an exponent of a noisy one that is empty means that this
     sensor was clean.
@@ -30,6 +30,8 @@ def scores_csv(scores: Sequence[ScanScore]) -> str:
         "method",
         *_NOISE_COLUMNS,
         "repetition",
+        "scaling",
+        "window",
         *metrics,
         *(f"registration_{name}" for name in found),
     ]
@@ -52,9 +54,17 @@ def scores_csv(scores: Sequence[ScanScore]) -> str:
             score.method,
             *_noise_cells(score.noise),
             score.repetition,
+            score.metrics.scaling,
+            score.metrics.window,
         )
         rows += [(*who, *asdict(region).values(), *rest) for region in score.metrics.regions]
     return formats.csv_text([*header, "seconds", "folder", "command"], rows)
+
+
+def sensors_csv(sensors: Sequence[SensorScore]) -> str:
+    """One row per draw of a sensor's errors."""
+    header = [f.name for f in fields(SensorScore)]
+    return formats.csv_text(header, [tuple(asdict(s).values()) for s in sensors])
 
 
 def ladder_csv(ladder: Sequence[LadderScore]) -> str:

@@ -33,7 +33,7 @@ Measure = Callable[[ScanScore], float | None]
 
 
 def of_region(field: str, region: str) -> Measure:
-    """A number of the image quality in one region: ssim, rmse or gradient_entropy."""
+    """A number of the image quality in one region: a field of ``RegionScores``."""
 
     def take(score: ScanScore) -> float | None:
         return next((getattr(m, field) for m in score.metrics.regions if m.region == region), None)

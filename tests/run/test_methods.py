@@ -122,3 +122,17 @@ def test_what_is_no_method_is_refused(tmp_path, name, message):
     (tmp_path / "broken.py").write_text("def half(scan:\n")
     with pytest.raises(LegsimError, match=message):
         methods.build(name.format(own=tmp_path / "own.py", broken=tmp_path / "broken.py"), INPUTS)
+
+
+@pytest.mark.parametrize(
+    ("name", "label"),
+    [
+        ("rigid@a/b", "rigid@a_b"),
+        ("rigid@a:b", "rigid@a_b"),
+        (r"rigid@..\\x", "rigid@..__x"),
+        ("folder/x.py:mine", "mine"),
+        ("rigid", "rigid"),
+    ],
+)
+def test_a_label_is_a_name_of_a_file(name, label):
+    assert methods.label(name) == label

@@ -53,5 +53,16 @@ def test_a_run_tells_its_registrations_own_error(tiny_run):
     assert 0 < found.rotation_deg < 0.3
 
 
+def test_metrics_name_their_protocol_and_hold_the_distance_from_the_phantom(tiny_run):
+    content = json.loads((tiny_run.folder / "metrics.json").read_text())
+    assert (content["scaling"], content["window"]) == ("reference", "uniform")
+    assert "the range (minimum to maximum over the grid) of the motion-free" in content["compared"]
+    found = {m["method"]: m["metrics"]["regions"][0] for m in content["methods"]}
+    assert found["static"]["ssim"] == pytest.approx(1, abs=1e-6)
+    # the reference is a reconstruction: its streaks and blur are its own distance from the leg
+    assert 0.3 < found["uncorrected"]["ssim_phantom"] < found["static"]["ssim_phantom"] < 0.98
+    assert found["uncorrected"]["rmse_phantom"] > found["static"]["rmse_phantom"] > 0.01
+
+
 def test_a_folder_without_registration_has_no_error_of_it(tmp_path):
     assert folder.registration_error(tmp_path) is None
