@@ -36,7 +36,8 @@ def grid_of(
     center = arc.center + 0.5 * (low + high) * arc.axis
     along = np.abs(arc.axis)
     half = radius * np.sqrt(np.maximum(1 - along**2, 0)) + 0.5 * max(high - low, 0.0) * along
-    spacing = spacing_xyz or (pixel_at_isocenter(geometry),) * 3
+    pixel = pixel_at_isocenter(geometry)
+    spacing = (pixel, pixel, pixel) if spacing_xyz is None else spacing_xyz
     nx, ny, nz = (
         max(1, int(np.ceil(2 * h / s - 1e-3))) for h, s in zip(half, spacing, strict=True)
     )
