@@ -57,7 +57,7 @@ class GeometrySummary:
     field_radius: float
     """radius of the largest ball about the isocenter that every view sees across the columns"""
     cut_off: tuple[CutOff, ...]
-    far_side: float = 0.0
+    far_side: float
     """m from the isocenter to the farther edge of a detector that stands to one side; else 0"""
 
     def lines(self) -> tuple[str, ...]:
@@ -122,6 +122,7 @@ def summarize(geometry: ConeBeamGeometry, phantom: Phantom | None = None) -> Geo
         height=float((rows * row_pitch * distances / detector).min()),
         field_radius=float(edges.min()),
         cut_off=() if phantom is None else _cut_off(geometry, phantom, distances / detector),
+        far_side=_far_side(edges),
     )
 
 
