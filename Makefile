@@ -2,7 +2,10 @@ PYTHON ?= python3
 BIN := .venv/bin
 OUT ?= demo
 
-.PHONY: demo test quick setup check format clean
+# where mkdocs is: another environment than the tests' will do
+DOCS ?= .venv
+
+.PHONY: demo test quick peers docs setup check format clean
 
 demo: setup
 	$(BIN)/legsim run --preset demo --out $(OUT)
@@ -13,6 +16,19 @@ test: setup check
 # without whole runs and clusters: under two minutes on two cores
 quick: setup
 	$(BIN)/python -m pytest -n 2 --dist worksteal -m "not end_to_end"
+
+# beside OpenSim, RTK and ASTRA, as far as they are installed (pip install -e '.[peer]'); a table
+peers: setup
+	$(BIN)/python -m pytest -m peer tests/peers
+
+# the site with guides and reference, in build/site
+docs: $(DOCS)/.docs-installed
+	NO_MKDOCS_2_WARNING=1 $(DOCS)/bin/mkdocs build --strict
+
+$(DOCS)/.docs-installed: pyproject.toml
+	test -x $(DOCS)/bin/python || $(PYTHON) -m venv $(DOCS)
+	$(DOCS)/bin/python -m pip install --quiet --disable-pip-version-check --editable '.[docs]'
+	touch $@
 
 setup: .venv/.installed
 

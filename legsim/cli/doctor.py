@@ -98,8 +98,7 @@ def _devices() -> list[Finding]:
                 "opencl",
                 False,
                 "no device works",
-                "pip install intel-opencl-rt intel-cmplr-lib-rt (x86-64) or "
-                "pocl-binary-distribution",
+                discovery.installation(platform.machine(), sys.platform),
             )
         )
     return findings

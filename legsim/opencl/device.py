@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import hashlib
 import os
+import platform
+import sys
 from dataclasses import dataclass, field
 from functools import cache
 from importlib import resources
@@ -13,7 +15,7 @@ import lazy_loader
 import numpy as np
 
 from legsim.core.errors import LegsimError
-from legsim.opencl.discovery import Candidate, build_program, candidates
+from legsim.opencl.discovery import Candidate, build_program, candidates, installation
 
 if TYPE_CHECKING:
     import pyopencl as cl
@@ -109,8 +111,8 @@ def open_device(wanted: str | None = None) -> Device:
             or "the OpenCL loader lists no device"
         )
         raise LegsimError(
-            f"no OpenCL device works ({seen}); install one with `pip install intel-opencl-rt "
-            "intel-cmplr-lib-rt`, then see `legsim doctor`"
+            f"no OpenCL device works ({seen}); get one by "
+            f"`{installation(platform.machine(), sys.platform)}`, then see `legsim doctor`"
         )
     matching = [
         c for c in working if wanted.lower() in (c.kind, "") or wanted.lower() in c.label.lower()

@@ -67,6 +67,17 @@ class Candidate:
         return f"{self.name.strip()} [{self.platform.strip()}]"
 
 
+def installation(machine: str, system: str) -> str:
+    """How to get an OpenCL runtime for a machine's CPU, as platform.machine() and sys.platform name
+    it; PyPI has one for x86-64 alone.
+    """
+    if machine in ("x86_64", "AMD64") and system != "darwin":
+        return "pip install intel-opencl-rt intel-cmplr-lib-rt"
+    if system == "linux":
+        return "apt install pocl-opencl-icd, or conda install -c conda-forge pocl"
+    return "conda install -c conda-forge pocl"
+
+
 def build_program(context: cl.Context, source: str, options: list[str]) -> cl.Program:
     with warnings.catch_warnings():
         # Intel's compiler reports vectorization remarks as output, which pyopencl turns into this

@@ -1,4 +1,5 @@
 import os
+import platform
 import subprocess
 import sys
 
@@ -6,6 +7,7 @@ import numpy as np
 import pytest
 
 from legsim.core.errors import LegsimError
+from legsim.opencl import discovery
 from legsim.opencl.device import open_device
 
 
@@ -49,7 +51,7 @@ def test_without_any_runtime_the_line_says_what_to_install(tmp_path):
         [sys.executable, "-c", script], env=environment, capture_output=True, text=True, check=True
     )
     assert "no OpenCL device works" in result.stdout
-    assert "pip install intel-opencl-rt" in result.stdout
+    assert discovery.installation(platform.machine(), sys.platform) in result.stdout
     assert len(result.stdout.splitlines()) == 1
 
 
