@@ -19,7 +19,7 @@ quick: setup
 
 # beside OpenSim, RTK and ASTRA, as far as they are installed (pip install -e '.[peer]'); a table
 peers: setup
-	$(BIN)/python -m pytest -m peer tests/peers
+	$(BIN)/python -m pytest -m peer
 
 # the site with guides and reference, in build/site
 docs: $(DOCS)/.docs-installed

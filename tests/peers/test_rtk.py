@@ -10,7 +10,7 @@ from legsim.geometry.volume import VolumeGrid
 from legsim.opencl.device import Device
 from legsim.reconstruction import fdk
 from legsim.reconstruction.fdk import FdkOptions
-from tests.peers.conftest import Check
+from tests.peers.agreement import Check
 
 pytestmark = [pytest.mark.peer, pytest.mark.filterwarnings("ignore::DeprecationWarning")]
 

@@ -6,12 +6,12 @@ import math
 import pytest
 from rich.console import Console
 
-from tests.peers import conftest
+from tests.peers import agreement
 
 
 def printed(rows) -> str:
     stream = io.StringIO()
-    Console(file=stream, width=120, color_system=None).print(conftest.table(rows))
+    Console(file=stream, width=120, color_system=None).print(agreement.table(rows))
     return stream.getvalue()
 
 
@@ -46,4 +46,4 @@ def test_reasons_for_missing_peers_are_counted():
         )
         for k in range(3)
     ]
-    assert conftest.reasons(skipped) == ["not compared (3 tests): no toolkit"]
+    assert agreement.reasons(skipped) == ["not compared (3 tests): no toolkit"]
