@@ -1,11 +1,12 @@
 PYTHON ?= python3
 BIN := .venv/bin
 OUT ?= demo
+DEVICE ?= gpu
 
 # where mkdocs is: another environment than the tests' will do
 DOCS ?= .venv
 
-.PHONY: demo test quick peers docs setup check format clean
+.PHONY: demo test quick gpu peers docs setup check format clean
 
 demo: setup
 	$(BIN)/legsim run --preset demo --out $(OUT)
@@ -29,6 +30,14 @@ $(DOCS)/.docs-installed: pyproject.toml
 	test -x $(DOCS)/bin/python || $(PYTHON) -m venv $(DOCS)
 	$(DOCS)/bin/python -m pip install --quiet --disable-pip-version-check --editable '.[docs]'
 	touch $@
+
+# kernel tests and benchmarks on a GPU, or on DEVICE: part of a device's name
+gpu: setup
+	$(BIN)/python -m tools.benchmarks device $(DEVICE)
+	LEGSIM_DEVICE="$(DEVICE)" $(BIN)/python -m pytest -m "not end_to_end" tests/opencl tests/phantom \
+		tests/scan tests/deformation tests/reconstruction tests/correction tests/simulation
+	LEGSIM_DEVICE="$(DEVICE)" $(BIN)/python -m tools.benchmarks project
+	LEGSIM_DEVICE="$(DEVICE)" $(BIN)/python -m tools.benchmarks fdk
 
 setup: .venv/.installed
 

@@ -19,14 +19,13 @@ from legsim.deformation.models import RigidMotion
 from legsim.evaluation.scores import MethodResult
 from legsim.geometry.volume import NamedVolume
 from legsim.imu import plausibility as imu_plausibility
+from legsim.opencl import failures
 from legsim.opencl.device import Device, open_device
 from legsim.report import page, scan_page
-from legsim.run import c_arm, scan_file, scores, sensors, stages, volumes
+from legsim.run import c_arm, code, scan_file, scores, sensors, stages, volumes
 from legsim.run.corrected import Reconstructed
 from legsim.run.folder import RunFolder, commit
-from legsim.run.stages import (
-    StageContext,
-)
+from legsim.run.stages import StageContext
 from legsim.run.store import StageCache
 from legsim.scene import build
 from legsim.scene.values import planes_alone
@@ -126,9 +125,13 @@ def run_scan(
     sensors.check(settings.imu)
     c_arm.imaging(settings.scan)
     opened, out = open_device(device), Path(out)
-    folder = RunFolder(out, _about(settings, opened), store)
-    write_text(out / "config.toml", config.dump(settings))
-    stage = StageContext(settings, folder, opened, on_progress)
+    with failures.reported(opened.label), RunFolder(out, _about(settings, opened), store) as folder:
+        write_text(out / "config.toml", config.dump(settings))
+        return _run(StageContext(settings, folder, opened, on_progress), presented=presented)
+
+
+def _run(stage: StageContext, *, presented: bool) -> RunResult:
+    settings, folder = stage.settings, stage.folder
     setup = stages.set_up(stage)
     signals = stages.read_sensors(
         settings,
@@ -146,14 +149,14 @@ def run_scan(
         volumes.followed_sides(settings),
         points_per_segment=settings.methods.points_per_segment,
     )
-    scan = SimulatedScan(setup, Scan(moving, signals, starts.starts, joints), at_rest, opened)
-    scan_file.write(out, settings, scan.seen, setup.sensors)
+    scan = SimulatedScan(setup, Scan(moving, signals, starts.starts, joints), at_rest, stage.device)
+    scan_file.write(folder.path, settings, scan.seen, setup.sensors)
     grid = c_arm.volume_grid(settings.grid, setup.geometry.rotation_center())
     corrected = volumes.reconstruct_methods(stage, scan, grid)
     results = scores.score_methods(stage, scan, corrected, grid)
     if presented:
         _present(stage, scan, corrected, results, starts)
-    return RunResult(out, results, (*setup.person.warnings, *readings))
+    return RunResult(folder.path, results, (*setup.person.warnings, *readings))
 
 
 def _about(settings: RunConfig, device: Device) -> dict[str, Any]:
@@ -203,9 +206,14 @@ def _present(
         )
         write_text(folder.path / "report.html", page.render(content))
         stage.on_progress("recording and report", 2, 2)
-        return "recording.rrd", "report.html"
+        return "recording.rrd", "report.html", *(picture.file for picture in pictures)
 
-    key = key_of(stage.scan_key, settings.model_dump(), folder.hash_of("metrics.json"))
+    key = key_of(
+        stage.scan_key,
+        code.fingerprint("presentation"),
+        settings.model_dump(),
+        folder.hash_of("metrics.json"),
+    )
     folder.cached("presentation", key, write)
 
 

@@ -20,7 +20,7 @@ from legsim.evaluation.residual_motion import Structure
 from legsim.evaluation.scores import MethodResult, result_from
 from legsim.evaluation.similarity import RegionScores
 from legsim.geometry.volume import Volume, VolumeGrid
-from legsim.run import methods
+from legsim.run import code, methods
 from legsim.run.corrected import Reconstructed
 from legsim.run.folder import REGISTRATION_ERROR_FILE, registration_error
 from legsim.run.stages import StageContext
@@ -64,7 +64,14 @@ def score_methods(
             for name in (*_files(corrected[0]), *_files(one))
             if folder.has(name)
         ]
-        key = key_of(stage.scan_key, evaluation.model_dump(), similarity.PROTOCOL, measures, made)
+        key = key_of(
+            stage.scan_key,
+            code.fingerprint("scores"),
+            evaluation.model_dump(),
+            similarity.PROTOCOL,
+            measures,
+            made,
+        )
 
         def write(one: Reconstructed = one, path: Path = path) -> tuple[str, ...]:
             result = _scored(stage, scan.setup, one, reference, regions(), true(), shown())
@@ -87,6 +94,7 @@ def _registration_error(
     path = stage.folder.path / REGISTRATION_ERROR_FILE
     key = key_of(
         stage.scan_key,
+        code.fingerprint("scores"),
         stage.settings.evaluation.model_dump(),
         similarity.PROTOCOL,
         stage.folder.hash_of(f"volume-{methods.REFERENCE}.mha"),

@@ -1,5 +1,6 @@
 """Every method's volume of a simulated scan: which methods can run, and their inputs."""
 
+import warnings
 from functools import partial
 
 import numpy as np
@@ -11,7 +12,7 @@ from legsim.correction import bead_scan
 from legsim.correction.bead_scan import Beads, BeadScan
 from legsim.correction.method import Correction, CorrectionMethod
 from legsim.geometry.volume import VolumeGrid
-from legsim.run import methods, reconstruction
+from legsim.run import code, methods, reconstruction
 from legsim.run import sensors as run_sensors
 from legsim.run.corrected import Reconstructed, Reconstructor
 from legsim.run.methods import MethodInputs
@@ -47,8 +48,35 @@ def check(settings: RunConfig) -> None:
                 f"{place}: unknown sensor {sensor!r}; name one of {', '.join(names)}, or add "
                 "it to imu.sensors"
             )
+    for place, sensor in followed:
+        _warn_of_other_leg(settings, place, sensor)
     if set(run) & set(methods.FOLLOW_JOINTS):
         _check_carriers(settings)
+    _warn_of_slow_sensors(settings)
+
+
+def _warn_of_other_leg(settings: RunConfig, place: str, name: str | None) -> None:
+    """Says where a rigid method follows the leg that is not scanned."""
+    other = "r" if settings.scan.side == "left" else "l"
+    for sensor in settings.imu.sensors:
+        if sensor.name == name and sensor.segment.endswith(f"_{other}"):
+            warnings.warn(
+                f"{place}: sensor {name!r} is on {sensor.segment}, but the {settings.scan.side} "
+                "leg is scanned, whose motion it does not follow; name a sensor on that leg, or "
+                "set scan.side",
+                stacklevel=3,
+            )
+
+
+def _warn_of_slow_sensors(settings: RunConfig) -> None:
+    """Says where sensors give fewer samples than the scan takes views."""
+    rate, views = settings.imu.rate_hz, settings.scan.rate_hz
+    if rate < views:
+        warnings.warn(
+            f"imu.rate_hz is {rate:g}, but {views:g} views are taken per second: motion between "
+            f"samples is lost; set imu.rate_hz to {views:g} or more",
+            stacklevel=3,
+        )
 
 
 def followed_sides(settings: RunConfig) -> tuple[Side, ...]:
@@ -97,6 +125,7 @@ def _key(stage: StageContext, name: str) -> str:
     settings = stage.settings
     always = (
         stage.scan_key,
+        code.fingerprint("volume", settings.reconstruction.algorithm),
         settings.grid.model_dump(),
         settings.reconstruction.model_dump(),
         methods.fingerprint(name),
@@ -105,6 +134,7 @@ def _key(stage: StageContext, name: str) -> str:
         return key_of(*always)
     return key_of(
         *always,
+        code.fingerprint("correction", "imu"),
         settings.imu.model_dump(),
         run_sensors.fingerprint(settings.imu),
         settings.methods.model_dump(exclude={"run"}),

@@ -124,8 +124,15 @@ def test_what_is_no_method_is_refused(tmp_path, name, message):
         methods.build(name.format(own=tmp_path / "own.py", broken=tmp_path / "broken.py"), INPUTS)
 
 
-def test_labels_of_sensors_with_slashes_are_names_of_files():
-    assert methods.label("rigid@left/shank [1]") == "rigid@left_shank [1]"
-    assert methods.label("rigid@a\\b:c") == "rigid@a_b:c"
-    assert methods.rigid_sensor("rigid@left/shank [1]") == "left/shank [1]"
-    assert methods.label("some/file.py:correct") == "correct"
+@pytest.mark.parametrize(
+    ("name", "label"),
+    [
+        ("rigid@a/b", "rigid@a_b"),
+        ("rigid@a:b", "rigid@a_b"),
+        (r"rigid@..\\x", "rigid@..__x"),
+        ("folder/x.py:mine", "mine"),
+        ("rigid", "rigid"),
+    ],
+)
+def test_a_label_is_a_name_of_a_file(name, label):
+    assert methods.label(name) == label
