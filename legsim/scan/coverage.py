@@ -64,7 +64,8 @@ class GeometrySummary:
         """Formats the summary for people: mm and degrees."""
         rows, columns = self.shape_vu
         center = ", ".join(f"{1e3 * x:.1f}" for x in self.isocenter)
-        axis = ", ".join(f"{x:.3f}" for x in self.axis)
+        # a component that is rounding alone has no sign
+        axis = ", ".join(f"{round(x, 3) + 0.0:.3f}" for x in self.axis)
         needed = np.pi + self.fan_angle
         enough = "complete" if self.angular_range + self.largest_step >= needed else "incomplete"
         lines = [

@@ -4,6 +4,7 @@ rule for overlaps.
 
 import importlib.util
 import os
+import subprocess
 import sys
 
 import numpy as np
@@ -411,7 +412,7 @@ def test_a_slab_of_water_hardens_the_beam_as_the_integral_over_energies_says(dev
 
 
 @pytest.mark.peer
-def test_images_agree_with_gvirtualxray(device):
+def test_images_agree_with_gvirtualxray(device, agree):
     """On nested lumpy balls; gVirtualXray rasterises in float32 and keeps 1000 photons a pixel,
     hence the margin.
     """
@@ -423,14 +424,19 @@ def test_images_agree_with_gvirtualxray(device):
             "gVirtualXray is not installed (pip install gvxr here, or name a Python that has it "
             "in LEGSIM_GVXR_PYTHON)"
         )
+    starts = subprocess.run([python, "-c", "import gvxrPython3"], capture_output=True, text=True)
+    if starts.returncode:
+        # its wheel leaves libraries of the display to the system
+        pytest.skip(f"gVirtualXray does not start: {starts.stderr.strip().splitlines()[-1]}")
     from tools.benchmarks import projection as bench_project
 
     phantom, geometry = bench_project.scene("1e4"), bench_project.scan(3)
     ours = projector.project(phantom, geometry, device).line_integrals
     theirs, _ = bench_project.gvxr_images(phantom, geometry, python)
     difference = np.abs(ours - theirs) / bench_project.ATTENUATIONS[0]
-    assert difference.mean() < 1e-5
-    assert np.quantile(difference, 0.999) < 1e-3
+    agree("projections, mean by the path", "gVirtualXray", 1e3 * difference.mean(), 0.01, "mm")
+    far = 1e3 * np.quantile(difference, 0.999)
+    agree("projections, 99.9 % within", "gVirtualXray", far, 1.0, "mm")
 
 
 @pytest.mark.parametrize(
