@@ -19,7 +19,14 @@ import typer.exceptions
 from rich.text import Text
 
 from legsim import __version__
-from legsim.cli import console, geometry_commands, run_commands, stage_commands, study_command
+from legsim.cli import (
+    console,
+    geometry_commands,
+    phantom_commands,
+    run_commands,
+    stage_commands,
+    study_command,
+)
 from legsim.core.errors import LegsimError
 
 app = typer.Typer(
@@ -39,6 +46,9 @@ geometry_app = typer.Typer(
 )
 app.add_typer(geometry_app, name="geometry")
 
+phantom_app = typer.Typer(help="Make a phantom from a segmentation.", no_args_is_help=True)
+app.add_typer(phantom_app, name="phantom")
+
 for _command in (
     *(run_commands.run, run_commands.replay, stage_commands.convert, stage_commands.project),
     *(stage_commands.reconstruct, stage_commands.evaluate, study_command.study),
@@ -48,6 +58,8 @@ for _command in (
 
 geometry_app.command()(geometry_commands.show)
 geometry_app.command()(geometry_commands.convert)
+
+phantom_app.command("from-labels")(phantom_commands.from_labels)
 
 _INTERRUPTED = 130
 """exit code of a command that Ctrl-C ended, as shells have it and typer returns it"""

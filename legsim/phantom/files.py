@@ -7,8 +7,8 @@ coordinates in world, at the reference pose where a part moves with a segment.
 
 import io
 import tomllib
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -21,7 +21,7 @@ from scipy.spatial import KDTree
 from legsim.core import transforms
 from legsim.core.errors import LegsimError, file_error
 from legsim.core.values import FloatArray
-from legsim.phantom import materials
+from legsim.phantom import landmarks, materials
 from legsim.phantom.meshes import Part, Phantom
 
 if TYPE_CHECKING:
@@ -73,6 +73,8 @@ class PhantomFile:
     """segment that carries each part, None for a part at rest"""
     remarks: tuple[str, ...]
     """repairs and overlapping parts, one line each"""
+    landmarks: Mapping[str, Mapping[str, FloatArray]] = field(default_factory=dict)
+    """points (3,) m in world by side and name, of :mod:`legsim.phantom.landmarks`"""
 
     def posed(
         self, segment_names: Sequence[str], moved_from_reference: FloatArray
@@ -119,7 +121,8 @@ def read(path: Path | str, *, energy_kev: float = materials.DEFAULT_ENERGY_KEV) 
             implausible size, or completely hidden by a later part.
     """
     path = Path(path)
-    tables = _tables(path)
+    content = _content(path)
+    tables = content.tables
     remarks: list[str] = []
     parts = [_part(path, k, table, energy_kev, remarks) for k, table in enumerate(tables)]
     names = [part.name for part in parts]
@@ -128,7 +131,7 @@ def read(path: Path | str, *, energy_kev: float = materials.DEFAULT_ENERGY_KEV) 
         raise file_error(
             path, f"two parts are named {doubled[0]!r}", "give every part a name of its own"
         )
-    remarks += _nesting(path, parts, tables)
+    remarks += [] if content.overlaps == "intended" else _nesting(path, parts, tables)
     corners = np.concatenate(
         [[part.vertices.min(axis=0), part.vertices.max(axis=0)] for part in parts]
     )
@@ -139,11 +142,28 @@ def read(path: Path | str, *, energy_kev: float = materials.DEFAULT_ENERGY_KEV) 
             "files are in m, not mm"
         )
     return PhantomFile(
-        Phantom(tuple(parts)), tuple(table.get("segment") for table in tables), tuple(remarks)
+        Phantom(tuple(parts)),
+        tuple(table.get("segment") for table in tables),
+        tuple(remarks),
+        content.landmarks,
     )
 
 
-def _tables(path: Path) -> list[dict[str, Any]]:
+def mesh_files(path: Path) -> list[Path]:
+    """Paths of the meshes that a PHANTOM.toml names; errors are as in :func:`read`."""
+    return [path.parent / table["file"] for table in _content(path).tables]
+
+
+@dataclass(frozen=True, slots=True)
+class _Content:
+    """Content of the file itself, checked."""
+
+    tables: list[dict[str, Any]]
+    overlaps: str
+    landmarks: dict[str, dict[str, FloatArray]]
+
+
+def _content(path: Path) -> _Content:
     try:
         content = tomllib.loads(path.read_text("utf-8"))
     except OSError as error:
@@ -152,11 +172,13 @@ def _tables(path: Path) -> list[dict[str, Any]]:
         ) from error
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise file_error(path, f"is not TOML ({error})", "fix that place") from error
-    unknown = sorted(set(content) - {"part"})
+    unknown = sorted(set(content) - {"part", "overlaps", "landmarks"})
     if unknown:
-        raise file_error(
-            path, f"unknown key {unknown[0]!r}", "a phantom is a list of [[part]] tables"
-        )
+        known = "a phantom is a list of [[part]] tables, and may have overlaps and [landmarks.l]"
+        raise file_error(path, f"unknown key {unknown[0]!r}", known)
+    overlaps = content.get("overlaps", "reported")
+    if overlaps not in ("reported", "intended"):
+        raise file_error(path, f"overlaps = {overlaps!r}", "known: reported, intended")
     tables = content.get("part")
     if (
         not isinstance(tables, list)
@@ -168,7 +190,7 @@ def _tables(path: Path) -> list[dict[str, Any]]:
         )
     for k, table in enumerate(tables):
         _check_table(path, f"part {k + 1}", table)
-    return tables
+    return _Content(tables, overlaps, landmarks.read(path, content.get("landmarks", {})))
 
 
 def _check_table(path: Path, place: str, table: dict[str, Any]) -> None:
