@@ -130,7 +130,7 @@ def mesh_labels(grid: StructureGrid, layers: Layers) -> MeshedLabels:
     if layers.cartilage > 0:
         parts += _cartilages(grid, bony, layers.cartilage, remarks)
     for outer in bony:
-        parts += _bone(outer, layers.cortex, voxel, remarks)
+        parts += _bone(grid, outer, layers.cortex, remarks)
     if not any(structure.entry.envelope for structure in grid.structures):
         remarks.append(
             "no structure encloses the others: what is not labeled is air; add a segmentation of "
@@ -207,7 +207,9 @@ def _box(mask: np.ndarray, margin: int) -> tuple[slice, ...]:
     return tuple(slice(max(s.start - margin, 0), s.stop + margin) for s in found)
 
 
-def _bone(outer: _Outer, cortex: float, voxel: float, remarks: list[str]) -> tuple[MeshedPart, ...]:
+def _bone(
+    grid: StructureGrid, outer: _Outer, cortex: float, remarks: list[str]
+) -> tuple[MeshedPart, ...]:
     """A bone's cortex and, inside it, its cancellous bone."""
     name, base = outer.structure.name, outer.structure.entry.name
     ending = name.removeprefix(base)
@@ -216,7 +218,13 @@ def _bone(outer: _Outer, cortex: float, voxel: float, remarks: list[str]) -> tup
     whole = outer.part(f"{base}_cortex{ending}", "cortical_bone")
     padded = np.pad(outer.mask, 1)
     placed = outer.world_from_index @ transforms.translation([-1, -1, -1])
-    inside = _label_surfaces.signed_distance(padded, _dense(outer), placed, cortex + 3 * voxel)
+    # where the image cuts a bone there is no cortex
+    surface = _dense(outer)
+    indices = transforms.apply(np.linalg.inv(grid.world_from_index), surface)
+    last = np.array(grid.codes.shape[::-1]) - 1
+    surface = surface[((indices > -0.2) & (indices < last + 0.2)).all(axis=1)]
+    reach = cortex + 3 * float(np.linalg.norm(placed[:3, :3], axis=0).max())
+    inside = _label_surfaces.signed_distance(padded, surface, placed, reach)
     if inside.max() <= cortex:
         remarks.append(f"{name}: nowhere thicker than twice the cortex; it is cortical throughout")
         return (whole,)
@@ -360,7 +368,8 @@ def save(folder: Path, meshed: MeshedLabels) -> Path:
         folder.mkdir(parents=True, exist_ok=True)
         for part in meshed.parts:
             mesh = trimesh.Trimesh(1e3 * part.vertices, part.triangles, process=False)
-            files.write_bytes(folder / f"{part.name}.ply", mesh.export(file_type="ply"))
+            with files.whole(folder / f"{part.name}.ply") as partial:
+                mesh.export(str(partial), file_type="ply")
             lines += ["", "[[part]]", f'name = "{part.name}"', f'file = "{part.name}.ply"']
             lines += ['unit = "mm"', f'material = "{part.material}"']
             lines += [] if part.segment is None else [f'segment = "{part.segment}"']

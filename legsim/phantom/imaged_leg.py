@@ -248,7 +248,7 @@ def _at_flexion(model: LegPhantom, scales: SegmentScales, side: str, flexion: fl
     """Poses (13, 4, 4) of the model with one knee flexed by rad, its thigh as in the reference."""
     values = np.zeros((1, len(COORDINATES)))
     values[0, COORDINATES.index(f"knee_angle_{side}")] = -flexion
-    trajectories = JointTrajectories([0.0], COORDINATES, values)
+    trajectories = JointTrajectories(np.zeros(1), COORDINATES, values)
     poses = LegModel.load(scales).segment_poses(trajectories).world_from_segment[0]
     femur = SEGMENTS.index(f"femur_{side}")
     return model.reference_world_from_segment[femur] @ transforms.inverse(poses[femur]) @ poses

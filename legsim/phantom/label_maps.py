@@ -17,7 +17,7 @@ _FOLDER = "label_maps"
 
 _KEYS = {"number": int, "name": str, "tissue": str, "segment": str, "envelope": bool}
 
-_PAIRED = tuple(sorted({name[:-2] for name in SEGMENTS if name[-2:] in ("_l", "_r")})) + ("soft",)
+_PAIRED = (*sorted({name[:-2] for name in SEGMENTS if name[-2:] in ("_l", "_r")}), "soft")
 """segments of which each leg has one"""
 
 
@@ -91,10 +91,10 @@ def load_label_map(name_or_path: Path | str) -> LabelMap:
         _number(path, f"left_out.{name}", n): name
         for name, n in content.get("left_out", {}).items()
     }
-    numbers = [entry.number for entry in entries] + list(left_out)
+    numbers = [str(n) for n in (*(entry.number for entry in entries), *left_out)]
     named = [f"{entry.name} {entry.side or ''}".strip() for entry in entries]
     for what in (numbers, named):
-        twice = sorted({str(x) for x in what if what.count(x) > 1})
+        twice = sorted({x for x in what if what.count(x) > 1})
         if twice:
             raise file_error(path, f"{twice[0]} occurs twice", "give each structure one table")
     return LabelMap(path, entries, left_out)

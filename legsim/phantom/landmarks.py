@@ -34,6 +34,7 @@ _WHOLE = 3.4
 """length over width of a whole femur or tibia; both are about 5"""
 
 _PASSES = 4
+"""searches for landmarks, each on the bone as the one before stood it upright"""
 
 _SLAB = 0.015
 """m: thickness of the slices whose middles show a shaft"""
@@ -101,18 +102,19 @@ def find(
     """
     if "femur" not in bones:
         raise LegsimError(f"no femur of side {side}: the leg cannot be placed on the leg model")
-    femur, femur_areas = bones["femur"].samples()
-    upright = np.eye(4)
-    for _ in range(_PASSES):  # each finds them on the bone as the pass before stood it upright
-        turned = transforms.apply(transforms.inverse(upright), femur)
-        thigh = _carried(upright, _of_femur(turned, femur_areas, side, thigh_reach))
+    points, areas = bones["femur"].samples()
+    thigh, upright = dict[str, FloatArray](), np.eye(4)
+    for _ in range(_PASSES):
+        turned = transforms.apply(transforms.inverse(upright), points)
+        thigh = _carried(upright, _of_femur(turned, areas, side, thigh_reach))
         upright = femur_frame(thigh, side)
     if "tibia" not in bones:
         return thigh
-    tibia, tibia_areas = bones["tibia"].samples()
+    points, areas = bones["tibia"].samples()
+    shank = dict[str, FloatArray]()
     for _ in range(_PASSES):
-        turned = transforms.apply(transforms.inverse(upright), tibia)
-        shank = _carried(upright, _of_tibia(turned, tibia_areas, shank_reach))
+        turned = transforms.apply(transforms.inverse(upright), points)
+        shank = _carried(upright, _of_tibia(turned, areas, shank_reach))
         (low,) = shank.values()
         upright = _frame(middle_of_knee(thigh) - low, thigh, side)
     return thigh | shank

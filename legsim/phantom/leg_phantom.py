@@ -449,7 +449,7 @@ def _swing_share(phantom: LegPhantom, side: str) -> TissueMobility:
 
 
 def grouped(phantom: LegPhantom, local: Sequence[FloatArray]) -> tuple[_Group, ...]:
-    """Groups all parts by segment; ``local`` are their points (p, 3) as :class:`_Group` has them."""
+    """Groups all parts by segment; ``local`` are their points (p, 3), as of :class:`_Group`."""
     groups, segments = [], phantom.segments
     for segment in sorted(set(segments)):
         members = tuple(k for k, name in enumerate(segments) if name == segment)

@@ -1,5 +1,6 @@
 """The setup of a scan: the person, the C-arm and the sensors."""
 
+import warnings
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -21,7 +22,7 @@ from legsim.kinematics.moving_leg import MovingLeg
 from legsim.kinematics.skeleton import SegmentPoses
 from legsim.opencl.device import Device
 from legsim.phantom import tissue_swing, voxelize
-from legsim.phantom.imaged_leg import load_imaged_leg
+from legsim.phantom.imaged_leg import ImagedLegWarning, load_imaged_leg
 from legsim.phantom.leg_phantom import LegPhantom, load_leg_phantom
 from legsim.scan.c_arm import CArm
 
@@ -126,6 +127,8 @@ def prepare_scan(
     if swing is not None and swings:
         poses = tissue_swing.with_swing(poses, person.leg, person.splines, swing)
     legs = _legs(person, wanted, side, swings)
+    if wanted.file is not None:
+        _warn_of_ends(wanted.file, legs, poses, geometry, c_arm)
     placed = default_sensors(side) if sensors is None else tuple(sensors)
     return ScanSetup(person, placed, poses, legs, geometry, c_arm, side, wanted.energy_kev)
 
@@ -144,6 +147,26 @@ def _legs(person: MovingLeg, wanted: PhantomOptions, side: Side, swinging: bool)
                 wanted.file, f"holds no {side} leg", "set scan.side to the side that was imaged"
             )
     return legs.one_leg(side[0]) if wanted.legs == "scanned" else legs
+
+
+def _warn_of_ends(
+    file: Path, legs: LegPhantom, poses: SegmentPoses, geometry: ConeBeamGeometry, c_arm: CArm
+) -> None:
+    """Warns where the scan sees beyond the ends of an imaged leg."""
+    vertices = legs.posed(poses.world_from_segment[0], poses.segment_names)
+    heights = np.concatenate([part[:, 1] for part in vertices])
+    center = float(geometry.rotation_center()[1])
+    half = 0.5 * c_arm.shape_vu[0] * c_arm.pixel_pitch
+    half *= c_arm.source_isocenter / c_arm.source_detector
+    ends = (("above", heights.max() - center), ("below", center - heights.min()))
+    for where, reach in ends:
+        if reach < half:
+            warnings.warn(
+                f"{file}: at the first view the imaged leg ends {1e3 * reach:.0f} mm {where} the "
+                f"center of the scan, which sees {1e3 * half:.0f} mm: there is air beyond",
+                ImagedLegWarning,
+                stacklevel=3,
+            )
 
 
 def scan_regions(
