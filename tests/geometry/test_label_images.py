@@ -8,7 +8,6 @@ from legsim.core import transforms
 from legsim.core.errors import LegsimError
 from legsim.geometry.label_images import load_label_image
 
-
 STRAIGHT = np.eye(3)
 
 
