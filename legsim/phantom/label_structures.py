@@ -14,6 +14,9 @@ from legsim.phantom.label_maps import LabelEntry, LabelMap
 _ISLAND = 0.01
 """of a structure's largest piece: pieces smaller than that are removed"""
 
+_LARGEST_ISLAND_CM3 = 1.0
+"""larger pieces stay: they are no noise"""
+
 _LEAST_SHARE = 0.15
 """of the voxels on either side of a gap between two legs"""
 
@@ -234,7 +237,7 @@ def _without_islands(
             continue
         sizes = np.bincount(np.ravel(pieces))
         sizes[0] = 0
-        small = (sizes < _ISLAND * sizes.max()) & (sizes > 0)
+        small = (sizes < min(_ISLAND * sizes.max(), _LARGEST_ISLAND_CM3 / cm3)) & (sizes > 0)
         if small.any():
             removed[box] |= small[pieces]
             remarks.append(
