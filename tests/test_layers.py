@@ -32,6 +32,8 @@ HOMES = {
     "jinja2": {"report"},
     "pydantic": {"config", "study"},
     "SimpleITK": {"geometry", "evaluation"},
+    "tifffile": {"geometry"},
+    "pydicom": {"geometry"},
     "trimesh": {"phantom"},
     "distributed": {"study"},
 }
@@ -48,7 +50,17 @@ SLOW = {
 TESTED_ELSEWHERE = {
     **{
         f"config/{name}": "settings alone; tests/config/test_settings.py reads them"
-        for name in ("ik", "imu", "methods", "motion", "reconstruction", "scan", "tree")
+        for name in (
+            "ik",
+            "imu",
+            "imu_file",
+            "measured_scan",
+            "methods",
+            "motion",
+            "reconstruction",
+            "scan",
+            "tree",
+        )
     },
     "core/constants": "numbers alone",
     "core/progress": "a type alone",

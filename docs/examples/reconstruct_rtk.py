@@ -9,7 +9,8 @@ the scanner turns about. `legsim reconstruct` does the same from the command lin
 import sys
 from pathlib import Path
 
-from legsim.geometry import files, image_files
+from legsim.geometry import image_files
+from legsim.geometry.scan_files import read_scan
 from legsim.geometry.volume import VolumeGrid
 from legsim.reconstruction.fdk import fdk
 
@@ -18,17 +19,12 @@ def main(
     projections_file: Path, geometry_file: Path, out: Path, count: int, voxel_mm: float
 ) -> None:
     """From files to a file."""
-    header = image_files.read_header(projections_file)
-    columns, rows, _ = header.size
-    geometry = files.load_geometry(
-        geometry_file, columns=columns, rows=rows, pixel_mm=header.spacing_mm[0]
-    )
-    projections = image_files.load_projections(projections_file, geometry)
-    x, y, z = geometry.rotation_center()
+    scan = read_scan(projections_file, geometry_file)
+    x, y, z = scan.geometry.rotation_center()
     grid = VolumeGrid.cubic(count, 1e-3 * voxel_mm, (x, y, z))
-    volume = fdk(projections, grid)
+    volume = fdk(scan.projections, grid)
     image_files.save_volume(out, volume)
-    print(f"{'x'.join(map(str, grid.shape_zyx))} voxels from {len(geometry)} views: {out}")
+    print(f"{'x'.join(map(str, grid.shape_zyx))} voxels from {len(scan.geometry)} views: {out}")
 
 
 if __name__ == "__main__":

@@ -5,7 +5,7 @@
 import json
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -18,11 +18,17 @@ from legsim.core.files import write_text
 from legsim.core.progress import OnProgress
 from legsim.deformation.files import load_motion
 from legsim.evaluation import regions as evaluation_regions
-from legsim.evaluation import similarity
+from legsim.evaluation import regridding, similarity
 from legsim.evaluation.regions import Region
+from legsim.evaluation.scaling import Scaling
+from legsim.evaluation.similarity import Scores
+from legsim.evaluation.ssim import Window
 from legsim.geometry import files as geometry_files
-from legsim.geometry import image_files
+from legsim.geometry import image_files, projection_images, scan_files
 from legsim.geometry.cone_beam import ConeBeamGeometry
+from legsim.geometry.files import GeometryFile
+from legsim.geometry.projection_images import RawLayout
+from legsim.geometry.scan_files import ScanFiles
 from legsim.geometry.volume import Volume, VolumeGrid
 from legsim.mocap import files as mocap_files
 from legsim.mocap.trajectories import MarkerTrajectories
@@ -38,17 +44,68 @@ _OF_THE_BEAM = ("scan.spectrum.", "scan.detector.", "seed=")
 
 
 @dataclass(frozen=True, slots=True)
-class DetectorSize:
-    """What a geometry file of another toolkit may leave open; None: the file says it."""
+class GeometryOptions:
+    """How to read a geometry file of another toolkit; None: the file says it."""
 
     columns: int | None = None
     rows: int | None = None
-    pixel_mm: float | None = None
+    pixel_mm: tuple[float, float] | None = None
+    """(between columns, between rows)"""
+    format: str | None = None
+    up: str = "y"
+    """the file's axis that becomes world's vertical"""
 
-    def geometry(self, path: Path) -> ConeBeamGeometry:
-        """The geometry of the file with this detector."""
-        return geometry_files.load_geometry(
-            path, columns=self.columns, rows=self.rows, pixel_mm=self.pixel_mm
+    def read(self, path: Path) -> GeometryFile:
+        """The geometry of the file, read so."""
+        return geometry_files.read_geometry(
+            path,
+            columns=self.columns,
+            rows=self.rows,
+            pixel_mm=self.pixel_mm,
+            format=self.format,
+            up=self.up,
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class ImageOptions:
+    """How to read projections of a scanner; None: the file says it."""
+
+    i0: float | None = None
+    air: str | None = None
+    """columns and rows that see no object, "X0:X1,Y0:Y1\""""
+    flat: Path | None = None
+    dark: Path | None = None
+    bad_pixels: Path | None = None
+    raw: str | None = None
+    """layout of a file without a header, as in "U16:620x480x248\""""
+    pixel_mm: tuple[float, float] | None = None
+    origin_mm: tuple[float, float] | None = None
+    turn_rows: bool = False
+    line_integrals: bool = False
+
+    def read(self, projections: Path, geometry: Path, reading: GeometryOptions) -> ScanFiles:
+        """The scan of two files."""
+        raw = None if self.raw is None else RawLayout.parsed(self.raw)
+        counts = projection_images.read_counts(
+            i0=self.i0,
+            air=self.air,
+            flat=self.flat,
+            dark=self.dark,
+            bad=self.bad_pixels,
+            raw=raw,
+        )
+        return scan_files.read_scan(
+            projections,
+            geometry,
+            counts=counts,
+            raw=raw,
+            pixel_mm=self.pixel_mm,
+            origin_mm=self.origin_mm,
+            turn_rows=self.turn_rows,
+            line_integrals=self.line_integrals,
+            format=reading.format,
+            up=reading.up,
         )
 
 
@@ -57,7 +114,7 @@ def project(
     geometry_file: Path,
     out: Path,
     *,
-    detector: DetectorSize,
+    reading: GeometryOptions,
     energy_kev: float,
     settings: tuple[str, ...] = (),
     device: str | None,
@@ -74,7 +131,8 @@ def project(
         )
     read_by = config.load_settings(overrides=settings)
     how = c_arm.imaging(read_by.scan)
-    geometry = detector.geometry(geometry_file)
+    described = reading.read(geometry_file)
+    geometry = described.geometry
     read = phantom_files.read(phantom_file, energy_kev=energy_kev)
     phantom = read.phantom
     opened = open_device(device)
@@ -85,6 +143,7 @@ def project(
     image_files.save_projections(out, projections)
     values = projections.line_integrals
     return [
+        *described.notes,
         *read.remarks,
         *_remarks(read, geometry, seen=values.max() > 0),
         f"{len(geometry)} views of {geometry.shape_vu[1]}x{geometry.shape_vu[0]} pixels, "
@@ -133,16 +192,18 @@ def reconstruct(
     spacing_mm: tuple[float, float, float] | None,
     center_mm: tuple[float, float, float] | None,
     options: Mapping[str, Any] | None = None,
+    images: ImageOptions = ImageOptions(),
+    reading: GeometryOptions = GeometryOptions(),
     device: str | None,
     on_progress: OnProgress,
 ) -> list[str]:
     """Reconstructs a projection file; returns lines to print. ``options`` are keys of
-    :class:`config.ReconstructionConfig`.
+    :class:`config.ReconstructionConfig`; of ``reading`` the format and the vertical are used.
     """
     settings = run_reconstruction.from_options(options or {})
-    geometry = _geometry_of(projections_file, geometry_file)
+    read = images.read(projections_file, geometry_file, reading)
+    projections, geometry = read.projections, read.geometry
     grid = _grid(geometry, like, shape_zyx, spacing_mm, center_mm)
-    projections = image_files.load_projections(projections_file, geometry)
     moved = None if motion is None else load_motion(motion)
     if motion is not None and moved is not None and len(moved.times) != len(geometry):
         raise file_error(
@@ -179,6 +240,7 @@ def reconstruct(
         image_files.save_volume(out, volume)
     voxels = "x".join(str(n) for n in grid.shape_zyx)
     return [
+        *read.notes,
         f"{voxels} voxels (z, y, x) from {len(geometry)} views by {settings.algorithm} on "
         f"{opened.label}",
         f"took {memory}" + (", the volume went to disk slab by slab" if by_slabs else ""),
@@ -189,29 +251,6 @@ def reconstruct(
 def _size(count: float) -> str:
     """Bytes, as people read them."""
     return f"{count / 2**30:.1f} GiB" if count >= 2**30 else f"{count / 2**20:.1f} MiB"
-
-
-def _geometry_of(projections_file: Path, geometry_file: Path) -> ConeBeamGeometry:
-    """The geometry; where its file does not say the detector's size, the projections do. RTK's is
-    in mm on the detector: there size, spacing and origin of the projections say where pixels
-    are."""
-    header = image_files.read_header(projections_file)
-    columns, rows, _ = header.size
-    pitch = header.spacing_mm[0]
-    geometry = DetectorSize(columns, rows, pitch).geometry(geometry_file)
-    if geometry_file.suffix.lower() != ".xml":
-        return geometry
-    if abs(header.spacing_mm[1] - pitch) > 1e-6 * pitch:
-        raise file_error(
-            projections_file,
-            f"has pixels of {pitch:g} x {header.spacing_mm[1]:g} mm",
-            "resample the projections to square pixels",
-        )
-    shift = np.eye(3)
-    shift[:2, 2] = [
-        -header.origin_mm[k] / pitch - 0.5 * (n - 1) for k, n in enumerate((columns, rows))
-    ]
-    return replace(geometry, matrices=shift @ geometry.matrices)
 
 
 def _grid(
@@ -240,27 +279,44 @@ def _grid(
 
 
 def evaluate(
-    volume_file: Path, reference_file: Path, out: Path, *, regions: Path | None, register: bool
-) -> list[tuple[str, ...]]:
-    """Writes metrics.json; returns the rows of the table."""
+    volume_file: Path,
+    reference_file: Path,
+    out: Path,
+    *,
+    regions: Path | None,
+    register: bool,
+    resample: bool = False,
+    scaling: Scaling = "reference",
+    window: Window = "uniform",
+) -> Scores:
+    """Scores a volume and writes metrics.json. ``resample`` brings the volume onto the reference's
+    grid first.
+    """
     volume, reference = (
         image_files.load_volume(volume_file),
         image_files.load_volume(reference_file),
     )
     chosen = _whole(reference.grid) if regions is None else _labelled(regions, reference)
-    metrics = similarity.evaluate(volume, reference, chosen, register=register)
+    if resample:
+        brought = regridding.onto(volume, reference.grid)
+        volume, chosen = brought.volume, tuple(brought.clipped(region) for region in chosen)
+    metrics = similarity.evaluate(
+        volume, reference, chosen, register=register, scaling=scaling, window=window
+    )
     write_text(
         out,
         json.dumps(
-            {"volume": str(volume_file), "reference": str(reference_file), **asdict(metrics)},
+            {
+                "volume": str(volume_file),
+                "reference": str(reference_file),
+                "resampled": resample,
+                **asdict(metrics),
+            },
             indent=1,
         )
         + "\n",
     )
-    return [
-        (m.region, f"{m.ssim:.4f}", f"{m.rmse:.4f}", f"{m.gradient_entropy:.4f}", str(m.voxels))
-        for m in metrics.regions
-    ]
+    return metrics
 
 
 def _whole(grid: VolumeGrid) -> tuple[Region, ...]:
@@ -277,17 +333,36 @@ def _labelled(path: Path, reference: Volume) -> tuple[Region, ...]:
     return tuple(Region(f"label {value}", labels == value) for value in found if value > 0)
 
 
-def describe_geometry(path: Path, *, detector: DetectorSize, phantom: Path | None) -> list[str]:
+def describe_geometry(path: Path, *, reading: GeometryOptions, phantom: Path | None) -> list[str]:
     """The lines of `legsim geometry show`; with a PHANTOM.toml also what of it is cut off."""
     scanned = None if phantom is None else phantom_files.load_phantom(phantom)
-    return list(coverage.summarize(detector.geometry(path), scanned).lines())
+    read = reading.read(path)
+    summary = coverage.summarize(read.geometry, scanned).lines()
+    return [*read.notes, f"format             {read.format}", *summary]
 
 
-def convert_geometry(path: Path, out: Path, *, detector: DetectorSize) -> list[str]:
-    """Writes a geometry in the format that the ending of ``out`` names."""
-    geometry = detector.geometry(path)
-    geometry_files.save_geometry(out, geometry)
-    return [f"{len(geometry)} views: {out}"]
+_WITHOUT_MIRROR = ("rtk", "tigre")
+
+
+def convert_geometry(
+    path: Path, out: Path, *, reading: GeometryOptions, to: str | None = None
+) -> list[str]:
+    """Writes a geometry in the format ``to``, or that of the ending of ``out``; returns lines to
+    print.
+
+    Where the format has no mirror and all views are mirrored, their rows are turned.
+    """
+    read = reading.read(path)
+    geometry, notes = read.geometry, list(read.notes)
+    writes = to or ("rtk" if out.suffix.lower() == ".xml" else "")
+    if writes in _WITHOUT_MIRROR and geometry.mirrored().all():
+        geometry = geometry.rows_turned()
+        notes.append(
+            f"the rows of {path.name} run the other way than {writes} has them: they are turned "
+            "here, turn those of the projections too"
+        )
+    geometry_files.save_geometry(out, geometry, format=to)
+    return [*notes, f"{len(geometry)} views: {out}"]
 
 
 def convert_motion(
@@ -304,8 +379,6 @@ def convert_motion(
 
     ``unit``, ``up`` and ``angles`` override what ``path`` says; ``in_degrees`` is how to write.
     """
-    if out.exists() and path.exists() and out.samefile(path):
-        raise file_error(out, "is the file that is read", "give --out another name")
     found = mocap_files.read_recording(
         path, unit=unit, up=up, in_degrees=None if angles is None else angles == "degrees"
     )

@@ -21,12 +21,15 @@ from rich.text import Text
 from legsim import __version__
 from legsim.cli import (
     console,
+    correct_command,
     geometry_commands,
     phantom_commands,
     run_commands,
+    sensors_command,
     stage_commands,
     study_command,
 )
+from legsim.cli.inputs import kept
 from legsim.core.errors import LegsimError
 
 app = typer.Typer(
@@ -50,21 +53,27 @@ phantom_app = typer.Typer(help="Make a phantom from a segmentation.", no_args_is
 app.add_typer(phantom_app, name="phantom")
 
 for _command in (
-    *(run_commands.run, run_commands.replay, stage_commands.convert, stage_commands.project),
+    *(
+        run_commands.run,
+        correct_command.correct,
+        run_commands.replay,
+        stage_commands.convert,
+        stage_commands.project,
+    ),
     *(stage_commands.reconstruct, stage_commands.evaluate, study_command.study),
-    *(run_commands.view, run_commands.doctor),
+    *(sensors_command.sensors, run_commands.view, run_commands.doctor),
 ):
-    app.command()(_command)
+    app.command()(kept(_command))
 
-geometry_app.command()(geometry_commands.show)
-geometry_app.command()(geometry_commands.convert)
+geometry_app.command()(kept(geometry_commands.show))
+geometry_app.command()(kept(geometry_commands.convert))
 
-phantom_app.command("from-labels")(phantom_commands.from_labels)
+phantom_app.command("from-labels")(kept(phantom_commands.from_labels))
 
 _INTERRUPTED = 130
 """exit code of a command that Ctrl-C ended, as shells have it and typer returns it"""
 
-_RESUMED = ("run", "replay", "study")
+_RESUMED = ("run", "correct", "replay", "study")
 """commands whose folders keep each finished part"""
 
 _warned: set[str] = set()
@@ -105,6 +114,10 @@ def _explain(error: Exception) -> str | None:
         return (
             f"{error.filename or ''}: {error.strerror or error}; check the path and its permissions"
         )
+    if type(error).__module__.startswith("pyopencl"):
+        from legsim.opencl import failures
+
+        return failures.explain(error, "in use")
     if isinstance(error, MemoryError):
         return "the memory is full; use a smaller preset or grid (legsim doctor reports the memory)"
     return None

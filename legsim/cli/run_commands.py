@@ -8,6 +8,7 @@ from rich.text import Text
 
 from legsim.cli import console, progress
 from legsim.cli.console import print_lines, print_table
+from legsim.cli.inputs import paths_in
 from legsim.cli.options import DeviceOption, OutFolder, Preset
 
 
@@ -39,17 +40,19 @@ def run(
 ) -> None:
     """Simulate, correct and score one scan, with a report and a recording."""
     from legsim import config
+    from legsim.core import files
     from legsim.run import pipeline
 
     forced = ("motion.implausible=scan",) if force else ()
     settings_tree = config.load_settings(
         config_file, preset=preset.value, overrides=(*(settings or ()), *forced)
     )
-    with progress.of_stages(console.err) as on_progress:
+    named = paths_in([settings_tree.model_dump()])
+    with files.reading(named), progress.of_stages(console.err) as on_progress:
         result = pipeline.run_scan(settings_tree, out, device=device, on_progress=on_progress)
     print_table(
-        "Against the motion-free scan (volumes scaled 0 to 1, registered); residual motion; at "
-        "the bones in the images",
+        f"Against the motion-free scan. {result.protocol} Residual motion; at the bones in the "
+        "images",
         result.columns(),
         result.rows(),
     )
@@ -106,24 +109,38 @@ def replay(
         Path | None,
         typer.Option(help="Also draw a still picture (.png) of the middle of the recording."),
     ] = None,
+    imu: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="[SEGMENT=]FILE",
+            help="Real sensors of the same movement (imu.csv, Xsens .txt, .sto, or a TOML about "
+            "another table), to set beside the predicted ones. May be repeated.",
+        ),
+    ] = None,
 ) -> None:
     """Kinematics, IMU signals and a recording from one motion file."""
     from legsim import config
+    from legsim.core import files
     from legsim.run.replay import replay as replay_recording
 
-    overrides = [f"motion.file={motion}", *(settings or ())]
-    overrides += [f"motion.model={model}"] if model else []
-    overrides += [f"motion.scale_file={scale_file}"] if scale_file else []
-    overrides += [f"motion.ik.tasks_file={tasks}"] if tasks else []
+    # a path is taken as it is: as an override, a file called 1 would be a number
+    options = {"model": model, "scale_file": scale_file}
+    given: dict[str, object] = {key: str(path) for key, path in options.items() if path}
+    if tasks:
+        given["ik"] = {"tasks_file": str(tasks)}
     if filter_hz is not None:
-        overrides.append(f"motion.filter_hz={filter_hz}")
-    with progress.of_stages(console.err) as on_progress:
+        given["filter_hz"] = filter_hz
+    trees = [config.parse_override(text, config.RunConfig) for text in settings or ()]
+    asked = config.from_trees("paper", {"motion": {"file": str(motion)}}, *trees, {"motion": given})
+    named = paths_in([asked.model_dump()])
+    with files.reading(named), progress.of_stages(console.err) as on_progress:
         result = replay_recording(
-            config.load_settings(overrides=tuple(overrides)),
+            asked,
             out,
             filtered=filter_hz is not None,
             image=image,
             on_progress=on_progress,
+            measured=tuple(imu or ()),
         )
     print_lines(result.lines())
 

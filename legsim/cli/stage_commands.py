@@ -8,7 +8,27 @@ import typer
 
 from legsim.cli import console, progress
 from legsim.cli.console import print_lines, print_table
-from legsim.cli.options import ColumnsOption, DeviceOption, GeometryOption, PixelOption, RowsOption
+from legsim.cli.options import (
+    AirOption,
+    BadPixelsOption,
+    ColumnsOption,
+    DarkOption,
+    DeviceOption,
+    FlatOption,
+    GeometryFormatOption,
+    GeometryOption,
+    I0Option,
+    LineIntegralsOption,
+    OriginOption,
+    PixelOption,
+    RawOption,
+    RowsOption,
+    TurnRowsOption,
+    UpOption,
+    Vertical,
+    pixel_sizes,
+)
+from legsim.core.errors import LegsimError
 
 
 class Unit(StrEnum):
@@ -38,10 +58,12 @@ class Angles(StrEnum):
 
 
 def convert(
-    motion: Annotated[
+    source: Annotated[
         Path,
         typer.Argument(
-            metavar="MOTION", help="Markers (.trc, .c3d, .csv) or coordinates (.mot, .sto, .csv)."
+            metavar="FILE",
+            help="Markers (.trc, .c3d, .csv), coordinates (.mot, .sto, .csv), or a volume in 1/mm "
+            "(.mha, .nii, .nii.gz, .nrrd).",
         ),
     ],
     out: Annotated[
@@ -49,7 +71,8 @@ def convert(
         typer.Option(
             "--out",
             help="The ending says the format: .trc or .csv of markers, "
-            ".mot, .sto or .csv of coordinates.",
+            ".mot, .sto or .csv of coordinates, .mha, .nii, .nii.gz or .nrrd of volumes; a folder "
+            "gets a DICOM CT series.",
         ),
     ],
     unit: Annotated[
@@ -67,12 +90,46 @@ def convert(
     degrees: Annotated[
         bool, typer.Option("--degrees", help="Write coordinates in degrees.")
     ] = False,
+    axes: Annotated[
+        Literal["lps", "world"] | None,
+        typer.Option(
+            help="Of a volume: its physical axes are left, posterior, superior, or world's. "
+            "Default: by its directions; world's where they turn nothing."
+        ),
+    ] = None,
+    water_per_mm: Annotated[
+        float | None, typer.Option(help="Attenuation of water, for a DICOM series.")
+    ] = None,
+    energy_kev: Annotated[
+        float | None,
+        typer.Option(help="Photon energy for water's attenuation instead. Default: 60."),
+    ] = None,
 ) -> None:
-    """Write a recording in another format: markers in m, y up; coordinates in rad and m."""
-    from legsim.cli import file_stages
+    """Write a recording or a volume in another format: markers in m, y up; coordinates in rad and
+    m; volumes with anatomical directions.
+    """
+    from legsim.cli import file_stages, volume_stages
 
+    motion_only = {"unit": unit, "up": up, "angles": angles, "degrees": degrees or None}
+    volume_only = {"axes": axes, "water-per-mm": water_per_mm, "energy-kev": energy_kev}
+    of_volume = volume_stages.is_volume(source)
+    for name, value in (motion_only if of_volume else volume_only).items():
+        if value is not None:
+            kind = "volume" if of_volume else "recording"
+            raise LegsimError(f"{source}: a {kind}, to which --{name} cannot apply; leave it out")
+    if of_volume:
+        print_lines(
+            volume_stages.convert_volume(
+                source,
+                out,
+                axes=axes,
+                water_per_mm=water_per_mm,
+                energy_kev=energy_kev,
+            )
+        )
+        return
     lines = file_stages.convert_motion(
-        motion,
+        source,
         out,
         unit=unit and unit.value,
         up=up and up.value,
@@ -108,18 +165,22 @@ def project(
     columns: ColumnsOption = None,
     rows: RowsOption = None,
     pixel_mm: PixelOption = None,
+    format: GeometryFormatOption = None,
+    up: UpOption = Vertical.y,
     device: DeviceOption = None,
 ) -> None:
     """Line integrals of any set of closed meshes."""
     from legsim.cli import file_stages
 
     with progress.of_stages(console.err) as on_progress:
-        detector = file_stages.DetectorSize(columns, rows, pixel_mm)
+        reading = file_stages.GeometryOptions(
+            columns, rows, pixel_sizes(pixel_mm), format and format.value, up.value
+        )
         lines = file_stages.project(
             phantom,
             geometry,
             out,
-            detector=detector,
+            reading=reading,
             energy_kev=energy_kev,
             settings=tuple(settings or ()),
             device=device,
@@ -130,9 +191,26 @@ def project(
 
 def reconstruct(
     projections: Annotated[
-        Path, typer.Argument(metavar="PROJECTIONS.mha", help="Line integrals, one slice per view.")
+        Path,
+        typer.Argument(
+            metavar="PROJECTIONS",
+            help="Line integrals or counts: one file (.mha, .nii, .nrrd, TIFF, DICOM, .npy, raw), "
+            "a folder of views, or a pattern as in 'scan/view_*.tif'.",
+        ),
     ],
     geometry: GeometryOption,
+    i0: I0Option = None,
+    air: AirOption = None,
+    flat: FlatOption = None,
+    dark: DarkOption = None,
+    bad_pixels: BadPixelsOption = None,
+    raw: RawOption = None,
+    pixel_mm: PixelOption = None,
+    origin_mm: OriginOption = None,
+    turn_rows: TurnRowsOption = False,
+    line_integrals: LineIntegralsOption = False,
+    format: GeometryFormatOption = None,
+    up: UpOption = Vertical.y,
     motion: Annotated[
         Path | None, typer.Option(help="motion-<method>.npz of a run: the motion to compensate.")
     ] = None,
@@ -206,6 +284,19 @@ def reconstruct(
             spacing_mm=spacing_mm,
             center_mm=center_mm,
             options={name: value for name, value in options.items() if value is not None},
+            images=file_stages.ImageOptions(
+                i0,
+                air,
+                flat,
+                dark,
+                bad_pixels,
+                raw,
+                pixel_sizes(pixel_mm),
+                origin_mm,
+                turn_rows,
+                line_integrals,
+            ),
+            reading=file_stages.GeometryOptions(format=format and format.value, up=up.value),
             device=device,
             on_progress=on_progress,
         )
@@ -232,15 +323,41 @@ def evaluate(
     register: Annotated[
         bool, typer.Option(help="Register the volume to the reference first.")
     ] = True,
+    resample: Annotated[
+        bool,
+        typer.Option("--resample", help="Bring the volume onto the reference's grid first."),
+    ] = False,
+    scaling: Annotated[
+        Literal["reference", "reference-leg", "percentiles", "extremes"],
+        typer.Option(
+            help=(
+                "Which attenuations become 0 and 1: the reference's range over the grid or in the "
+                "regions, or of each volume the 0.5 and 99.5 percentiles or the extremes."
+            )
+        ),
+    ] = "reference",
+    window: Annotated[
+        Literal["uniform", "gaussian"],
+        typer.Option(help="Of SSIM: 7 voxels, or a Gaussian of 1.5 voxels."),
+    ] = "uniform",
     out: Annotated[Path, typer.Option("--out", help="The numbers as JSON.")] = Path("metrics.json"),
 ) -> None:
     """SSIM and RMSE of a volume against a reference, and its gradient entropy, by region."""
     from legsim.cli import file_stages
 
-    rows = file_stages.evaluate(volume, reference, out, regions=regions, register=register)
+    scores = file_stages.evaluate(
+        volume,
+        reference,
+        out,
+        regions=regions,
+        register=register,
+        resample=resample,
+        scaling=scaling,
+        window=window,
+    )
     print_table(
-        f"{volume} against {reference}",
+        f"{volume} against {reference}. {scores.protocol}",
         ("region", "SSIM", "RMSE", "gradient entropy", "voxels"),
-        rows,
+        list(scores.rows()),
     )
     console.out.print(f"numbers: {out}")

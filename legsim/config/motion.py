@@ -5,7 +5,20 @@ from typing import Literal
 from pydantic import Field
 
 from legsim.config.ik import IkConfig
-from legsim.config.tree import ConfigSection
+from legsim.config.tree import Band, ConfigSection
+
+
+class TremorConfig(ConfigSection):
+    """Tremor of the bones, which the filters of a replay took out of the recording.
+
+    Images, sensors and truth have it. Feet stay where they are; each muscle trembles for itself.
+    """
+
+    acceleration_mg: float = Field(default=0.0, ge=0)
+    """RMS of the knees' acceleration; 0 adds none"""
+    band_hz: Band = (8.0, 12.0)
+    seed: int = Field(default=0, ge=0)
+    """of the tremor alone: all runs of a study see the same"""
 
 
 class MotionConfig(ConfigSection):
@@ -60,3 +73,4 @@ class MotionConfig(ConfigSection):
     "scan" is what --force sets.
     """
     ik: IkConfig = IkConfig()
+    tremor: TremorConfig = TremorConfig()

@@ -34,5 +34,14 @@ class ReconstructionConfig(ConfigSection):
 class EvaluationConfig(ConfigSection):
     """How volumes are compared."""
 
+    scaling: Literal["reference", "reference-leg", "percentiles", "extremes"] = "reference"
+    """which attenuations become 0 and 1
+
+    "reference": the motion-free volume's minimum and maximum over the grid, for every volume;
+    "reference-leg": those inside the regions; "percentiles": 0.5 and 99.5 % of each volume inside
+    the regions; "extremes": each volume's own minimum and maximum over the grid.
+    """
+    window: Literal["uniform", "gaussian"] = "uniform"
+    """of SSIM: a cube of 7 voxels, or a Gaussian of 1.5 voxels as in Wang et al. 2004"""
     register_volumes: bool = True
     air_margin_mm: float = Field(default=5.0, ge=0)

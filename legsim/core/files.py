@@ -9,7 +9,8 @@ import hashlib
 import json
 import os
 import re
-from collections.abc import Iterator
+import stat
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
@@ -51,23 +52,29 @@ def read(path: Path, kind: str) -> list[str]:
         data = path.read_bytes()
     except OSError as error:
         raise file_error(path, f"cannot be read ({error.strerror})", "check the path") from error
-    if not data.strip():
+    if not _text(data).strip():
         raise file_error(path, "the file is empty", "export it again")
-    if data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
-        # "Unicode text" of spreadsheets; half a character at the end is the last line's, which its
-        # reader will miss
-        return _split(data.decode("utf-16", errors="ignore"))
-    if b"\0" in data:
+    if b"\0" in data and not data.startswith(_UTF16):
         raise file_error(
             path,
             f"holds binary data, not the text of a {kind} file",
             "check the file's type, or export it again",
         )
+    return _split(_text(data))
+
+
+_UTF16 = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
+"""how "Unicode text" of spreadsheets begins"""
+
+
+def _text(data: bytes) -> str:
+    if data.startswith(_UTF16):
+        # half a character at the end is the last line's, which its reader will miss
+        return data.decode("utf-16", errors="ignore")
     try:
-        text = data.decode("utf-8-sig")
+        return data.decode("utf-8-sig")
     except UnicodeDecodeError:
-        text = data.decode("latin-1")
-    return _split(text)
+        return data.decode("latin-1")
 
 
 def _split(text: str) -> list[str]:
@@ -78,6 +85,47 @@ PREFIX = ".partial-"
 """how partial names begin, by which the leftovers of a killed process are found"""
 
 
+_read: set[tuple[int, int]] = set()
+"""device and number of each file that is being read and must not be written"""
+
+
+@contextmanager
+def reading(paths: Iterable[Path]) -> Iterator[None]:
+    """Names files that nothing may be written over in this process while the block lasts.
+
+    Of a folder, the files in it. Files are told apart by what they are, not by their names: a link
+    to one is that one. What does not exist is passed over.
+    """
+    members = [m for path in paths for m in (path.iterdir() if path.is_dir() else (path,))]
+    added = {found for member in members if (found := _identity(member))} - _read
+    _read.update(added)
+    try:
+        yield
+    finally:
+        _read.difference_update(added)
+
+
+def refuse_input(path: Path | str) -> None:
+    """Refuses to write over a file named by :func:`reading`.
+
+    Raises:
+        LegsimError: it is one.
+    """
+    if _read and _identity(Path(path)) in _read:
+        raise file_error(
+            path, "is a file that is read here, and would be lost", "give --out another name"
+        )
+
+
+def _identity(path: Path) -> tuple[int, int] | None:
+    """Device and number of a file; None where there is none."""
+    try:
+        status = path.stat()
+    except (OSError, ValueError):  # a name with a null is no file
+        return None
+    return None if stat.S_ISDIR(status.st_mode) else (status.st_dev, status.st_ino)
+
+
 @contextmanager
 def whole(path: Path | str) -> Iterator[Path]:
     """Yields a partial name next to ``path`` that is renamed to it at the end.
@@ -85,9 +133,11 @@ def whole(path: Path | str) -> Iterator[Path]:
     The partial name has the same ending. It is removed if anything fails.
 
     Raises:
-        LegsimError: the file cannot be written: no such folder, no permission, no space left.
+        LegsimError: the file cannot be written: no such folder, no permission, no space left; or
+            it is one that :func:`reading` names.
     """
     path = Path(path)
+    refuse_input(path)
     partial = path.with_name(f"{PREFIX}{os.getpid()}-{path.name}")
     try:
         yield partial

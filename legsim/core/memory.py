@@ -24,6 +24,12 @@ def peak_mebibytes() -> float | None:
     return None if found is None else found / 1024
 
 
+def resident_mebibytes() -> float | None:
+    """Resident memory in MiB now, None where unknown."""
+    found = _kibibytes(_PROCESS / "status", "VmRSS")
+    return None if found is None else found / 1024
+
+
 def available() -> int | None:
     """Bytes that could be used now without swapping, None where unknown."""
     found = _kibibytes(_SYSTEM, "MemAvailable")

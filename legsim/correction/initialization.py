@@ -27,7 +27,7 @@ from legsim.correction.fiducials import (
     velocity_from_views,
 )
 from legsim.geometry.cone_beam import ConeBeamGeometry
-from legsim.imu import simulation, strapdown
+from legsim.imu import calibration, simulation, strapdown
 from legsim.imu.sensors import Sensor
 from legsim.imu.signals import ImuSignals, SensorStart
 from legsim.imu.strapdown import Scheme
@@ -58,6 +58,26 @@ def from_truth(leg: Leg, splines: JointSplines, placed: Sequence[Sensor], time: 
         tuple(simulation.true_start(leg, splines, sensor, time) for sensor in placed),
         ("Poses start from the truth.",),
     )
+
+
+def leveled(starts: Starts, signals: ImuSignals) -> Starts:
+    """Levels every start by its sensor's specific force at rest, where there is one.
+
+    Raises:
+        LegsimError: a sensor that felt no gravity at rest; the line names it.
+    """
+    if signals.rest_force is None:
+        return starts
+    tilted = []
+    for name, start, force in zip(
+        signals.sensor_names, starts.starts, signals.rest_force, strict=True
+    ):
+        try:
+            tilted.append(calibration.leveled(start, force))
+        except LegsimError as error:
+            raise LegsimError(f"start of sensor {name}: {error}") from error
+    note = "The tilt of the starts is from the specific force at rest before the scan."
+    return Starts(tuple(tilted), (*starts.notes, note))
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,7 +153,7 @@ def from_fiducials(
         except LegsimError as error:
             raise LegsimError(f"start of sensor {sensor.name}: {error}") from error
         starts.append(found.start)
-        notes.append(_conditioning(sensor.name, found))
+        notes.append(conditioning(sensor.name, found))
     return Starts(tuple(starts), tuple(notes))
 
 
@@ -229,7 +249,7 @@ class FoundStart:
     velocity: VelocityFit
 
 
-def _conditioning(name: str, found: FoundStart) -> str:
+def conditioning(name: str, found: FoundStart) -> str:
     """Describes the effect of one pixel of detection error.
 
     Short axes and few views raise it.
@@ -282,7 +302,7 @@ def start_from_fiducials(
     )
     at, first = geometry.times[: len(pixels)], poses[0].world_from_sensor
     standing = SensorStart(first, np.zeros(3))
-    free = strapdown.integrate(signals.times, *signals.sensor(sensor), standing, at, scheme=scheme)
+    free = strapdown.integrate(*signals.samples(sensor), standing, at, scheme=scheme)
     seen_positions = np.stack([pose.world_from_sensor[:3, 3] for pose in poses])
     velocity = velocity_from_views(at, seen_positions, free[:, :3, 3])
     corrected = first.copy()

@@ -54,9 +54,8 @@ def _paper_product(poses: FloatArray) -> FloatArray:
 
 def sensor_path(scan: Scan, sensor: str, scheme: Scheme = "accurate") -> FloatArray:
     """Poses world_from_sensor (v, 4, 4) at the views, from that sensor's signals and its start."""
-    rate, force = scan.signals.sensor(sensor)
     return strapdown.integrate(
-        scan.signals.times, rate, force, scan.start(sensor), scan.times, scheme=scheme
+        *scan.signals.samples(sensor), scan.start(sensor), scan.times, scheme=scheme
     )
 
 

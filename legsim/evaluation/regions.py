@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -10,22 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from legsim.core.errors import LegsimError
-from legsim.core.values import Float32Array, frozen_owned
+from legsim.core.values import frozen_owned
 from legsim.geometry.volume import VolumeGrid
 
 if TYPE_CHECKING:
     import SimpleITK as sitk
 else:
     sitk = lazy_loader.load("SimpleITK")
-
-
-SSIM_WINDOW = 7
-
-SCALING_PERCENTILES = (0.5, 99.5)
-"""percentiles of the values inside the regions, which become 0 and 1"""
-
-_REACH = 0.03
-"""m around the regions that is used: farther than any registration shifts"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -67,11 +59,14 @@ def leg_regions(
             know them.
         margin: thickness of the air layer.
     """
-    inside = sitk.GetImageFromArray((labels > 0).astype(np.uint8))
+    inside = labels > 0
     radius = [max(1, round(margin / s)) for s in grid.spacing_xyz]
-    leg = (
-        sitk.GetArrayFromImage(sitk.BinaryDilate(inside, radius, sitk.sitkBall)).astype(bool) & seen
-    )
+    leg = np.zeros(inside.shape, bool)
+    if inside.any():
+        box = bounding_box(inside, radius[::-1])
+        image = sitk.GetImageFromArray(inside[box].view(np.uint8))
+        leg[box] = sitk.GetArrayFromImage(sitk.BinaryDilate(image, radius, sitk.sitkBall))
+    leg &= seen
     low = (grid.axes()[1] < knee_height)[None, :, None]
     return Region("leg", leg), Region("shank", leg & low), Region("thigh", leg & ~low)
 
@@ -83,34 +78,23 @@ def cylinder(grid: VolumeGrid, radius: float) -> NDArray[np.bool_]:
     return np.broadcast_to(disc[:, None, :], grid.shape_zyx)
 
 
-def bounding_box(mask: NDArray[np.bool_], grid: VolumeGrid) -> tuple[slice, slice, slice]:
-    """Bounding box of the voxels within :data:`_REACH` of those in ``mask``.
+Box = tuple[slice, slice, slice]
+"""(z, y, x) of a part of a grid"""
 
-    Voxels farther away have no effect, but take most of the time.
-    """
+
+def bounding_box(mask: NDArray[np.bool_], margin_zyx: Sequence[int]) -> Box:
+    """Bounding box of the voxels in ``mask`` and so many more on each side, within the grid."""
     bounds = []
-    for axis, spacing in enumerate(grid.spacing_xyz[::-1]):
+    for axis, margin in enumerate(margin_zyx):
         filled = np.flatnonzero(mask.any(tuple(a for a in range(3) if a != axis)))
-        margin = max(SSIM_WINDOW, int(np.ceil(_REACH / spacing)))
-        bounds.append(
-            slice(
-                max(0, int(filled[0]) - margin), min(mask.shape[axis], int(filled[-1]) + margin + 1)
-            )
-        )
+        stop = min(mask.shape[axis], int(filled[-1]) + margin + 1)
+        bounds.append(slice(max(0, int(filled[0]) - margin), stop))
     return bounds[0], bounds[1], bounds[2]
 
 
-def normalized(attenuation: Float32Array, mask: NDArray[np.bool_], name: str) -> Float32Array:
-    """Scales values so that their :data:`SCALING_PERCENTILES` inside ``mask`` are 0 and 1."""
-    inside = attenuation[mask]
-    if not np.isfinite(inside).all():
-        raise LegsimError(
-            f"the {name} holds values that are not numbers inside the regions; it cannot be "
-            "compared"
-        )
-    low, high = (float(p) for p in np.percentile(inside, SCALING_PERCENTILES))
-    if high <= low:
-        raise LegsimError(
-            f"the {name} is {low:g} everywhere inside the regions; there is nothing to compare"
-        )
-    return (attenuation - np.float32(low)) * np.float32(1.0 / (high - low))
+def within(inner: Box, outer: Box) -> Box:
+    """The box ``inner`` as counted from the start of ``outer``."""
+    z, y, x = (
+        slice(i.start - o.start, i.stop - o.start) for i, o in zip(inner, outer, strict=True)
+    )
+    return z, y, x

@@ -22,6 +22,8 @@ def scores_from(entry: dict[str, Any]) -> Scores:
     return Scores(
         tuple(RegionScores(**r) for r in entry["regions"]),
         None if registration is None else Registration(**registration),
+        entry["scaling"],
+        entry["window"],
     )
 
 
@@ -46,6 +48,13 @@ class MethodResult:
         """RMS in pixels over the bones between true and corrected positions in the images."""
         bones = [r.pixels for r in self.residuals if r.structure != "skin"]
         return float(np.sqrt(np.mean(np.square(bones)))) if bones else float("nan")
+
+    @property
+    def residual_px_after_similarity(self) -> float:
+        """The same after the one constant similarity that images cannot see."""
+        bones = [r.pixels_after_similarity for r in self.residuals if r.structure != "skin"]
+        known = [pixels for pixels in bones if pixels is not None]
+        return float(np.sqrt(np.mean(np.square(known)))) if known else float("nan")
 
 
 def result_from(entry: dict[str, Any]) -> MethodResult:

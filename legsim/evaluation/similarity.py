@@ -1,42 +1,37 @@
-"""Similarity of a volume to the motion-free one, and its sharpness alone.
+"""Similarity of a volume to the motion-free one and to the phantom, and its sharpness alone.
 
 Volumes are scaled to 0..1 and registered; SSIM and RMSE are computed by region. The protocol is
 Maier et al.'s ("Rigid and non-rigid motion compensation in weight-bearing cone-beam CT of the knee
 using (noisy) inertial measurements", Section 3.1): every volume is scaled to 0..1 and registered to
-the motion-free reference before SSIM (Wang et al. 2004: uniform window of 7 voxels, data range 1)
-and RMSE are taken. Where the paper does not say: a volume is scaled by its 0.5 and 99.5 percentiles
-inside the union of the regions (air and cortical bone), because a few voxels of streaks would
-otherwise set the scale of all others; a registration is applied only where it raises the
-correlation; and values from outside the grid do not count.
+the motion-free reference before SSIM (:mod:`legsim.evaluation.ssim`, data range 1) and RMSE are
+taken. Where the paper does not say: one map, the range of the motion-free volume, scales all
+volumes (:mod:`legsim.evaluation.scaling` has the others), because of a volume's own extremes a
+few voxels of streaks would set the scale of all others; a registration is applied only where it
+raises the correlation; and values from outside the grid do not count.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from html import escape
-from typing import TYPE_CHECKING
 
-import lazy_loader
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import maximum_filter
-from skimage.metrics import structural_similarity
 
 from legsim.core.errors import LegsimError
-from legsim.core.values import Float32Array
+from legsim.core.values import Float32Array, FloatArray
 from legsim.evaluation import registration as evaluation_registration
-from legsim.evaluation.regions import SSIM_WINDOW, Region, bounding_box, normalized
-from legsim.evaluation.registration import Registration
+from legsim.evaluation import scaling as evaluation_scaling
+from legsim.evaluation.regions import Box, Region, within
+from legsim.evaluation.registration import Compared, Registration
+from legsim.evaluation.scaling import SCALINGS, Scaling, ValueRange, value_range
+from legsim.evaluation.ssim import WINDOWS, Window, ssim_map
 from legsim.geometry.volume import Volume
+from legsim.opencl.device import Device, open_device
 
-if TYPE_CHECKING:
-    import SimpleITK as sitk
-else:
-    sitk = lazy_loader.load("SimpleITK")
-
-
-PROTOCOL = 4
+PROTOCOL = 5
 """version of the comparison, raised with every change of it
 
 No older score is then taken for a current one.
@@ -44,8 +39,6 @@ No older score is then taken for a current one.
 
 SCORE_COLUMNS = ("region", "SSIM", "RMSE", "gradient entropy", "voxels")
 """Column names of :class:`Scores`"""
-
-_SLAB = 32
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,6 +56,11 @@ class RegionScores:
     """
     voxels: int
     """that were compared: those of the region that the registered volume still covers"""
+    ssim_phantom: float | None = None
+    """SSIM of the registered volume to the phantom itself, which has no streaks; None where the
+    phantom was not given"""
+    rmse_phantom: float | None = None
+    """the same of RMSE"""
 
 
 @dataclass(frozen=True, slots=True, repr=False)
@@ -72,6 +70,13 @@ class Scores:
     regions: tuple[RegionScores, ...]
     registration: Registration | None
     """None where the volume is the reference itself or registration was not asked for"""
+    scaling: Scaling = "reference"
+    window: Window = "uniform"
+
+    @property
+    def protocol(self) -> str:
+        """How volumes were scaled and which windows SSIM has, in words."""
+        return protocol_sentence(self.scaling, self.window)
 
     def of(self, region: str) -> RegionScores:
         """Finds the scores of a region."""
@@ -99,60 +104,142 @@ class Scores:
         body = "".join(
             f"<tr>{''.join(f'<td>{escape(cell)}</td>' for cell in row)}</tr>" for row in self.rows()
         )
-        return f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
+        return (
+            f"<table><caption>{escape(self.protocol)}</caption><thead><tr>{head}</tr></thead>"
+            f"<tbody>{body}</tbody></table>"
+        )
+
+
+def protocol_sentence(scaling: Scaling, window: Window) -> str:
+    """Says in one phrase how volumes are scaled and which windows SSIM has."""
+    return f"Scaled to 0..1: {SCALINGS[scaling]}. SSIM in {WINDOWS[window]}."
 
 
 def evaluate(
-    volume: Volume, reference: Volume, regions: Sequence[Region], *, register: bool = True
+    volume: Volume,
+    reference: Volume,
+    regions: Sequence[Region],
+    *,
+    register: bool = True,
+    scaling: Scaling = "reference",
+    window: Window = "uniform",
+    phantom: Volume | None = None,
+    device: Device | None = None,
 ) -> Scores:
     """Scores ``volume`` against ``reference`` in every region.
 
+    Args:
+        volume: to score.
+        reference: the motion-free one, on the same grid.
+        regions: in which the measures are averaged.
+        register: registers the volume to the reference first.
+        scaling: which values become 0 and 1.
+        window: of SSIM.
+        phantom: the true attenuation on the same grid; None leaves it out.
+        device: that resamples and computes SSIM; None opens the fastest.
+
     Raises:
-        LegsimError: the grids differ, a region is empty, or a volume holds NaN or is constant.
+        LegsimError: the grids differ by over a thousandth of a voxel, a region is empty, a volume
+            holds NaN or is constant, or no device works.
     """
-    if volume.grid != reference.grid:
-        raise LegsimError(
-            f"volume and reference lie on different grids: {volume.grid} and {reference.grid}; "
-            "reconstruct both --like the same file"
-        )
+    for other in (volume, phantom):
+        if other is not None and not other.grid.alike(reference.grid):
+            raise LegsimError(
+                f"volume and reference lie on different grids: {other.grid} and {reference.grid}; "
+                "reconstruct both --like the same file, or resample the volume (--resample)"
+            )
     for region in regions:
         if region.mask.shape != reference.grid.shape_zyx or not region.mask.any():
             raise LegsimError(
                 f"region {region.name!r} holds no voxel of the {reference.grid.shape_zyx} grid"
             )
+    opened = device or open_device()
     union = np.logical_or.reduce([region.mask for region in regions])
-    box = bounding_box(union, reference.grid)
-    regions = [Region(region.name, region.mask[box]) for region in regions]
-    union, grid = union[box], reference.grid.cropped(box)
-    fixed, moving = (
-        normalized(reference.attenuation[box], union, "reference"),
-        normalized(volume.attenuation[box], union, "volume"),
-    )
-    registration = None
-    if register and not np.array_equal(fixed, moving):
-        registration, moving = evaluation_registration.register(moving, fixed, grid, union)
-    similarity = ssim_map(moving, fixed)
-    return Scores(
-        tuple(_in_region(region, moving, fixed, similarity) for region in regions), registration
-    )
+    wide, box = evaluation_registration.boxes(union, reference.grid)
+    inner, mask = within(box, wide), union[box]
+    scale = _Scale(reference, box, mask, scaling)
+    fixed, moving = scale.of(reference, box, "reference"), scale.of(volume, wide, "volume")
+    registration, compared = None, moving[inner]
+    if register and not np.array_equal(fixed, compared):
+        pair = Compared(fixed, mask, moving, reference.grid.cropped(wide), inner)
+        registration, compared = evaluation_registration.register(pair, opened)
+    del moving
+    others = [fixed] if phantom is None else [fixed, scale.of(phantom, box, "phantom")]
+    steps = gradient_steps(compared)
+    maps = [ssim_map(compared, other, window=window, device=opened) for other in others]
+    beside = list(zip(others, maps, strict=True))
+    scores = tuple(_in_region(r.name, r.mask[box], compared, steps, beside) for r in regions)
+    return Scores(scores, registration, scaling, window)
+
+
+class _Scale:
+    """How the volumes of one comparison are scaled."""
+
+    def __init__(
+        self, reference: Volume, box: Box, mask: NDArray[np.bool_], scaling: Scaling
+    ) -> None:
+        """``mask`` (z, y, x) is the union of the regions in ``box``."""
+        self._box, self._mask = box, mask
+        self._scaling: Scaling = scaling
+        self._common: ValueRange | None = None
+        if scaling in ("reference", "reference-leg"):
+            self._common = self._range(reference, "reference")
+
+    def _inside(self, volume: Volume) -> Float32Array:
+        return volume.attenuation[self._box][self._mask]
+
+    def _range(self, volume: Volume, name: str) -> ValueRange:
+        return value_range(volume.attenuation, self._inside(volume), self._scaling, name)
+
+    def of(self, volume: Volume, part: Box, name: str) -> Float32Array:
+        """The values of ``volume`` in the box ``part``, scaled."""
+        found = self._common
+        if found is None:
+            found = self._range(volume, name)
+        else:
+            evaluation_scaling.check(self._inside(volume), name)
+        return found.scaled(volume.attenuation[part])
 
 
 def _in_region(
-    region: Region, moving: Float32Array, fixed: Float32Array, similarity: Float32Array
+    name: str,
+    mask: NDArray[np.bool_],
+    compared: Float32Array,
+    steps: Float32Array,
+    beside: Sequence[tuple[Float32Array, Float32Array]],
 ) -> RegionScores:
-    covered = region.mask & np.isfinite(moving)
-    difference = moving[covered].astype(np.float64) - fixed[covered]
-    seen = similarity[covered]
-    seen = seen[np.isfinite(seen)]
-    if not seen.size:
-        raise LegsimError(
-            f"region {region.name!r} has no voxel at least {SSIM_WINDOW // 2} voxels inside the "
-            "grid, where SSIM is defined"
-        )
-    ssim, rmse = float(seen.mean(dtype=np.float64)), float(np.sqrt(np.mean(difference**2)))
-    return RegionScores(
-        region.name, ssim, rmse, gradient_entropy(moving, covered), int(covered.sum())
-    )
+    """Scores of a region; ``beside`` holds the reference, and perhaps the phantom, with SSIM."""
+    mask = mask & np.isfinite(compared)
+    measures: list[tuple[float, float]] = []
+    for other, similarity in beside:
+        seen, total = _total(similarity, mask & np.isfinite(similarity))
+        if not seen:
+            raise LegsimError(
+                f"region {name!r} has no voxel far enough inside the grid for a window of SSIM"
+            )
+        count, squares = _total(compared - other, mask, lambda v, _: v**2)
+        measures.append((total / seen, math.sqrt(squares / count)))
+    entropy = _entropy(steps, mask)
+    ssim, rmse = measures[0]
+    true = measures[1] if len(measures) > 1 else (None, None)
+    return RegionScores(name, ssim, rmse, entropy, int(mask.sum()), *true)
+
+
+def _total(
+    values: Float32Array,
+    mask: NDArray[np.bool_],
+    measure: Callable[[FloatArray, int], FloatArray] = lambda v, _: v,
+) -> tuple[int, float]:
+    """Count and sum of a measure of the values (z, y, x) inside the mask.
+
+    Slice by slice, which stays in the cache, in an order that no number of cores changes.
+    ``measure`` gets the values (n,) of a slice and its number.
+    """
+    sums = [
+        float(measure(values[k][inside].astype(np.float64), k).sum())
+        for k, inside in enumerate(mask)
+    ]
+    return int(np.count_nonzero(mask)), math.fsum(sums)
 
 
 def gradient_entropy(volume: Float32Array, mask: NDArray[np.bool_]) -> float:
@@ -166,42 +253,29 @@ def gradient_entropy(volume: Float32Array, mask: NDArray[np.bool_]) -> float:
     where one voxel has all of the gradient, or none has any. Voxels that are NaN, have a NaN
     neighbor or lie at the grid's border are left out.
     """
-    squared = np.zeros([n - 2 for n in volume.shape], np.float32)
-    inner = slice(1, -1)
-    for axis in range(3):
-        ahead, behind = ([inner] * 3 for _ in range(2))
-        ahead[axis], behind[axis] = slice(2, None), slice(None, -2)
-        squared += (volume[tuple(ahead)] - volume[tuple(behind)]) ** 2
-    known = mask & np.isfinite(volume)
-    steps = np.sqrt(squared[known[inner, inner, inner]], dtype=np.float64)
-    steps = steps[np.isfinite(steps) & (steps > 0)]
-    p = steps / steps.sum()
-    return float((p * -np.log(p)).sum())
+    return _entropy(gradient_steps(volume), mask & np.isfinite(volume))
 
 
-def ssim_map(moving: Float32Array, fixed: Float32Array) -> Float32Array:
-    """SSIM (z, y, x) at every voxel whose window lies inside the grid and holds no NaN.
+def gradient_steps(volume: Float32Array) -> Float32Array:
+    """Magnitude (z, y, x) of the differences between the neighbors along all three axes.
 
-    NaN elsewhere. It is computed in slabs to bound memory.
+    NaN at the grid's border and beside NaN.
     """
-    reach, depth = SSIM_WINDOW // 2, fixed.shape[0]
-    if min(fixed.shape) < SSIM_WINDOW:
-        raise LegsimError(
-            f"SSIM needs at least {SSIM_WINDOW} voxels along each axis; the grid has {fixed.shape}"
-        )
-    unknown = ~np.isfinite(moving)
-    moving = np.where(unknown, np.float32(0), moving)
-    result = np.full(fixed.shape, np.nan, np.float32)
-    for start in range(reach, depth - reach, _SLAB):
-        stop = min(start + _SLAB, depth - reach)
-        padded = slice(start - reach, stop + reach)
-        full = np.asarray(
-            structural_similarity(
-                moving[padded], fixed[padded], data_range=1.0, win_size=SSIM_WINDOW, full=True
-            )[1]
-        )
-        inner = slice(reach, -reach)
-        result[start:stop, inner, inner] = full[reach : reach + stop - start, inner, inner]
-    if unknown.any():
-        result[maximum_filter(unknown.view(np.uint8), SSIM_WINDOW) > 0] = np.nan
-    return result
+    steps = np.full(volume.shape, np.nan, np.float32)
+    inner = slice(1, -1)
+    for z in range(1, len(volume) - 1):  # slice by slice: what is read stays in the cache
+        squared = (volume[z + 1, inner, inner] - volume[z - 1, inner, inner]) ** 2
+        squared += (volume[z, 2:, inner] - volume[z, :-2, inner]) ** 2
+        squared += (volume[z, inner, 2:] - volume[z, inner, :-2]) ** 2
+        np.sqrt(squared, out=steps[z, inner, inner])
+    return steps
+
+
+def _entropy(steps: Float32Array, mask: NDArray[np.bool_]) -> float:
+    """Entropy of the magnitudes (z, y, x) inside the mask; NaN and 0 are left out."""
+    known = mask & (steps > 0)
+    _, total = _total(steps, known)
+    if total == 0:
+        return 0.0
+    _, moment = _total(steps, known, lambda v, _: v * np.log(v))
+    return math.log(total) - moment / total

@@ -1,9 +1,14 @@
+from .allan import AllanCurve as AllanCurve
+from .allan import AllanPanel as AllanPanel
+from .allan import allan_deviations as allan_deviations
 from .canvas import Figure as Figure
 from .canvas import png as png
+from .curves import imu_comparison as imu_comparison
 from .curves import imu_curves as imu_curves
 from .curves import joint_angles as joint_angles
 from .curves import marker_residuals as marker_residuals
 from .curves import motion_errors as motion_errors
+from .curves import motion_paths as motion_paths
 from .curves import sway as sway
 from .noise import ErrorLine as ErrorLine
 from .noise import ErrorPanel as ErrorPanel

@@ -9,10 +9,12 @@ from matplotlib.lines import Line2D
 
 from legsim.core import transforms
 from legsim.core.values import FloatArray
-from legsim.deformation.models import RigidMotion
+from legsim.deformation.models import Motion, RigidMotion
 from legsim.figures.canvas import COLORS, at_least, new_figure, plain, plot_axes, spaced
+from legsim.imu.comparison import SensorComparison
 from legsim.imu.signals import ImuSignals
 from legsim.kinematics.skeleton import JointCenters
+from legsim.mocap.low_pass import low_pass
 from legsim.mocap.trajectories import JointTrajectories
 from legsim.scene.values import ReplayScene
 
@@ -197,6 +199,44 @@ def motion_errors(
     room = _legend(figure, [(line, str(line.get_label())) for line in distance.lines])
     _time_axis([angle])
     spaced(figure, [distance, angle], left=0.65, top=room)
+    return figure
+
+
+def motion_paths(motions: Sequence[tuple[str, Motion]], point: FloatArray) -> Figure:
+    """Plots where each (name, motion) carries ``point`` (3,) world m: forward, up and right, mm."""
+    figure = new_figure(8.0, 4.2)
+    axes = plot_axes(figure, 3)
+    for k, (name, motion) in enumerate(motions):
+        away = 1e3 * (motion.carry(point[None])[:, 0] - point)
+        for ax, values in zip(axes, away.T, strict=True):
+            ax.plot(motion.times, values, color=COLORS[k % len(COLORS)], linewidth=1, label=name)
+    for ax, label in zip(axes, ("x (mm)", "y, up (mm)", "z (mm)"), strict=True):
+        ax.set_ylabel(label, fontsize=8)
+        at_least(ax, 0.1)
+    room = _legend(figure, [(line, str(line.get_label())) for line in axes[0].lines])
+    _time_axis(axes[-1:])
+    spaced(figure, axes, left=0.65, top=room)
+    return figure
+
+
+def imu_comparison(compared: Sequence[SensorComparison]) -> Figure:
+    """Plots measured and predicted angular velocity of each sensor up to 6 Hz, axis by axis."""
+    figure = new_figure(8.0, 0.8 + 1.5 * len(compared))
+    axes = plot_axes(figure, len(compared), 3)
+    for row, one in enumerate(compared):
+        for k, axis in enumerate("xyz"):
+            ax = axes[3 * row + k]
+            for color, recording, label in (
+                (COLORS[1], one.measured, "measured"),
+                (COLORS[0], one.predicted, "predicted from the markers"),
+            ):
+                rate = low_pass(recording.angular_velocity[:, k : k + 1], recording.rate_hz, 6.0)
+                ax.plot(recording.times, np.degrees(rate), color=color, linewidth=0.8, label=label)
+            ax.set_title(f"{one.measured.name}, {axis}", fontsize=8)
+        axes[3 * row].set_ylabel("deg/s", fontsize=8)
+    _time_axis(axes[-3:])
+    room = _legend(figure, [(line, str(line.get_label())) for line in axes[0].lines])
+    spaced(figure, axes, columns=3, left=0.55, top=room + _TITLE, between=0.3)
     return figure
 
 

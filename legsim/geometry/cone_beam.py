@@ -8,7 +8,7 @@ so that files exchange without a flip.
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from legsim.core.errors import LegsimError
 from legsim.core.values import Float32Array, FloatArray, frozen, frozen_owned, increasing_times
@@ -29,7 +29,7 @@ class ConeBeamGeometry:
     """(rows, columns)"""
     pixel_pitch: float = 1e-3
     """m between neighboring columns on the detector. Rays do not depend on it: it only says how far
-    away the detector is.
+    away the detector is. That between rows follows from the matrices: :meth:`row_pitch`.
     """
 
     def __post_init__(self) -> None:
@@ -40,15 +40,25 @@ class ConeBeamGeometry:
                 f"ConeBeamGeometry.matrices has shape {matrices.shape}; expected "
                 f"{(len(self.times), 3, 4)}, all finite"
             )
-        determinants = np.abs(np.linalg.det(matrices[:, :, :3]))
-        scale = np.linalg.norm(matrices[:, 2, :3], axis=-1)
-        if (determinants <= 1e-12 * scale**3).any():
+        # numbers near the largest that there are overflow here, and are refused
+        with np.errstate(over="ignore", invalid="ignore"):
+            determinants = np.abs(np.linalg.det(matrices[:, :, :3]))
+            scale = np.linalg.norm(matrices[:, 2, :3], axis=-1)
+            regular = determinants > 1e-12 * scale**3
+        if not regular.all():
             raise LegsimError(
-                f"ConeBeamGeometry.matrices[{int(np.argmin(determinants))}] is singular: it has "
+                f"ConeBeamGeometry.matrices[{int(np.argmin(regular))}] is singular: it has "
                 "no source position"
             )
         matrices /= scale[:, None, None]
-        depth = matrices[:, 2, :3] @ _nearest_point_to_principal_rays(matrices) + matrices[:, 2, 3]
+        try:
+            nearest = _nearest_point_to_principal_rays(matrices)
+        except np.linalg.LinAlgError as error:
+            raise LegsimError(
+                "ConeBeamGeometry.matrices hold numbers too large to find the sources; give them "
+                "in world meters"
+            ) from error
+        depth = matrices[:, 2, :3] @ nearest + matrices[:, 2, 3]
         matrices *= np.where(depth < 0, -1.0, 1.0)[:, None, None]
         object.__setattr__(self, "matrices", frozen("matrices", matrices, matrices.shape))
         rows, columns = self.shape_vu
@@ -57,6 +67,7 @@ class ConeBeamGeometry:
                 f"ConeBeamGeometry.shape_vu is {self.shape_vu}; both counts must be positive"
             )
         object.__setattr__(self, "shape_vu", (int(rows), int(columns)))
+        object.__setattr__(self, "pixel_pitch", float(self.pixel_pitch))
         if not self.pixel_pitch > 0:
             raise LegsimError(
                 f"ConeBeamGeometry.pixel_pitch is {self.pixel_pitch}; it must be positive"
@@ -164,6 +175,28 @@ class ConeBeamGeometry:
         """(v,) source to detector in columns: length of each first row across the principal ray."""
         row, normal = self.matrices[:, 0, :3], self.matrices[:, 2, :3]
         return np.linalg.norm(row - (row * normal).sum(-1, keepdims=True) * normal, axis=-1)
+
+    def row_pitch(self) -> float:
+        """m between neighboring rows on the detector, a mean of all views.
+
+        Exactly the pixel pitch where it is that to nine digits.
+        """
+        steps = np.linalg.norm(np.linalg.inv(self.matrices[:, :, :3])[:, :, :2], axis=1)
+        ratio = float((steps[:, 1] / steps[:, 0]).mean())
+        return self.pixel_pitch * (1.0 if abs(ratio - 1) < 1e-9 else ratio)
+
+    def mirrored(self) -> NDArray[np.bool_]:
+        """(v,) views whose rows run the other way than those of a circular scan.
+
+        Seen from the source, with columns to the right, their rows count downwards.
+        """
+        return np.linalg.det(self.matrices[:, :, :3]) > 0
+
+    def rows_turned(self) -> "ConeBeamGeometry":
+        """The same rays on a detector whose rows are counted from the other edge."""
+        turn = np.array([[1.0, 0, 0], [0, -1, self.shape_vu[0] - 1], [0, 0, 1]])
+        matrices = turn @ self.matrices
+        return _facing(replace(self, matrices=matrices), matrices)
 
     def sources(self) -> FloatArray:
         """(v, 3) source positions in world."""

@@ -1,7 +1,10 @@
-"""Geometry files in millimeters: legsim's JSON, RTK's XML and plain 3x4 matrices."""
+"""Geometry files in millimeters: legsim's JSON and those of other toolkits.
 
-import json
-import re
+docs/formats.md describes each format. World axes are the file's own, unless told which one is up.
+"""
+
+import xml.etree.ElementTree as ElementTree
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -9,18 +12,105 @@ import numpy as np
 from legsim.core import files
 from legsim.core.errors import LegsimError, file_error
 from legsim.core.values import FloatArray
-from legsim.geometry import rtk_xml
-from legsim.geometry._file_parts import (
-    NEEDS_DETECTOR,
-    count_of,
-    geometry_of,
-    is_number,
-    matrices_mm,
-    numbers_of,
+from legsim.geometry import (
+    _legsim_json,
+    astra,
+    conrad_xml,
+    matrix_tables,
+    projtable,
+    rtk_xml,
+    tigre,
 )
+from legsim.geometry._file_parts import Given, geometry_of_matrices, matrices_mm
 from legsim.geometry.cone_beam import ConeBeamGeometry
 
-SUFFIXES = (".json", ".xml", ".txt", ".npy")
+FORMATS = {
+    "legsim": (".json",),
+    "rtk": (".xml",),
+    "matrices": (".txt", ".npy"),
+    "astra": (".txt", ".npy"),
+    "tigre": (".json",),
+    "conrad": (".xml",),
+    "projtable": (".txt",),
+}
+"""Formats that are written, each with its endings; the first with an ending is its usual one"""
+
+_READ = (".json", ".xml", *matrix_tables.SUFFIXES)
+
+_OLD_FROM_NEW = {
+    "x": [[0, 1, 0], [-1, 0, 0], [0, 0, 1]],
+    "y": [[1, 0, 0], [0, 1, 0], [0, 0, 1]],
+    "z": [[1, 0, 0], [0, 0, -1], [0, 1, 0]],
+}
+"""A file's axes from world's, by which of the file's axes is up, as recordings are turned"""
+
+
+@dataclass(frozen=True, slots=True)
+class GeometryFile:
+    """A geometry as it was read."""
+
+    geometry: ConeBeamGeometry
+    format: str
+    """one of :data:`FORMATS`"""
+    notes: tuple[str, ...] = ()
+    """what a user may not expect"""
+
+
+def read_geometry(
+    path: Path | str,
+    *,
+    columns: int | None = None,
+    rows: int | None = None,
+    pixel_mm: float | tuple[float, float] | None = None,
+    header_pixel_mm: tuple[float, float] | None = None,
+    view_rate_hz: float = 31.0,
+    format: str | None = None,
+    up: str = "y",
+) -> GeometryFile:
+    """Reads a geometry of legsim or another toolkit.
+
+    Args:
+        path: .json (legsim, TIGRE), .xml (RTK, CONRAD), .txt, .csv, .ompl, .npy or .mat (matrices,
+            ASTRA's vectors, projtable.txt).
+        columns, rows: pixels of the detector, for files that do not say; RTK's XML then has its
+            detector centered.
+        pixel_mm: pixel pitch, or that between columns and that between rows, for files that do not
+            say; RTK's XML is in mm on the detector and cannot be read without it.
+        header_pixel_mm: what the projections' header says, used where nothing else does.
+        view_rate_hz: views per second, for files without times.
+        format: one of :data:`FORMATS`; None goes by the content.
+        up: the file's axis ("x", "y" or "z") that becomes world's y, the vertical.
+
+    Raises:
+        LegsimError: the file is missing, of another kind or malformed, it contradicts what was
+            given, or what it leaves open was not given.
+    """
+    path = Path(path)
+    if path.suffix.lower() not in _READ:
+        raise _unknown_ending(path)
+    if (columns is None) != (rows is None):
+        raise LegsimError("a detector needs both columns and rows; give the other one too")
+    if (format is not None and format not in FORMATS) or up not in _OLD_FROM_NEW:
+        raise LegsimError(
+            f"unknown format {format!r} or axis {up!r} of a geometry; known are "
+            f"{', '.join(FORMATS)} and {', '.join(_OLD_FROM_NEW)}"
+        )
+    pixel = (pixel_mm, pixel_mm) if isinstance(pixel_mm, (int, float)) else pixel_mm
+    shape_vu = None if columns is None or rows is None else (rows, columns)
+    given = Given(shape_vu, pixel, view_rate_hz, header_pixel_mm)
+    try:
+        found = _read(path, given, format)
+    except OSError as error:
+        raise file_error(
+            path, f"cannot be read ({error.strerror or error})", "check the path"
+        ) from error
+    except UnicodeDecodeError as error:
+        raise file_error(path, "is not text", "check that it is a geometry") from error
+    if format is not None and found.format != format:
+        raise file_error(
+            path, f"is of the format {found.format}, not {format}", "leave the format out"
+        )
+    return _turned(found, up)
 
 
 def load_geometry(
@@ -28,215 +118,154 @@ def load_geometry(
     *,
     columns: int | None = None,
     rows: int | None = None,
-    pixel_mm: float | None = None,
+    pixel_mm: float | tuple[float, float] | None = None,
     view_rate_hz: float = 31.0,
 ) -> ConeBeamGeometry:
-    """Reads a geometry from .json (legsim), .xml (RTK), .txt or .npy.
-
-    .txt and .npy hold one 3x4 matrix per view, world mm to pixels.
-
-    Args:
-        columns, rows: pixels of the detector, for files that do not say; RTK's XML then has its
-            detector centered.
-        pixel_mm: pixel pitch, for files that do not say; RTK's XML is in mm on the detector and
-            cannot be read without it.
-        view_rate_hz: views per second, for files without times.
-
-    Raises:
-        LegsimError: the file is missing, of another kind or malformed, or what it leaves open was
-            not given.
-    """
-    path = Path(path)
-    if path.suffix.lower() not in SUFFIXES:
-        raise file_error(
-            path,
-            f"unknown kind of geometry {path.suffix!r}",
-            f"name it with one of {', '.join(SUFFIXES)}",
-        )
-    if (columns is None) != (rows is None):
-        raise LegsimError("a detector needs both columns and rows; give the other one too")
-    shape_vu = None if columns is None or rows is None else (rows, columns)
-    try:
-        if path.suffix.lower() == ".json":
-            return _load_json(path)
-        if path.suffix.lower() == ".xml":
-            return rtk_xml.load(path, shape_vu, pixel_mm, view_rate_hz)
-        return _load_matrices(path, shape_vu, pixel_mm, view_rate_hz)
-    except OSError as error:
-        raise file_error(
-            path, f"cannot be read ({error.strerror or error})", "check the path"
-        ) from error
-    except UnicodeDecodeError as error:
-        raise file_error(path, "is not text", "check that it is a geometry") from error
+    """The geometry alone of :func:`read_geometry`."""
+    return read_geometry(
+        path, columns=columns, rows=rows, pixel_mm=pixel_mm, view_rate_hz=view_rate_hz
+    ).geometry
 
 
-def save_geometry(path: Path | str, geometry: ConeBeamGeometry) -> None:
-    """Writes a geometry; the suffix says which kind, as in :func:`load_geometry`.
+def save_geometry(
+    path: Path | str, geometry: ConeBeamGeometry, *, format: str | None = None
+) -> None:
+    """Writes a geometry in one of :data:`FORMATS`; None takes the usual one of the ending.
 
-    The file appears whole or not at all.
+    The file appears whole or not at all. Only legsim's JSON and RTK's XML keep the times.
 
     Raises:
-        LegsimError: an unknown suffix, a file that cannot be written, or views that RTK cannot
-            express (skewed, mirrored, not square).
+        LegsimError: an unknown ending or format, a file that cannot be written, or views that the
+            format cannot express; the line names view and quantity.
     """
     path = Path(path)
     suffix = path.suffix.lower()
-    if suffix not in SUFFIXES:
+    usual = next((name for name, suffixes in FORMATS.items() if suffix in suffixes), None)
+    if usual is None:
+        raise _unknown_ending(path)
+    format = usual if format is None else format
+    if format not in FORMATS or suffix not in FORMATS[format]:
         raise file_error(
             path,
-            f"unknown kind of geometry {path.suffix!r}",
-            f"name it with one of {', '.join(SUFFIXES)}",
+            f"the format {format!r} is not written with the ending {suffix!r}",
+            "known are "
+            + ", ".join(f"{name} ({' '.join(endings)})" for name, endings in FORMATS.items()),
         )
     if suffix == ".npy":
         with files.whole(path) as partial:
-            np.save(partial, matrices_mm(geometry))
+            rows = astra.vectors_of(geometry) if format == "astra" else matrices_mm(geometry)
+            np.save(partial, rows)
     else:
-        text = (
-            _json_text(geometry)
-            if suffix == ".json"
-            else rtk_xml.text_of(path, geometry)
-            if suffix == ".xml"
-            else _plain_text(geometry)
+        files.write_text(path, _text(path, geometry, format))
+
+
+def _text(path: Path, geometry: ConeBeamGeometry, format: str) -> str:
+    if format == "legsim":
+        return _legsim_json.text_of(geometry)
+    if format == "rtk":
+        return rtk_xml.text_of(path, geometry)
+    if format == "tigre":
+        return tigre.text_of(path, geometry)
+    if format == "conrad":
+        return conrad_xml.text_of(geometry)
+    if format == "projtable":
+        return projtable.text_of(geometry)
+    if format == "astra":
+        return matrix_tables.text_of(
+            astra.vectors_of(geometry),
+            "ASTRA's cone_vec in mm: source, middle of the detector, steps along u and v",
         )
-        files.write_text(path, text)
-
-
-def _json_text(geometry: ConeBeamGeometry) -> str:
-    rows, columns = geometry.shape_vu
-    head = {
-        "unit": "mm",
-        "columns": columns,
-        "rows": rows,
-        "pixel_mm": geometry.pixel_pitch * 1e3,
-        "times_s": geometry.times.tolist(),
-    }
-    lines = ",\n".join(
-        json.dumps(matrix) for matrix in matrices_mm(geometry).reshape(-1, 12).tolist()
+    return matrix_tables.text_of(
+        matrices_mm(geometry).reshape(-1, 12),
+        "one 3x4 matrix per view, row by row: world mm to (column, row) pixels",
     )
-    return json.dumps(head)[:-1] + ', "matrices": [\n' + lines + "\n]}\n"
 
 
-def _load_json(path: Path) -> ConeBeamGeometry:
-    try:
-        content = json.loads(path.read_text("utf-8-sig"))
-    except json.JSONDecodeError as error:
-        raise file_error(
-            path,
-            f"is not JSON ({error.msg})",
-            "correct it there",
-            place=f"line {error.lineno}, column {error.colno}",
-        ) from error
-    except RecursionError as error:
-        raise file_error(
-            path, "nests lists too deeply", "give one flat list of 12 numbers per view"
-        ) from error
-    if not isinstance(content, dict):
-        raise file_error(
-            path,
-            "holds no object",
-            'expected {"unit": "mm", "columns": ..., "rows": ..., "times_s": [...], "matrices": '
-            "[...]}",
-        )
-    missing = [
-        key for key in ("unit", "columns", "rows", "times_s", "matrices") if key not in content
-    ]
-    if missing:
-        raise file_error(
-            path,
-            f"lacks {', '.join(missing)}",
-            'expected the keys "unit", "columns", "rows", "times_s", "matrices"',
-        )
-    if content["unit"] != "mm":
-        raise file_error(
-            path, f"the unit is {content['unit']!r}", 'only "mm" is known', place="unit"
-        )
-    shape_vu = (count_of(path, content, "rows"), count_of(path, content, "columns"))
-    pixel_mm = content.get("pixel_mm")
-    if pixel_mm is not None and not (is_number(pixel_mm) and pixel_mm > 0):
-        raise file_error(
-            path,
-            f"{pixel_mm!r} is not a positive number",
-            "give the pixel pitch in mm or leave it out",
-            place="pixel_mm",
-        )
-    times = numbers_of(path, content["times_s"], "times_s")
-    matrices = content["matrices"]
-    if not isinstance(matrices, list) or not matrices:
-        raise file_error(
-            path,
-            "is not a list of matrices",
-            "give one list of 12 numbers per view",
-            place="matrices",
-        )
-    rows = [numbers_of(path, matrix, f"matrices[{k}]", 12) for k, matrix in enumerate(matrices)]
-    if len(rows) != len(times):
-        raise file_error(
-            path,
-            f"there are {len(rows)} matrices but {len(times)} times",
-            "give one of each per view",
-            place="times_s",
-        )
-    return geometry_of(path, times, np.reshape(rows, (-1, 3, 4)), shape_vu, pixel_mm)
+def _unknown_ending(path: Path) -> LegsimError:
+    return file_error(
+        path, f"unknown kind of geometry {path.suffix!r}", f"name it with one of {', '.join(_READ)}"
+    )
 
 
-def _plain_text(geometry: ConeBeamGeometry) -> str:
-    lines = [
-        " ".join(repr(x) for x in matrix)
-        for matrix in matrices_mm(geometry).reshape(-1, 12).tolist()
-    ]
+def _read(path: Path, given: Given, format: str | None) -> GeometryFile:
+    suffix = path.suffix.lower()
+    if suffix == ".json":
+        content = _legsim_json.parsed(path)
+        if tigre.is_tigre(content):
+            return GeometryFile(tigre.geometry(path, content, given), "tigre")
+        return GeometryFile(_legsim_json.geometry(path, content, given), "legsim")
+    if suffix == ".xml":
+        root = _xml_root(path)
+        if root.tag == "java":
+            return GeometryFile(conrad_xml.load(path, root, given), "conrad")
+        return GeometryFile(rtk_xml.geometry(path, root, given), "rtk")
+    if suffix not in (".npy", ".mat"):
+        text = path.read_text("utf-8-sig")
+        if projtable.is_table(text):
+            matrices = projtable.matrices(path, text)
+            geometry = geometry_of_matrices(path, matrices, given)
+            return GeometryFile(geometry, "projtable", _unknown_pixel(given))
+    return _of_rows(path, matrix_tables.load(path), given, format)
+
+
+def _of_rows(path: Path, rows: FloatArray, given: Given, format: str | None) -> GeometryFile:
+    """Twelve numbers per view are a matrix or ASTRA's vectors."""
+    vectors = astra.looks_like_vectors(rows) if format is None else format == "astra"
+    if not vectors:
+        geometry = geometry_of_matrices(path, rows.reshape(-1, 3, 4), given)
+        return GeometryFile(geometry, "matrices", _unknown_pixel(given))
+    notes: tuple[str, ...] = ()
+    if format is None:
+        notes = (
+            f"{path.name}: read as ASTRA's cone_vec (source, detector, u and v make sense in all "
+            f"{len(rows)} views); say otherwise with the format",
+        )
+    scale = astra.scale(path, rows, given)
+    if abs(scale - 1) > 1e-3:
+        notes += (f"all lengths are times {scale:.6g}, so that pixels have the size given",)
+    return GeometryFile(astra.geometry(path, rows, given), "astra", notes)
+
+
+def _unknown_pixel(given: Given) -> tuple[str, ...]:
+    """A note where nobody says the pixel's size, which matrices to pixels do not hold."""
+    if given.pixel_mm is not None or given.header_pixel_mm is not None:
+        return ()
     return (
-        "# one 3x4 matrix per view, row by row: world mm to (column, row) pixels\n"
-        + "\n".join(lines)
-        + "\n"
+        "the pixel size is not known and taken as 1 mm: rays are right, lengths on the detector "
+        "and its distance are not",
     )
 
 
-def _load_matrices(
-    path: Path, shape_vu: tuple[int, int] | None, pixel_mm: float | None, view_rate_hz: float
-) -> ConeBeamGeometry:
-    values = _npy_values(path) if path.suffix.lower() == ".npy" else _text_values(path)
-    if values.size == 0 or values.size % 12:
-        raise file_error(
-            path,
-            f"holds {values.size} numbers, which is no whole count of 3x4 matrices",
-            "give 12 numbers per view",
-        )
-    if shape_vu is None:
-        raise file_error(path, "does not say how large the detector is", NEEDS_DETECTOR)
-    matrices = values.reshape(-1, 3, 4)
-    if not np.isfinite(matrices).all():
-        view = int(np.flatnonzero(~np.isfinite(matrices).all(axis=(1, 2)))[0])
-        raise file_error(
-            path, "holds numbers that are not finite", "correct them there", place=f"matrix {view}"
-        )
-    return geometry_of(path, np.arange(len(matrices)) / view_rate_hz, matrices, shape_vu, pixel_mm)
-
-
-def _npy_values(path: Path) -> FloatArray:
-    fix = "write it with numpy.save of a (views, 3, 4) array"
+def _xml_root(path: Path) -> ElementTree.Element:
     try:
-        values = np.load(path, allow_pickle=False)
-    except (ValueError, EOFError) as error:
-        raise file_error(path, "is not an .npy file of numbers", fix) from error
-    if not isinstance(values, np.ndarray) or values.dtype.kind not in "fiu":
-        raise file_error(path, "is not an .npy file of real numbers", fix)
-    if values.shape[-2:] != (3, 4) and values.shape[-1:] != (12,):
-        raise file_error(path, f"holds an array of shape {values.shape}", fix)
-    return values.astype(float)
+        return ElementTree.fromstring(
+            path.read_bytes(),
+            ElementTree.XMLParser(target=ElementTree.TreeBuilder(insert_comments=True)),
+        )
+    except ElementTree.ParseError as error:
+        raise file_error(path, f"is not XML ({error})", "correct it there") from error
 
 
-def _text_values(path: Path) -> FloatArray:
-    """Numbers between blanks, commas, semicolons and brackets; # starts a comment."""
-    values: list[float] = []
-    for number, line in enumerate(path.read_text("utf-8-sig").splitlines(), 1):
-        for word in re.split(r"[\s,;\[\](){}]+", line.partition("#")[0].strip()):
-            try:
-                values += [float(word)] if word else []
-            except ValueError as error:
-                raise file_error(
-                    path,
-                    f"{word!r} is not a number",
-                    "a file of matrices holds 12 numbers per view",
-                    place=f"line {number}",
-                ) from error
-    return np.array(values)
+def _turned(found: GeometryFile, up: str) -> GeometryFile:
+    """With the axis ``up`` of the file as world's y; notes where another axis seems to be up."""
+    if up != "y":
+        turn = np.eye(4)
+        turn[:3, :3] = _OLD_FROM_NEW[up]
+        return GeometryFile(found.geometry.moved(turn), found.format, found.notes)
+    axis = _axis(found.geometry.sources())
+    if axis is None or axis == 1:
+        return found
+    note = (
+        f"the source turns about the file's {'xyz'[axis]}, but world's vertical is y; anatomical "
+        f"directions hold if the file is read with {'xyz'[axis]} up"
+    )
+    return GeometryFile(found.geometry, found.format, (*found.notes, note))
+
+
+def _axis(sources: FloatArray) -> int | None:
+    """The coordinate axis within 20 degrees of the normal of the sources' plane, if any."""
+    _, sizes, directions = np.linalg.svd(sources - sources.mean(0))
+    if len(sources) < 3 or sizes[1] < 1e-3 * sizes[0]:
+        return None
+    axis = int(np.argmax(np.abs(directions[2])))
+    return axis if abs(directions[2][axis]) > np.cos(np.radians(20.0)) else None

@@ -1,8 +1,11 @@
 """Volumes and projections in image files (MHA, NIfTI, NRRD), through SimpleITK.
 
-World axes are the file's physical axes as ITK has them, without any turn, so that 3D Slicer and
-ITK-SNAP show a volume where it stands in world (they call +x left, +y posterior, +z superior;
-NIfTI's opposite signs are ITK's business). Files hold mm and 1/mm; memory m and 1/m. Files appear
+World's axes are anterior, superior and right; ITK's physical axes are left, posterior and superior
+(NIfTI's opposite signs are ITK's business). A volume's direction cosines say how the one lies in
+the other, so that 3D Slicer and ITK-SNAP show the right letters. Files without any turn, with
+direction cosines of 1, are taken to know no patient, as those of RTK and of legsim before it wrote
+directions: their physical axes are world's, unless ``axes`` says otherwise. Projections are in
+columns, rows and views, without directions. Files hold mm and 1/mm; memory m and 1/m. Files appear
 whole or not at all.
 """
 
@@ -16,7 +19,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, BinaryIO
+from typing import TYPE_CHECKING, BinaryIO, Literal
 
 import lazy_loader
 import numpy as np
@@ -25,6 +28,7 @@ from numpy.typing import NDArray
 from legsim.core import files
 from legsim.core.errors import LegsimError, file_error
 from legsim.core.values import Float32Array, FloatArray
+from legsim.geometry import _meta_header
 from legsim.geometry.cone_beam import ConeBeamGeometry, Projections
 from legsim.geometry.volume import Volume, VolumeGrid
 
@@ -36,15 +40,21 @@ else:
 
 WRITABLE = (".mha", ".nii", ".nii.gz", ".nrrd")
 
+Axes = Literal["lps", "world"]
+
+LPS_FROM_WORLD = np.array([[0.0, 0, -1], [-1, 0, 0], [0, 1, 0]])
+"""(3, 3) from world's axes (anterior, superior, right) to ITK's (left, posterior, superior)"""
+
 _MHA_START = """ObjectType = Image
 NDims = 3
 BinaryData = True
 BinaryDataByteOrderMSB = False
 CompressedData = False
-TransformMatrix = 1 0 0 0 1 0 0 0 1
+TransformMatrix = 0 -1 0 0 0 1 -1 0 0
 CenterOfRotation = 0 0 0
-AnatomicalOrientation = RAI
+AnatomicalOrientation = PIL
 """
+"""MetaImage lists the directions of x, y and z one after the other"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,6 +65,8 @@ class ImageHeader:
     spacing_mm: tuple[float, float, float]
     origin_mm: tuple[float, float, float]
     """center of the first sample"""
+    anatomical: bool = False
+    """the file says where left, posterior and superior are; else its physical axes are world's"""
 
     def grid(self) -> VolumeGrid:
         """The grid of a volume with this header, in m."""
@@ -75,19 +87,25 @@ def save_volume(path: Path | str, volume: Volume) -> None:
     """
     image = sitk.GetImageFromArray(volume.attenuation * np.float32(1e-3))
     image.SetSpacing([1e3 * s for s in volume.grid.spacing_xyz])
-    image.SetOrigin([1e3 * float(o) for o in volume.grid.origin])
+    image.SetOrigin((1e3 * LPS_FROM_WORLD @ volume.grid.origin).tolist())
+    image.SetDirection(LPS_FROM_WORLD.ravel().tolist())
     _write(Path(path), image)
 
 
-def load_volume(path: Path | str) -> Volume:
+def load_volume(path: Path | str, *, axes: Axes | None = None) -> Volume:
     """Reads attenuation in 1/mm on a grid in mm; puts flipped or swapped axes in order.
+
+    Args:
+        path: any image that ITK reads.
+        axes: what the file's physical axes are: "lps" (left, posterior, superior) or "world";
+            None: "lps" where its direction cosines turn anything, else "world".
 
     Raises:
         LegsimError: no image, not three-dimensional, more than one channel, axes oblique to the
             world's, or values that are not finite.
     """
     path = Path(path)
-    values, header = _read(path)
+    values, header = _read(path, axes)
     if not np.isfinite(values).all():
         raise file_error(
             path,
@@ -170,7 +188,7 @@ def volume_writer(path: Path | str, grid: VolumeGrid) -> Iterator[VolumeWriter]:
     if path.suffix.lower() != ".mha":
         raise LegsimError(f"{path}: slabs can only be written to .mha; name such a file")
     numbers = {
-        "Offset": 1e3 * grid.origin,
+        "Offset": 1e3 * LPS_FROM_WORLD @ grid.origin,
         "ElementSpacing": 1e3 * np.array(grid.spacing_xyz),
         "DimSize": np.array(grid.shape_zyx[::-1]),
     }
@@ -204,10 +222,10 @@ def save_projections(path: Path | str, projections: Projections) -> None:
         LegsimError: the name's ending is none of :data:`WRITABLE`, or the file cannot be written.
     """
     image = sitk.GetImageFromArray(projections.line_integrals)
-    pitch_mm = 1e3 * projections.geometry.pixel_pitch
+    wide, high = 1e3 * projections.geometry.pixel_pitch, 1e3 * projections.geometry.row_pitch()
     rows, columns = projections.geometry.shape_vu
-    image.SetSpacing([pitch_mm, pitch_mm, 1.0])
-    image.SetOrigin([-0.5 * (columns - 1) * pitch_mm, -0.5 * (rows - 1) * pitch_mm, 0.0])
+    image.SetSpacing([wide, high, 1.0])
+    image.SetOrigin([-0.5 * (columns - 1) * wide, -0.5 * (rows - 1) * high, 0.0])
     _write(Path(path), image)
 
 
@@ -215,13 +233,20 @@ def load_projections(path: Path | str, geometry: ConeBeamGeometry) -> Projection
     """Reads line integrals of ``geometry``, whose matrices place the pixels.
 
     Spacing and origin in the file are not used.
+    :func:`legsim.geometry.projection_images.read_projections` reads counts and other formats.
 
     Raises:
-        LegsimError: no image, other counts of views, rows or columns than the geometry's, or values
-            that are not finite.
+        LegsimError: no image, whole numbers, other counts of views, rows or columns than the
+            geometry's, or values that are not finite.
     """
     path = Path(path)
-    values, header = _read(path)
+    if _open(path).GetPixelID() not in (sitk.sitkFloat32, sitk.sitkFloat64):
+        raise file_error(
+            path,
+            "holds whole numbers, counts of a detector",
+            "say how they become line integrals (read_projections with counts)",
+        )
+    values, header = _read(path, "world")
     expected = (*geometry.shape_vu[::-1], len(geometry))
     if header.size != expected:
         raise file_error(
@@ -238,6 +263,47 @@ def load_projections(path: Path | str, geometry: ConeBeamGeometry) -> Projection
             place=f"view {view}",
         )
     return Projections(geometry, values)
+
+
+def read_stored(
+    path: Path,
+) -> tuple[NDArray, tuple[float, float] | None, tuple[float, float] | None]:
+    """((v, rows, columns), pixel size, origin) of views in any image that ITK reads.
+
+    Numbers are of the file's kind. Pixel size (between columns, between rows) and origin of the
+    first pixel's center are in mm on the detector, and None where the header does not say them.
+
+    Raises:
+        LegsimError: no image, not of two or three dimensions, or more than one channel.
+    """
+    reader = _open(path, dimensions=(2, 3))
+    try:
+        with _quiet():
+            values = sitk.GetArrayFromImage(reader.Execute())
+    except RuntimeError as error:
+        raise file_error(path, "cannot be read to its end", "write or copy it again") from error
+    if np.iscomplexobj(values):
+        raise file_error(path, "holds complex numbers", "expected real ones")
+    (wide, high), (u, v) = reader.GetSpacing()[:2], reader.GetOrigin()[:2]
+    says_spacing, says_origin = _says(path)
+    return (
+        values[None] if values.ndim == 2 else values,
+        (wide, high) if says_spacing else None,
+        (u, v) if says_origin else None,
+    )
+
+
+def _says(path: Path) -> tuple[bool, bool]:
+    """Whether a header states (spacing, origin): ITK takes 1 and 0 where it does not."""
+    suffix = path.suffix.lower()
+    if suffix in (".mha", ".mhd"):
+        with path.open("rb") as stream:
+            head = stream.read(1 << 16).partition(b"ElementDataFile")[0]
+        keys = {line.partition(b"=")[0].strip().lower() for line in head.splitlines()}
+        spacing = bool({b"elementspacing", b"elementsize"} & keys)
+        return spacing, bool({b"offset", b"position", b"origin"} & keys)
+    known = suffix in (".nii", ".nrrd", ".nhdr") or path.name.lower().endswith(".nii.gz")
+    return known, known
 
 
 def read_header(path: Path | str) -> ImageHeader:
@@ -267,9 +333,11 @@ def read_samples(path: Path | str) -> tuple[np.ndarray, FloatArray, FloatArray, 
     return samples, np.array(reader.GetSpacing()), np.array(reader.GetOrigin()), direction
 
 
-def _open(path: Path) -> sitk.ImageFileReader:
+def _open(path: Path, dimensions: tuple[int, ...] = (3,)) -> sitk.ImageFileReader:
     if not path.is_file():
         raise file_error(path, "no such file", "check the name")
+    if path.suffix.lower() in (".mha", ".mhd"):
+        _meta_header.check(path)
     reader = sitk.ImageFileReader()
     reader.SetFileName(str(path))
     try:
@@ -280,7 +348,7 @@ def _open(path: Path) -> sitk.ImageFileReader:
             f"not an image that ITK can read ({_last_line(error)})",
             f"give one of {', '.join(WRITABLE)}",
         ) from error
-    if reader.GetDimension() != 3 or reader.GetNumberOfComponents() != 1:
+    if reader.GetDimension() not in dimensions or reader.GetNumberOfComponents() != 1:
         raise file_error(
             path,
             f"has {reader.GetDimension()} dimensions and {reader.GetNumberOfComponents()} channels",
@@ -294,10 +362,14 @@ def _last_line(error: RuntimeError) -> str:
 
 
 def _ordered_header(
-    path: Path, reader: sitk.ImageFileReader
+    path: Path, reader: sitk.ImageFileReader, physical: Axes | None = None
 ) -> tuple[ImageHeader, list[int], list[bool]]:
     """(header along world axes, file axis of each world axis, whether that axis runs backwards)."""
-    direction = np.array(reader.GetDirection()).reshape(3, 3)
+    direction, first = np.array(reader.GetDirection()).reshape(3, 3), np.array(reader.GetOrigin())
+    turned = not np.allclose(direction, np.eye(3), atol=1e-6)
+    anatomical = turned if physical is None else physical == "lps"
+    if anatomical:
+        direction, first = LPS_FROM_WORLD.T @ direction, LPS_FROM_WORLD.T @ first
     axes = [int(k) for k in np.argmax(np.abs(direction), axis=1)]
     signs = np.array([direction[row, axis] for row, axis in enumerate(axes)])
     if sorted(axes) != [0, 1, 2] or not np.allclose(np.abs(signs), 1.0, atol=1e-4):
@@ -308,16 +380,16 @@ def _ordered_header(
         )
     size, spacing = np.array(reader.GetSize())[axes], np.array(reader.GetSpacing())[axes]
     flipped = signs < 0
-    origin = np.array(reader.GetOrigin()) - np.where(flipped, (size - 1) * spacing, 0.0)
+    origin = first - np.where(flipped, (size - 1) * spacing, 0.0)
     (nx, ny, nz), (dx, dy, dz), (x, y, z) = size.tolist(), spacing.tolist(), origin.tolist()
-    header = ImageHeader((nx, ny, nz), (dx, dy, dz), (x, y, z))
+    header = ImageHeader((nx, ny, nz), (dx, dy, dz), (x, y, z), anatomical)
     return header, axes, [bool(f) for f in flipped]
 
 
-def _read(path: Path) -> tuple[Float32Array, ImageHeader]:
+def _read(path: Path, physical: Axes | None = None) -> tuple[Float32Array, ImageHeader]:
     """(samples (z, y, x) float32, header), axes in order."""
     reader = _open(path)
-    header, axes, flipped = _ordered_header(path, reader)
+    header, axes, flipped = _ordered_header(path, reader, physical)
     image = _executed(path, reader)
     samples = sitk.GetArrayViewFromImage(image)
     if np.iscomplexobj(samples):

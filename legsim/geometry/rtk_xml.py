@@ -19,11 +19,14 @@ from legsim.core.errors import file_error
 from legsim.core.values import FloatArray
 from legsim.geometry._file_parts import (
     NEEDS_DETECTOR,
+    Given,
     count_of,
     geometry_of,
-    is_number,
     matrices_mm,
     numbers_of,
+    pixel_of,
+    refuse_mirrored,
+    refuse_other_pixels,
 )
 from legsim.geometry.cone_beam import ConeBeamGeometry
 
@@ -62,27 +65,19 @@ def _turn(axis: str, angle: float) -> FloatArray:
     return transforms.axis_rotation(np.eye(3)["xyz".index(axis)], angle)
 
 
-def _parameters(path: Path, matrix_mm: FloatArray, view: int) -> list[float]:
-    """RTK's numbers, as in ``_PARAMETERS``, of a matrix (3, 4) from world mm to detector mm."""
+def _parameters(matrix_mm: FloatArray) -> list[float]:
+    """RTK's numbers, as in ``_PARAMETERS``, nearest to a matrix (3, 4) from world mm to detector
+    mm.
+    """
     # third row of unit length and w negative in front, as RTK has it
     matrix = -matrix_mm / np.linalg.norm(matrix_mm[2, :3])
     third = matrix[2, :3]
     foot_u, foot_v = matrix[0, :3] @ third, matrix[1, :3] @ third
     row_u, row_v = matrix[0, :3] - foot_u * third, matrix[1, :3] - foot_v * third
-    distance = np.linalg.norm(row_u)
-    rotation = np.stack([-row_u / distance, -row_v / distance, third])
-    if not np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-9):
-        raise file_error(
-            path,
-            f"view {view} has skewed or not square pixels",
-            "write legsim JSON or matrices instead, RTK has no such detector",
-        )
-    if np.linalg.det(rotation) < 0:
-        raise file_error(
-            path,
-            f"view {view} is mirrored (rows or columns run backwards)",
-            "write legsim JSON or matrices instead, RTK has no mirror",
-        )
+    distance = 0.5 * (np.linalg.norm(row_u) + np.linalg.norm(row_v))
+    # the rotation nearest to axes that a calibration leaves a little skewed
+    left, _, right = np.linalg.svd(np.stack([-row_u / distance, -row_v / distance, third]))
+    rotation = left @ right
     source = rotation @ -np.linalg.solve(matrix[:, :3], matrix[:, 3])
     if abs(rotation[2, 1]) < 1 - 1e-12:
         gantry, in_plane = (
@@ -109,15 +104,13 @@ def _parameters(path: Path, matrix_mm: FloatArray, view: int) -> list[float]:
     ]
 
 
-def _millimeters_from_pixels(shape_vu: tuple[int, int], pixel_mm: float) -> FloatArray:
+def _millimeters_from_pixels(
+    shape_vu: tuple[int, int], pixel_mm: tuple[float, float]
+) -> FloatArray:
     """(3, 3) from pixel coordinates to mm on a detector whose middle is the origin."""
-    rows, columns = shape_vu
+    (rows, columns), (wide, high) = shape_vu, pixel_mm
     return np.array(
-        [
-            [pixel_mm, 0, -pixel_mm * (columns - 1) / 2],
-            [0, pixel_mm, -pixel_mm * (rows - 1) / 2],
-            [0, 0, 1],
-        ]
+        [[wide, 0, -wide * (columns - 1) / 2], [0, high, -high * (rows - 1) / 2], [0, 0, 1]]
     )
 
 
@@ -127,10 +120,16 @@ def text_of(path: Path, geometry: ConeBeamGeometry) -> str:
     Raises:
         LegsimError: views that RTK cannot express; the line names ``path``.
     """
+    refuse_mirrored(path, "RTK", geometry)
     rows, columns = geometry.shape_vu
-    pixel_mm = geometry.pixel_pitch * 1e3
+    pixel_mm = (geometry.pixel_pitch * 1e3, geometry.row_pitch() * 1e3)
     note = json.dumps(
-        {"columns": columns, "rows": rows, "pixel_mm": pixel_mm, "times_s": geometry.times.tolist()}
+        {
+            "columns": columns,
+            "rows": rows,
+            "pixel_mm": pixel_mm[0] if pixel_mm[0] == pixel_mm[1] else list(pixel_mm),
+            "times_s": geometry.times.tolist(),
+        }
     )
     lines = [
         '<?xml version="1.0"?>',
@@ -138,11 +137,13 @@ def text_of(path: Path, geometry: ConeBeamGeometry) -> str:
         '<RTKThreeDCircularGeometry version="3">',
         f"  <!-- legsim {note} -->",
     ]
-    for view, matrix in enumerate(
-        _millimeters_from_pixels(geometry.shape_vu, pixel_mm) @ matrices_mm(geometry)
-    ):
-        parameters = _parameters(path, matrix, view)
-        written = _matrix(dict(zip(_PARAMETERS, parameters, strict=True)))
+    on_detector = _millimeters_from_pixels(geometry.shape_vu, pixel_mm)
+    all_parameters = [_parameters(matrix) for matrix in on_detector @ matrices_mm(geometry)]
+    all_written = np.array(
+        [_matrix(dict(zip(_PARAMETERS, numbers, strict=True))) for numbers in all_parameters]
+    )
+    refuse_other_pixels(path, "RTK", geometry, np.linalg.inv(on_detector) @ all_written)
+    for parameters, written in zip(all_parameters, all_written, strict=True):
         lines += ["  <Projection>"]
         lines += [
             f"    <{name}>{value!r}</{name}>"
@@ -157,45 +158,44 @@ def text_of(path: Path, geometry: ConeBeamGeometry) -> str:
     return "\n".join([*lines, "</RTKThreeDCircularGeometry>", ""])
 
 
-def load(
-    path: Path, shape_vu: tuple[int, int] | None, pixel_mm: float | None, view_rate_hz: float
-) -> ConeBeamGeometry:
-    """Reads RTK's XML; arguments and errors as of :func:`legsim.geometry.files.load_geometry`."""
-    try:
-        root = ElementTree.fromstring(
-            path.read_bytes(),
-            ElementTree.XMLParser(target=ElementTree.TreeBuilder(insert_comments=True)),
-        )
-    except ElementTree.ParseError as error:
-        raise file_error(path, f"is not XML ({error})", "correct it there") from error
-    if root.tag != "RTKThreeDCircularGeometry" or root.get("version") != "3":
+def geometry(path: Path, root: ElementTree.Element, given: Given) -> ConeBeamGeometry:
+    """The geometry of a parsed file; errors as of :func:`legsim.geometry.files.read_geometry`."""
+    # RTK itself reads both: version 3 adds the curved detector, which is refused below
+    if root.tag != "RTKThreeDCircularGeometry" or root.get("version") not in ("2", "3"):
         found = f"<{root.tag} version={root.get('version')!r}>"
         raise file_error(
             path,
             f"begins with {found}",
-            'only RTK\'s <RTKThreeDCircularGeometry version="3"> is known',
+            'only RTK\'s <RTKThreeDCircularGeometry version="3"> (or "2") and CONRAD\'s <java> are '
+            "known",
         )
     note = _legsim_note(path, root)
-    times = None
-    if note is not None and shape_vu is None and pixel_mm is None:
-        shape_vu, pixel_mm, times = (
-            (note["rows"], note["columns"]),
-            note["pixel_mm"],
-            note["times_s"],
-        )
-    if shape_vu is None or pixel_mm is None:
+    by_images = given.shape_vu is not None and (given.pixel_mm or given.header_pixel_mm)
+    if note is None or by_images:
+        # RTK's numbers are in mm on the detector: they hold for any pixels on it
+        shape_vu, pixel_mm = given.shape(path, None), given.pixel(path, None)
+    else:
+        shape_vu = given.shape(path, (note["rows"], note["columns"]))
+        pixel_mm = given.pixel(path, note["pixel_mm"])
+    if pixel_mm is None:
         raise file_error(
             path, "does not say how large the detector and its pixels are", NEEDS_DETECTOR
         )
     matrices = np.array(_matrices(path, root))
-    if times is None or len(times) != len(matrices):
-        times = np.arange(len(matrices)) / view_rate_hz
+    times = given.times(len(matrices)) if note is None else note["times_s"]
+    if len(times) != len(matrices):
+        raise file_error(
+            path,
+            f"legsim's comment has {len(times)} times for {len(matrices)} projections",
+            "restore or remove it",
+            place="comment",
+        )
     return geometry_of(
         path,
         times,
         np.linalg.inv(_millimeters_from_pixels(shape_vu, pixel_mm)) @ matrices,
         shape_vu,
-        pixel_mm,
+        pixel_mm[0],
     )
 
 
@@ -216,16 +216,9 @@ def _legsim_note(path: Path, root: ElementTree.Element) -> dict[str, Any] | None
             if not {"rows", "columns", "pixel_mm", "times_s"} <= set(note):
                 return None
             counts = {key: count_of(path, note, key) for key in ("rows", "columns")}
-            if not (is_number(note["pixel_mm"]) and note["pixel_mm"] > 0):
-                raise file_error(
-                    path,
-                    f"{note['pixel_mm']!r} is not a positive number",
-                    "restore or remove legsim's comment",
-                    place="pixel_mm",
-                )
             return {
                 **counts,
-                "pixel_mm": note["pixel_mm"],
+                "pixel_mm": pixel_of(path, note["pixel_mm"]),
                 "times_s": numbers_of(path, note["times_s"], "times_s"),
             }
     return None

@@ -75,6 +75,21 @@ class VolumeGrid:
         x, y, z = self.axes()
         return np.stack(np.meshgrid(z, y, x, indexing="ij")[::-1], -1).reshape(-1, 3)
 
+    def alike(self, other: "VolumeGrid", tolerance: float = 1e-3) -> bool:
+        """Whether all voxels of two grids are at the same places, to a share of a voxel.
+
+        Files of another format hold positions with fewer digits.
+        """
+        if self.shape_zyx != other.shape_zyx:
+            return False
+        spacing, counts = np.array(self.spacing_xyz), np.array(self.shape_zyx[::-1])
+        first = np.abs(self.origin - other.origin)
+        last = np.abs(
+            self.origin + (counts - 1) * spacing
+            - other.origin - (counts - 1) * np.array(other.spacing_xyz)
+        )  # fmt: skip
+        return bool((np.maximum(first, last) <= tolerance * spacing).all())
+
     def coarse(self, spacing: float) -> "VolumeGrid":
         """A grid of ``spacing`` (m) about the same center that covers all of this one.
 

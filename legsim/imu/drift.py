@@ -13,7 +13,7 @@ import numpy as np
 
 from legsim.core import transforms
 from legsim.core.values import FloatArray
-from legsim.imu import strapdown
+from legsim.imu import calibration, strapdown
 from legsim.imu.noise import ImuNoise, add_noise
 from legsim.imu.signals import ImuSignals, SensorStart
 from legsim.imu.strapdown import Scheme
@@ -38,6 +38,17 @@ def deviation(found: FloatArray, clean: FloatArray) -> Drift:
     return Drift(*(float(np.sqrt((errors**2).mean(0)).mean()) for errors in (away, turned)))
 
 
+def estimate(
+    signals: ImuSignals, start: SensorStart, views: FloatArray, scheme: Scheme
+) -> FloatArray:
+    """Poses (v, 4, 4) of the first sensor; the start is leveled where there was a rest."""
+    level = start
+    if signals.rest_force is not None:
+        level = calibration.leveled(start, signals.rest_force[0])
+    samples = signals.samples(signals.sensor_names[0])
+    return strapdown.integrate(*samples, level, views, scheme=scheme)
+
+
 def deviations(
     clean: ImuSignals,
     start: SensorStart,
@@ -50,17 +61,6 @@ def deviations(
 
     The same seeds give the same draws at every level of noise.
     """
-    sensor = clean.sensor_names[0]
-    reference = strapdown.integrate(clean.times, *clean.sensor(sensor), start, views, scheme=scheme)
-    results = []
-    for seed in seeds:
-        noisy = add_noise(clean, noise, np.random.default_rng(seed))
-        results.append(
-            deviation(
-                strapdown.integrate(
-                    noisy.times, *noisy.sensor(sensor), start, views, scheme=scheme
-                ),
-                reference,
-            )
-        )
-    return tuple(results)
+    reference = estimate(clean, start, views, scheme)
+    drawn = (add_noise(clean, noise, np.random.default_rng(seed)) for seed in seeds)
+    return tuple(deviation(estimate(s, start, views, scheme), reference) for s in drawn)

@@ -21,7 +21,7 @@ def objections(signals: ImuSignals) -> tuple[str, ...]:
     """
     lines = []
     for name in signals.sensor_names:
-        turn, force = signals.sensor(name)
+        times, turn, force = signals.samples(name)
         for readings, limit, factor, unit, verb in (
             (force, _STRONGEST, 1 / 9.80665, "g", "is accelerated by"),
             (turn, np.radians(_FASTEST_DEG_PER_S), np.degrees(1.0), "deg/s", "turns by"),
@@ -31,7 +31,7 @@ def objections(signals: ImuSignals) -> tuple[str, ...]:
             if size[worst] > limit:
                 lines.append(
                     f"sensor {name} {verb} {factor * size[worst]:.0f} {unit} at "
-                    f"{signals.times[worst]:.3f} s, and in {int((size > limit).sum())} samples by "
+                    f"{times[worst]:.3f} s, and in {int((size > limit).sum())} samples by "
                     "more than any leg"
                 )
     return tuple(lines)

@@ -25,6 +25,10 @@ class ImuSignals:
     """
     sensors: tuple[Sensor, ...] = ()
     """where the sensors are strapped on, in the order of their names; empty where unknown"""
+    rest_force: FloatArray | None = None
+    """(k, 3) m/s^2: mean specific force at rest in the pose of the first view, from which the
+    starts are levelled; None without a calibration at rest
+    """
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "times", increasing_times("ImuSignals.times", self.times))
@@ -33,6 +37,9 @@ class ImuSignals:
         for name in ("angular_velocity", "specific_force"):
             object.__setattr__(self, name, frozen(f"ImuSignals.{name}", getattr(self, name), shape))
         object.__setattr__(self, "sensors", tuple(self.sensors))
+        if self.rest_force is not None:
+            rest = frozen("ImuSignals.rest_force", self.rest_force, shape[1:])
+            object.__setattr__(self, "rest_force", rest)
         placed = tuple(sensor.name for sensor in self.sensors)
         if placed and placed != self.sensor_names:
             raise LegsimError(
@@ -49,6 +56,18 @@ class ImuSignals:
         """(angular_velocity (n, 3), specific_force (n, 3)) of one sensor."""
         k = index_of("sensor", self.sensor_names, name)
         return self.angular_velocity[:, k], self.specific_force[:, k]
+
+    def samples(self, name: str) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """(times (m,), angular_velocity (m, 3), specific_force (m, 3)) that one sensor has.
+
+        Lost samples are left out: those without any reading. One that lacks only some is kept, so
+        that the integration refuses it.
+        """
+        rate, force = self.sensor(name)
+        there = ~(np.isnan(rate).all(-1) & np.isnan(force).all(-1))
+        if there.all():
+            return self.times, rate, force
+        return self.times[there], rate[there], force[there]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -7,6 +7,7 @@ import numpy as np
 from legsim.core import transforms
 from legsim.core.errors import LegsimError
 from legsim.core.values import FloatArray
+from legsim.kinematics import _planted_feet
 from legsim.kinematics.ik_options import CoordinateLock, CoordinateTask, IkOptions, leg_priors
 from legsim.kinematics.leg import Leg
 from legsim.kinematics.leg_model import Kinematics, marker_rows
@@ -41,6 +42,8 @@ class Problem:
             if not any(s.endswith(f"_{side}") for s in sites.segments):
                 raise LegsimError(f"no marker sits on the {word} leg; complete the marker map")
         self.rows = marker_rows(sites)
+        # the others are pegs of planted feet
+        self.markers = np.array([not _planted_feet.is_peg(name) for name in sites.names])
         self.pelvis_rows = [k for k, segment in enumerate(sites.segments) if segment == "pelvis"]
         self.subtrees = leg.moves[:, self.rows].astype(float)
         related = (leg.moves[:, None] & leg.moves[None]).any(-1)

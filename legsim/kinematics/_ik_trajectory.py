@@ -81,7 +81,7 @@ def solve_all(
     """Values (n, c): a few frames from scratch, then ever more of them from between their
     neighbors; frames that show nothing are bridged.
 
-    ``shares`` (n, m) of their weights are kept by markers that come or go.
+    ``shares`` (n, m) of their weights are kept by markers, and pegs, that come or go.
     """
     n, weights = len(measured), shares * problem.sites.weights
     trace = Trace(np.zeros(n, int), np.zeros(n, bool), np.zeros(n, bool))
@@ -91,7 +91,7 @@ def solve_all(
     pelvis = np.full((n, problem.leg.pelvis_coordinates), np.nan)
     pelvis[upright] = problem.pelvis_starts(measured[upright])
     recording = Recording(measured, weights, pelvis)
-    usable = np.flatnonzero(_all_segments_shown(problem, seen, upright))
+    usable = np.flatnonzero(_all_segments_shown(problem, seen[:, problem.markers], upright))
     solved, values = _one_movement(problem, recording, usable)
     for stride in problem.config.strides[1:]:
         frames = _every(usable, stride)
@@ -244,10 +244,9 @@ def _all_segments_shown(problem: Problem, seen: np.ndarray, shown: np.ndarray) -
     """(n,) which of the frames ``shown`` show a marker of every segment that has one, as far as
     there are such frames.
     """
-    for segment in sorted({problem.sites.segments[k] for k in range(seen.shape[1])} - {"pelvis"}):
-        here = seen[:, [k for k, name in enumerate(problem.sites.segments) if name == segment]].any(
-            1
-        )
+    carriers = [problem.sites.segments[k] for k in np.flatnonzero(problem.markers)]
+    for segment in sorted(set(carriers) - {"pelvis"}):
+        here = seen[:, [k for k, name in enumerate(carriers) if name == segment]].any(1)
         shown = shown & here if (shown & here).any() else shown
     return shown
 
@@ -265,10 +264,13 @@ def _march(
     A frame starts as far from the one before it as the straight line across the gap goes; a
     coordinate that moves no marker in sight goes straight between the frames that tell it.
     """
-    weights = recording.weights
-    line, done, rest = values.copy(), np.zeros(len(values), bool), np.asarray(weights.any(1))
+    shown, subtrees = (
+        recording.weights[:, problem.markers] > 0,
+        problem.subtrees[:, problem.markers],
+    )
+    line, done, rest = values.copy(), np.zeros(len(values), bool), np.asarray(shown.any(1))
     done[solved], rest[solved] = True, False
-    lost = ((weights > 0) @ problem.subtrees.T == 0) & problem.subtrees.any(1) & rest[:, None]
+    lost = (shown @ subtrees.T == 0) & subtrees.any(1) & rest[:, None]
     # and what hangs on it
     moves = problem.leg.moves
     lost = lost @ (moves[:, None] >= moves[None]).all(-1)

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from legsim.core.values import FloatArray
+from legsim.kinematics import _planted_feet
 from legsim.kinematics._ik_problem import Problem
 from legsim.kinematics.leg import Leg
 from legsim.kinematics.leg_model import Kinematics, LegModel
@@ -81,6 +82,19 @@ class PersonModel:
         self.size = self._first_neutral + 2
         self.precision, self.center = self._prior(leg, loose)
 
+    @property
+    def marker_names(self) -> tuple[str, ...]:
+        """Markers and pegs."""
+        return self._sites.names
+
+    @property
+    def pegged(self) -> np.ndarray:
+        """(p,) which parameters are places of pegs."""
+        pegged = np.zeros(self.size, bool)
+        pegs = np.repeat([_planted_feet.is_peg(name) for name in self._sites.names], 3)
+        pegged[self._first_offset : self._first_neutral] = pegs
+        return pegged
+
     def _prior(self, leg: Leg, loose: Collection[str]) -> tuple[FloatArray, FloatArray]:
         """Precision and mean: lengths as measured, but right and left alike."""
         spread = np.zeros(self.size)
@@ -90,9 +104,12 @@ class PersonModel:
         spread[3 : self._first_offset] = _LENGTH
         spread[self._first_offset : self._first_neutral] = np.ravel(
             [
-                _LOOSE
-                if name in loose
-                else _PLACES.get(name.removesuffix("_r").removesuffix("_l"), _LOOSE)
+                _planted_feet.spread(name)
+                or (
+                    _LOOSE
+                    if name in loose
+                    else _PLACES.get(name.removesuffix("_r").removesuffix("_l"), _LOOSE)
+                )
                 for name in self._sites.names
             ]
         )

@@ -23,6 +23,7 @@ from legsim.kinematics import (
 )
 from legsim.kinematics._ik_names import Tasks, left_out
 from legsim.kinematics._ik_problem import Problem
+from legsim.kinematics._planted_feet import Pegs
 from legsim.kinematics.from_coordinates import gap_note, low_passed, moving_leg, named
 from legsim.kinematics.ik_options import IkOptions
 from legsim.kinematics.inverse_kinematics import Solution
@@ -221,8 +222,12 @@ def _markers_on_own_leg(
             scaled_from, lambda: registration.register(leg, reference, placed, loose, options)
         )
         leg, placed, options = registered.leg, registered.sites, registered.config
-    solution = named(path, lambda: inverse_kinematics.solve(leg, measured, placed, options))
-    how = _Fitting(fitted, scaled_from.name, notes, options, registered)
+    # feet stand elsewhere in another recording
+    pegs = registered.pegs if registered and same else None
+    solution = named(
+        path, lambda: inverse_kinematics.solve(leg, measured, placed, options, pegs=pegs)
+    )
+    how = _Fitting(fitted, scaled_from.name, notes, options, registered, pegs)
     return _solved(reading, path, leg, solution, measured, placed, cleaning, how)
 
 
@@ -235,6 +240,7 @@ class _Fitting:
     notes: tuple[str, ...]
     options: IkOptions
     registration: Registration | None = None
+    pegs: Pegs | None = None
 
 
 def _solved(
@@ -259,6 +265,9 @@ def _solved(
         noise=reading.marker_noise,
         filter_hz=reading.filter_hz,
     )
+    held, seen = placed.only(names), np.asarray(np.isfinite(shown.positions_world).all(-1))
+    if how.pegs is not None:
+        held, seen = how.pegs.beside(held), how.pegs.shown_with(seen)
     fit = MarkerFit(
         measured=shown,
         modelled=solution.modelled,
@@ -268,10 +277,7 @@ def _solved(
         options=how.options,
         registration=how.registration,
         spread=uncertainty.coordinate_spread(
-            Problem(leg, placed.only(names), how.options),
-            how.registration,
-            solution.trajectories.values,
-            np.asarray(np.isfinite(shown.positions_world).all(-1)),
+            Problem(leg, held, how.options), how.registration, solution.trajectories.values, seen
         ),
         ik=solution.report,
         scaled_from=printable(how.source),

@@ -20,6 +20,7 @@ from legsim.core.values import FloatArray, frozen, frozen_owned
 from legsim.kinematics._ik_problem import Problem
 from legsim.kinematics._ik_trajectory import Progress, Trace, solve_all
 from legsim.kinematics._marker_fading import faded
+from legsim.kinematics._planted_feet import Pegs
 from legsim.kinematics.ik_options import IkOptions
 from legsim.kinematics.leg import Leg
 from legsim.kinematics.marker_sites import MarkerSites
@@ -91,6 +92,7 @@ def solve(
     sites: MarkerSites,
     config: IkOptions | None = None,
     *,
+    pegs: Pegs | None = None,
     progress: Progress | None = None,
 ) -> Solution:
     """Joint coordinates that bring the model's markers closest to the measured ones, frame by
@@ -102,6 +104,7 @@ def solve(
         sites: where the markers sit on the scaled segments.
         config: weights, tasks, locks, priors and tolerances; the defaults suit the seven markers of
             the study as well as full sets. Names of markers are those of ``sites``.
+        pegs: of feet that stand still in ``motion``, as registration finds them.
         progress: told (frames done, frames in all).
 
     Raises:
@@ -117,15 +120,21 @@ def solve(
         ]
     )
     measured = motion.positions_world[:, [motion.marker_names.index(name) for name in sites.names]]
-    problem = Problem(leg, sites, config)
     seen = np.asarray(np.isfinite(measured).all(-1))
     # one frame has no neighbor to come from or go to
     shares = faded(seen, motion.rate_hz) if len(seen) > 1 else seen.astype(float)
-    values, trace = solve_all(problem, measured, seen, shares, progress)
+    held, shown = sites, measured
+    if pegs is not None:
+        held, shown = pegs.beside(sites), pegs.beside_markers(measured)
+        shares = np.concatenate([shares, pegs.shares], axis=1)
+        seen = shares > 0
+    problem = Problem(leg, held, config)
+    values, trace = solve_all(problem, shown, seen, shares, progress)
     trajectories = JointTrajectories(motion.times, leg.coordinate_names, values)
     modelled = MarkerTrajectories(motion.times, sites.names, leg.marker_positions(values, sites))
+    share = _marker_share(problem, values, seen)
     return Solution(
-        trajectories, _report(problem, values, trace, measured, seen, modelled), modelled
+        trajectories, _report(problem, values, trace, measured, modelled, share), modelled
     )
 
 
@@ -160,9 +169,10 @@ def _report(
     values: FloatArray,
     trace: Trace,
     measured: FloatArray,
-    seen: np.ndarray,
     modelled: MarkerTrajectories,
+    share: FloatArray,
 ) -> IkReport:
+    seen = np.asarray(np.isfinite(measured).all(-1))
     errors = np.linalg.norm(modelled.positions_world - measured, axis=-1)
     shown = np.where(seen, errors, -1.0)
     count = seen.sum(0)
@@ -171,13 +181,13 @@ def _report(
     at_limit = (values <= problem.low + 1e-9) | (values >= problem.high - 1e-9)
     at_limit &= ~problem.locked
     return IkReport(
-        marker_names=problem.sites.names,
+        marker_names=modelled.marker_names,
         marker_rms=frozen("marker_rms", rms, (None,)),
         marker_worst=frozen("marker_worst", np.where(count > 0, shown.max(0), np.nan), (None,)),
         marker_worst_frame=frozen_owned(shown.argmax(0)),
         marker_seen=frozen_owned(count),
         coordinate_names=problem.leg.coordinate_names,
-        coordinate_share=_marker_share(problem, values, seen),
+        coordinate_share=share,
         coordinate_at_limit=frozen_owned(at_limit.sum(0)),
         coordinate_by_prior=frozen_owned(_by_prior(problem, seen)),
         frames=len(values),
@@ -191,7 +201,7 @@ def _report(
 def _by_prior(problem: Problem, seen: np.ndarray) -> np.ndarray:
     """(c,) frames in which priors decide a coordinate of the foot; none with a task or a lock."""
     leg, found = problem.leg, np.zeros(len(problem.low), int)
-    segments = np.array(problem.sites.segments)
+    segments = np.array(problem.sites.segments)[problem.markers]
     for side in "rl":
         tibia, calcn, toes = (
             leg.moves[:, segment_index(f"{name}_{side}")] for name in ("tibia", "calcn", "toes")
@@ -205,14 +215,17 @@ def _by_prior(problem: Problem, seen: np.ndarray) -> np.ndarray:
 
 
 def _marker_share(problem: Problem, values: FloatArray, seen: np.ndarray) -> FloatArray:
-    """Diagonal (20,) of (markers + priors)^-1 markers, mean over some twenty frames."""
+    """Diagonal (20,) of (markers + priors)^-1 markers, mean over some twenty frames; pegs count as
+    priors.
+    """
     some = np.unique(np.linspace(0, len(values) - 1, 20).astype(int))
     weights = seen[some] * problem.sites.weights
     measured = np.zeros((len(some), len(problem.rows), 3))
     plain = np.zeros(len(some), bool)
     pulls = problem.pulls(weights)
+    held = weights * ~problem.markers
     whole = problem.at(values[some], measured, weights, plain, pulls).curvature
-    priors = problem.at(values[some], measured, 0 * weights, plain, pulls).curvature
+    priors = problem.at(values[some], measured, held, plain, pulls).curvature
     share = 1 - np.einsum(
         "nij,nji->ni", np.linalg.inv(whole + problem.floor()), priors + problem.floor()
     )

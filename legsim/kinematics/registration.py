@@ -19,9 +19,10 @@ import numpy as np
 
 from legsim.core import transforms
 from legsim.core.values import FloatArray, frozen
-from legsim.kinematics import _ik_branches
+from legsim.kinematics import _ik_branches, _planted_feet
 from legsim.kinematics._ik_newton import held_at_limits, minimize
 from legsim.kinematics._ik_problem import Problem, State
+from legsim.kinematics._planted_feet import Pegs
 from legsim.kinematics._registration_model import Person, PersonModel, joint_blocks
 from legsim.kinematics.ik_options import IkOptions, leg_priors
 from legsim.kinematics.leg import Leg
@@ -65,6 +66,8 @@ class Registration:
     leg: Leg
     sites: MarkerSites
     """where the markers sit on the leg"""
+    pegs: Pegs | None
+    """of the feet that stand still in the recording"""
     config: IkOptions
     """as it was given, with the person's habitual hip rotation as that prior's value"""
     frames: int
@@ -110,10 +113,23 @@ def register(
     sites = sites.weighted(config.marker_weights)
     sites = sites.only([name for name in motion.marker_names if name in sites.names])
     measured = motion.positions_world[:, [motion.marker_names.index(n) for n in sites.names]]
-    chosen = _postures(Problem(leg, sites, config), measured)
-    fit = _Fit(PersonModel(leg, sites, loose), config, measured[chosen])
+    problem = Problem(leg, sites, config)
+    chosen = _postures(problem, measured)
+    pegs = _planted_feet.find(leg, sites, motion, chosen, _posed(problem, measured[chosen]))
+    shown = measured[chosen]
+    if pegs is not None:
+        sites, shown = pegs.beside(sites), pegs.beside_markers(shown)
+        shown[:, measured.shape[1] :][pegs.shares[chosen] < 1] = np.nan
+    fit = _Fit(PersonModel(leg, sites, loose), config, shown)
     fit.settle()
-    return fit.result()
+    return fit.result(pegs)
+
+
+def _posed(problem: Problem, measured: FloatArray) -> FloatArray:
+    """Values (n, c) of the cheapest minimum of each frame."""
+    weights = np.isfinite(measured).all(-1) * problem.sites.weights
+    minima = _ik_branches.find(problem, problem.pelvis_starts(measured), measured, weights)
+    return np.array([m.values[0] for m in minima])
 
 
 def _postures(problem: Problem, measured: FloatArray) -> np.ndarray:
@@ -150,17 +166,18 @@ class _Fit:
     def __init__(self, model: PersonModel, config: IkOptions, measured: FloatArray) -> None:
         self._model, self._config = model, config
         self._seen = np.asarray(np.isfinite(measured).all(-1))
+        self._is_peg = np.array([_planted_feet.is_peg(name) for name in model.marker_names])
         self._measured = np.nan_to_num(measured)
         self._share = min(1.0, _INDEPENDENT / len(measured))
         self.theta = np.zeros(model.size)
         self._expect(MARKER_ERROR)
-        self._weights = self._seen * self._problem.sites.weights
         self.state = self._posed_from_scratch()
         self.rms_before = self._rms()
 
     def _at(self, theta: FloatArray) -> tuple[Person, Problem]:
         person = self._model(theta)
-        return person, Problem(person.leg, person.sites, self._settings(person))
+        sites = _planted_feet.weighed(person.sites, self.error)
+        return person, Problem(person.leg, sites, self._settings(person))
 
     def _settings(self, person: Person) -> IkOptions:
         """Hip rotation is pulled to the habitual one by as much as markers of this error leave it
@@ -169,11 +186,8 @@ class _Fit:
         return with_neutral(self._config, person.neutral, min(1.0, self.error / MARKER_ERROR) ** 2)
 
     def _posed_from_scratch(self) -> State:
-        pelvis = self._problem.pelvis_starts(
-            np.where(self._seen[..., None], self._measured, np.nan)
-        )
-        minima = _ik_branches.find(self._problem, pelvis, self._measured, self._weights)
-        return self._posed(self._problem, np.array([m.values[0] for m in minima]))
+        measured = np.where(self._seen[..., None], self._measured, np.nan)
+        return self._posed(self._problem, _posed(self._problem, measured))
 
     def _posed(self, problem: Problem, starts: FloatArray) -> State:
         return minimize(problem, starts, self._measured, self._weights)[0]
@@ -188,6 +202,7 @@ class _Fit:
         self._unit = error**2 / self._share
         self._precision = self._unit * self._model.precision
         self.person, self._problem = self._at(self.theta)
+        self._weights = self._seen * self._problem.sites.weights
 
     def settle(self) -> None:
         """Steps until the sum stays, with the error that the markers show, then looks for postures
@@ -214,14 +229,17 @@ class _Fit:
         plain = np.zeros(len(self._measured), bool)
         values, problem = self.state.values, self._problem
         pulls = problem.pulls(self._weights)
-        nothing = problem.at(values, self._measured, 0 * self._weights, plain, pulls)
+        # the pegs count as priors
+        held = self._weights * self._is_peg
+        nothing = problem.at(values, self._measured, held, plain, pulls)
         whole = problem.at(values, self._measured, self._weights, plain)
         faint = 1e-12 * np.eye(values.shape[1])
         open_share = np.linalg.solve(whole.curvature + faint, nothing.curvature + faint)
         posed = values.shape[1] - np.einsum("ncc->n", open_share)
         _, hessian, _ = self._system()
-        placed = self._model.size - np.trace(np.linalg.solve(hessian, self._precision))
-        freedom = 3 * int(self._seen.sum()) - float(posed.sum()) - float(placed)
+        placed = 1 - np.einsum("pq,qp->p", np.linalg.inv(hessian), self._precision)
+        decided = float(placed[~self._model.pegged].sum())
+        freedom = 3 * int(self._seen[:, ~self._is_peg].sum()) - float(posed.sum()) - decided
         squares = 2 * float((whole.cost - nothing.cost).sum())
         return float(np.sqrt(max(squares, 0.0) / max(freedom, 1.0)))
 
@@ -268,14 +286,16 @@ class _Fit:
     def _rms(self) -> float:
         where = self.person.leg.marker_positions(self.state.values, self.person.sites)
         squares = ((where - self._measured) ** 2).sum(-1)
-        return float(np.sqrt(squares[self._seen].mean()))
+        return float(np.sqrt(squares[self._seen & ~self._is_peg].mean()))
 
-    def result(self) -> Registration:
+    def result(self, pegs: Pegs | None) -> Registration:
         """What was found."""
         _, hessian, _ = self._system()
+        sites = self._problem.sites
         return Registration(
             leg=self.person.leg,
-            sites=self.person.sites,
+            sites=sites.only([n for n in sites.names if not _planted_feet.is_peg(n)]),
+            pegs=None if pegs is None else pegs.at(sites),
             config=self._settings(self.person),
             frames=len(self._measured),
             rms_before=self.rms_before,

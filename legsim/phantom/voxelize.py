@@ -4,6 +4,8 @@ Labels give the regions of the evaluation and true volumes.
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
+from itertools import product
 
 import numpy as np
 
@@ -46,14 +48,27 @@ def labels(
 
 
 def attenuation(
-    phantom: Phantom, grid: VolumeGrid, device: Device, *, posed: Sequence[FloatArray] | None = None
+    phantom: Phantom,
+    grid: VolumeGrid,
+    device: Device,
+    *,
+    posed: Sequence[FloatArray] | None = None,
+    points: int = 1,
 ) -> Volume:
-    """Computes the true volume: each voxel has the attenuation at its center.
+    """Computes the true volume: each voxel has the mean attenuation of ``points``^3 points.
 
-    Arguments and errors are as in :func:`labels`.
+    They are spread evenly through the voxel; one is its center. Other arguments and errors are as
+    in :func:`labels`.
     """
     table = np.array([0.0, *(part.attenuation for part in phantom.parts)], np.float32)
-    return Volume(grid, table[labels(phantom, grid, device, posed=posed)])
+    table /= points**3
+    away = (np.arange(points) + 0.5) / points - 0.5
+    total = np.zeros(grid.shape_zyx, np.float32)
+    for shares in product(away, repeat=3):
+        x, y, z = np.array(grid.center) + np.array(grid.spacing_xyz) * shares
+        shifted = replace(grid, center=(x, y, z))
+        total += table[labels(phantom, shifted, device, posed=posed)]
+    return Volume(grid, total)
 
 
 def _voxels_from_world(grid: VolumeGrid) -> FloatArray:

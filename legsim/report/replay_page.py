@@ -87,11 +87,16 @@ def still(scene: ReplayScene) -> bytes:
 
 
 def content(
-    recovered: MovingLeg, scene: ReplayScene, posture: bytes, provenance: Sequence[tuple[str, str]]
+    recovered: MovingLeg,
+    scene: ReplayScene,
+    posture: bytes,
+    provenance: Sequence[tuple[str, str]],
+    further: Sequence[PageSection] = (),
 ) -> ReportContent:
     """Builds the page's content.
 
-    ``posture`` is the :func:`still`; all other figures are drawn here.
+    ``posture`` is the :func:`still`; all other figures are drawn here. ``further`` sections are
+    put at the end.
     """
     seen = f"The middle of the recording, {_middle(scene):.2f} s."
     curves = (
@@ -109,6 +114,7 @@ def content(
             *marker_sections,
             PageSection("Joint coordinates", tables=(coordinate_table(recovered),)),
             PageSection("Curves", figures=_drawn([*replay_figures(scene), *curves])),
+            *further,
         ),
         provenance=tuple(provenance),
         files=(

@@ -1,4 +1,4 @@
-"""Joint centers, IMU signals and segment poses as files of a run folder."""
+"""Joint centers, marker errors and segment poses as files of a run folder."""
 
 import csv
 import io
@@ -7,10 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from legsim.core.errors import file_error
 from legsim.core.files import save_npz, write_text
 from legsim.core.values import FloatArray
-from legsim.imu.signals import ImuSignals
 from legsim.kinematics.skeleton import SegmentPoses
 from legsim.mocap.trajectories import MarkerTrajectories
 
@@ -59,46 +57,6 @@ def save_marker_errors(
         *("\t".join("NaN" if v != v else repr(v) for v in row) for row in rows),
     ]
     write_text(path, "\n".join(lines) + "\n")
-
-
-_IMU_COLUMNS = ("ax_m_s2", "ay_m_s2", "az_m_s2", "gx_rad_s", "gy_rad_s", "gz_rad_s")
-
-
-def save_imu(path: Path, signals: ImuSignals) -> None:
-    """Writes ``time_s, <sensor>_ax_m_s2 … <sensor>_gz_rad_s``.
-
-    These are specific force and angular velocity in the sensor frame.
-    """
-    header = [
-        "time_s",
-        *(f"{name}_{column}" for name in signals.sensor_names for column in _IMU_COLUMNS),
-    ]
-    values = np.concatenate([signals.specific_force, signals.angular_velocity], -1).reshape(
-        len(signals.times), -1
-    )
-    write_text(path, _csv_text(header, np.column_stack([signals.times, values])))
-
-
-def load_imu(path: Path) -> ImuSignals:
-    """Reads the file that :func:`save_imu` writes."""
-    with path.open(encoding="utf-8", newline="") as stream:
-        header, *rows = list(csv.reader(stream))
-    suffix = f"_{_IMU_COLUMNS[0]}"
-    names = tuple(column.removesuffix(suffix) for column in header[1::6])
-    if (
-        header != ["time_s", *(f"{name}_{column}" for name in names for column in _IMU_COLUMNS)]
-        or not rows
-    ):
-        raise file_error(
-            path,
-            "is not an IMU table",
-            f"expected the columns time_s, <sensor>_{_IMU_COLUMNS[0]} … "
-            f"<sensor>_{_IMU_COLUMNS[-1]}",
-            place="line 1",
-        )
-    values = np.array(rows, float)
-    signals = values[:, 1:].reshape(len(values), len(names), 2, 3)
-    return ImuSignals(values[:, 0], names, signals[:, :, 1], signals[:, :, 0])
 
 
 def save_poses(path: Path, poses: SegmentPoses) -> None:

@@ -5,24 +5,26 @@ Installed ones are entry points.
 
 import importlib.metadata
 import importlib.util
-from collections.abc import Callable
+import re
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import cast
+from typing import Any, cast
 
-from legsim.core import files
 from legsim.core.errors import LegsimError, file_error
 from legsim.correction import method as correction_method
 from legsim.correction.bead_scan import BeadScan
+from legsim.correction.bead_tracking import Reference
 from legsim.correction.marker_based import MarkerBased
-from legsim.correction.method import CorrectionMethod
+from legsim.correction.method import Correction, CorrectionMethod, Scan
 from legsim.correction.nonrigid import NonRigid2D, NonRigid3D
 from legsim.correction.oracle import Oracle
 from legsim.correction.rigid import Rigid, Uncorrected
 from legsim.geometry.volume import VolumeGrid
 from legsim.imu.strapdown import Scheme
 from legsim.opencl.device import Device
+from legsim.run import own_code
 from legsim.simulation.simulated_scan import ScanTruth
 
 ENTRY_POINTS = "legsim.methods"
@@ -45,18 +47,49 @@ class MethodInputs:
     """coarse grid over the volume for displacement fields"""
     scanned_shank: str
     """segment whose true motion the rigid oracle takes"""
-    truth: ScanTruth
-    beads: Callable[[], BeadScan]
-    """the same scan with beads on the skin, simulated when called"""
+    truth: ScanTruth | None
+    """None for a measured scan"""
+    beads: Callable[[], BeadScan] | None
+    """the same scan with beads on the skin, simulated when called; None for a measured scan"""
+    bead_reference: Reference = "bundle"
+    """what the beads' poses are fitted to"""
+
+
+FOLLOW_ONE, FOLLOW_JOINTS = ("rigid", "rigid-paper-order"), ("nonrigid-2d", "nonrigid-3d")
+"""methods that need the sensor of methods.sensor, and those that need thigh and shank"""
+
+
+def _oracle(given: MethodInputs) -> CorrectionMethod:
+    return Oracle(_truth(given, "oracle").motion_of(given.scanned_shank))
+
+
+def _nonrigid_oracle(given: MethodInputs) -> CorrectionMethod:
+    truth = _truth(given, "oracle-nonrigid")
+    return Oracle(partial(truth.field, given.nodes), "oracle-nonrigid")
+
+
+def _truth(given: MethodInputs, name: str) -> ScanTruth:
+    if given.truth is None:
+        raise LegsimError(
+            f"{name} follows the true motion, which only a simulated scan has; leave it out"
+        )
+    return given.truth
+
+
+def _marker_based(given: MethodInputs) -> CorrectionMethod:
+    if given.beads is None:
+        raise LegsimError(
+            "marker-based follows beads on the skin, which only a simulated scan has here; leave "
+            "it out"
+        )
+    return MarkerBased(given.beads, given.bead_reference)
 
 
 BUILT_IN: dict[str, Callable[[MethodInputs], CorrectionMethod]] = {
     "uncorrected": lambda _: Uncorrected(),
-    "oracle": lambda given: Oracle(given.truth.motion_of(given.scanned_shank)),
-    "oracle-nonrigid": lambda given: Oracle(
-        partial(given.truth.field, given.nodes), "oracle-nonrigid"
-    ),
-    "marker-based": lambda given: MarkerBased(given.beads),
+    "oracle": _oracle,
+    "oracle-nonrigid": _nonrigid_oracle,
+    "marker-based": _marker_based,
     "rigid": lambda given: Rigid(given.sensor, given.scheme),
     "nonrigid-2d": lambda given: NonRigid2D(scheme=given.scheme, device=given.device),
     "nonrigid-3d": lambda given: NonRigid3D(given.nodes, given.scheme),
@@ -100,6 +133,21 @@ def build(name: str, given: MethodInputs) -> CorrectionMethod:
     return find(name)(given)
 
 
+def check_names(names: Sequence[str], place: str) -> None:
+    """Refuses unknown methods, and two of one label; ``place`` is where they are named.
+
+    Raises:
+        LegsimError: such a name; as :func:`find`.
+    """
+    labels = [label(name) for name in names]
+    for name, own in zip(names, labels, strict=True):
+        find(name)
+        if labels.count(own) > 1 or own == REFERENCE:
+            raise LegsimError(
+                f"{place}: {name} would be called {own!r} like another method; rename its function"
+            )
+
+
 def rigid_sensor(name: str) -> str | None:
     """Finds the sensor of a name such as ``rigid@thigh_l``; None for other names."""
     return name.removeprefix(_RIGID_FROM) if name.startswith(_RIGID_FROM) else None
@@ -108,19 +156,21 @@ def rigid_sensor(name: str) -> str | None:
 def label(name: str) -> str:
     """Label of a method in tables and file names.
 
-    It is the method's name, or the function's where it comes from a file.
+    It is the method's name, or the function's where it comes from a file. What no file name can
+    hold, in the name of a sensor, becomes an underscore.
     """
-    return name.rpartition(":")[2]
+    shown = name if rigid_sensor(name) is not None else name.rpartition(":")[2]
+    return re.sub(r'[/\\:*?"<>|]', "_", shown)
 
 
 def fingerprint(name: str) -> str:
-    """Part of the key that changes with the file of a user's own method.
+    """Part of the key that changes with the code of a user's own method and of what it imports.
 
     A run then computes the method again.
     """
     path, separator, _ = name.rpartition(":")
     if separator and Path(path).is_file():
-        return files.sha256(Path(path))
+        return own_code.fingerprint(Path(path))
     module = next(
         (
             p.module
@@ -130,7 +180,9 @@ def fingerprint(name: str) -> str:
         None,
     )
     spec = None if module is None else importlib.util.find_spec(module)
-    return files.sha256(Path(spec.origin)) if spec is not None and spec.origin is not None else name
+    if spec is None or spec.origin is None:
+        return name
+    return own_code.fingerprint(Path(spec.origin))
 
 
 def _installed(point: importlib.metadata.EntryPoint) -> CorrectionMethod:
@@ -157,16 +209,25 @@ def _from_file(path: Path, function: str) -> CorrectionMethod:
         raise file_error(path, "is not a Python file", "give a method as path/to/file.py:function")
     module = importlib.util.module_from_spec(spec)
     try:
-        spec.loader.exec_module(module)
+        with own_code.importable(path, anew=True):
+            spec.loader.exec_module(module)
+    except LegsimError:
+        raise
     except Exception as error:
         raise file_error(
             path, f"cannot be imported ({type(error).__name__}: {error})", "fix the file"
         ) from error
-    method = getattr(module, function, None)
+    method: Any = getattr(module, function, None)
     if not callable(method):
         raise file_error(
             path,
             f"has no function {function!r}",
             f"define `def {function}(scan): return legsim.correction.method.Correction(...)`",
         )
-    return cast(CorrectionMethod, method)
+    own = cast(CorrectionMethod, method)
+
+    def from_beside(scan: Scan) -> Correction:
+        with own_code.importable(path):
+            return own(scan)
+
+    return from_beside

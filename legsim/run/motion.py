@@ -1,10 +1,15 @@
 """The recording of a run: solved by its [motion] settings, identified by its content."""
 
 import math
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
-from legsim.config import IkConfig, MotionConfig, ValueConfig
+import numpy as np
+
+from legsim.config import IkConfig, MotionConfig, TremorConfig, ValueConfig
+from legsim.core.constants import STANDARD_GRAVITY
+from legsim.core.errors import file_error
 from legsim.core.files import sha256
 from legsim.kinematics.from_recording import files_read, find_recording, solve_kinematics
 from legsim.kinematics.ik_options import (
@@ -15,11 +20,19 @@ from legsim.kinematics.ik_options import (
     Unit,
 )
 from legsim.kinematics.moving_leg import MovingLeg
+from legsim.kinematics.tremor import Tremor, trembling
 from legsim.kinematics.zero_pose import with_zero
+
+FEWEST_SAMPLES = 6
+"""of a motion whose splines have accelerations"""
 
 
 def solve(motion: MotionConfig, *, filter_coordinates: bool = False) -> MovingLeg:
-    """Solves the configured recording; errors as in ``solve_kinematics``."""
+    """Solves the configured recording and adds the configured tremor.
+
+    Raises:
+        LegsimError: as ``solve_kinematics`` and ``trembling``; too few samples for accelerations.
+    """
     person = solve_kinematics(
         motion.file,
         marker_map=motion.marker_map,
@@ -36,7 +49,29 @@ def solve(motion: MotionConfig, *, filter_coordinates: bool = False) -> MovingLe
         register=motion.registration,
         ik=ik_options(motion.ik),
     )
-    return _with_zero(person, motion) if motion.zero_file else person
+    count = len(person.trajectories.times)
+    if count < FEWEST_SAMPLES:
+        raise file_error(
+            motion.file,
+            f"holds {count} sample{'' if count == 1 else 's'} of joint angles, but accelerations "
+            f"need {FEWEST_SAMPLES}",
+            "record for longer",
+        )
+    if motion.zero_file:
+        person = _with_zero(person, motion)
+    return person if motion.tremor.acceleration_mg == 0 else _trembling(person, motion.tremor)
+
+
+def _trembling(person: MovingLeg, settings: TremorConfig) -> MovingLeg:
+    tremor = Tremor(1e-3 * STANDARD_GRAVITY * settings.acceleration_mg, settings.band_hz)
+    rng = np.random.default_rng(settings.seed)
+    low, high = tremor.band_hz
+    note = f"a tremor of {settings.acceleration_mg:g} mg at {low:g}-{high:g} Hz was added"
+    return replace(
+        person,
+        trajectories=trembling(person.leg, person.trajectories, tremor, rng),
+        notes=(*person.notes, note),
+    )
 
 
 def _with_zero(person: MovingLeg, motion: MotionConfig) -> MovingLeg:

@@ -4,7 +4,7 @@
 files.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -17,17 +17,18 @@ from legsim.correction.initialization import Starts
 from legsim.correction.method import Scan
 from legsim.deformation.models import RigidMotion
 from legsim.evaluation.scores import MethodResult
+from legsim.geometry.volume import NamedVolume
 from legsim.imu import plausibility as imu_plausibility
+from legsim.opencl import failures
 from legsim.opencl.device import Device, open_device
 from legsim.report import page, scan_page
-from legsim.run import c_arm, scores, sensors, stages, volumes
+from legsim.run import c_arm, code, scan_file, scores, sensors, stages, volumes
+from legsim.run.corrected import Reconstructed
 from legsim.run.folder import RunFolder, commit
-from legsim.run.stages import (
-    StageContext,
-)
+from legsim.run.stages import StageContext
 from legsim.run.store import StageCache
-from legsim.run.volumes import Reconstructed
 from legsim.scene import build
+from legsim.scene.values import planes_alone
 from legsim.simulation.setup import joints_on_sensors
 from legsim.simulation.simulated_scan import SimulatedScan
 
@@ -46,6 +47,11 @@ class RunResult:
         """Regions in the order of the table."""
         return tuple(r.region for r in self.methods[0].metrics.regions)
 
+    @property
+    def protocol(self) -> str:
+        """How volumes were scaled and which windows SSIM has, in words."""
+        return self.methods[0].metrics.protocol
+
     def columns(self) -> tuple[str, ...]:
         """Column names of :meth:`rows`."""
         measures = (f"{kind} {region}" for kind in ("SSIM", "RMSE") for region in self.region_names)
@@ -54,6 +60,7 @@ class RunResult:
             *measures,
             *(f"{r.structure} mm" for r in self.methods[0].residuals),
             "bones px",
+            "px after similarity",
             "seconds",
         )
 
@@ -61,7 +68,7 @@ class RunResult:
         """Formats the scores of each method.
 
         They are method, SSIM by region, RMSE by region, residual motion by structure and at the
-        bones in the images, seconds.
+        bones in the images (as it is, and after the best constant similarity), seconds.
         """
         return [
             (
@@ -70,6 +77,7 @@ class RunResult:
                 *(f"{r.rmse:.3f}" for r in m.metrics.regions),
                 *("-" if r.mm is None else f"{r.mm:.2f}" for r in m.residuals),
                 f"{m.residual_px:.2f}",
+                f"{m.residual_px_after_similarity:.2f}",
                 f"{m.seconds:.1f}",
             )
             for m in self.methods
@@ -116,13 +124,24 @@ def run_scan(
     """
     # wrong settings are reported before anything is computed
     volumes.check(settings)
+    sensors.check(settings.imu)
     c_arm.imaging(settings.scan)
     opened, out = open_device(device), Path(out)
-    folder = RunFolder(out, _about(settings, opened), store)
-    write_text(out / "config.toml", config.dump(settings))
-    stage = StageContext(settings, folder, opened, on_progress)
+    with failures.reported(opened.label), RunFolder(out, _about(settings, opened), store) as folder:
+        write_text(out / "config.toml", config.dump(settings))
+        return _run(StageContext(settings, folder, opened, on_progress), presented=presented)
+
+
+def _run(stage: StageContext, *, presented: bool) -> RunResult:
+    settings, folder = stage.settings, stage.folder
     setup = stages.set_up(stage)
-    signals = stages.read_sensors(settings, setup.person, folder, stages.motion_key(settings))
+    signals = stages.read_sensors(
+        settings,
+        setup.person,
+        folder,
+        stages.motion_key(settings),
+        rest_at=float(setup.times[0]),
+    )
     readings = imu_plausibility.objections(signals)
     stages.refuse_implausible(settings, setup.person.name, readings)
     starts = stages.starts(stage, setup, signals)
@@ -132,13 +151,14 @@ def run_scan(
         volumes.followed_sides(settings),
         points_per_segment=settings.methods.points_per_segment,
     )
-    scan = SimulatedScan(setup, Scan(moving, signals, starts.starts, joints), at_rest, opened)
+    scan = SimulatedScan(setup, Scan(moving, signals, starts.starts, joints), at_rest, stage.device)
+    scan_file.write(folder.path, settings, scan.seen, setup.sensors)
     grid = c_arm.volume_grid(settings.grid, setup.geometry.rotation_center())
     corrected = volumes.reconstruct_methods(stage, scan, grid)
     results = scores.score_methods(stage, scan, corrected, grid)
     if presented:
         _present(stage, scan, corrected, results, starts)
-    return RunResult(out, results, (*setup.person.warnings, *readings))
+    return RunResult(folder.path, results, (*setup.person.warnings, *readings))
 
 
 def _about(settings: RunConfig, device: Device) -> dict[str, Any]:
@@ -166,12 +186,12 @@ def _present(
 
     def write() -> tuple[str, ...]:
         stage.on_progress("recording and report", 0, 2)
-        scene = build.scan_scene(scan, [c.volume for c in corrected])
+        scene = build.scan_scene(scan, list(_shown(corrected)))
         view.write_scan(folder.path / "recording.rrd", scene)
         stage.on_progress("recording and report", 1, 2)
         shank = setup.poses.of(setup.named("tibia"))
         truth = RigidMotion.from_poses(setup.times, shank)
-        rigid = [(c.volume.name, c.motion) for c in corrected if isinstance(c.motion, RigidMotion)]
+        rigid = [(c.name, c.motion) for c in corrected if isinstance(c.motion, RigidMotion)]
         drawn = scan_page.scan_figures(scene, truth, rigid, shank[0, :3, 3])
         pictures = scan_page.write_pictures(folder.path / "pictures", drawn)
         provenance = [(what, str(value)) for what, value in folder.about.items()] + [
@@ -188,10 +208,23 @@ def _present(
         )
         write_text(folder.path / "report.html", page.render(content))
         stage.on_progress("recording and report", 2, 2)
-        return "recording.rrd", "report.html"
+        return "recording.rrd", "report.html", *(picture.file for picture in pictures)
 
-    key = key_of(stage.scan_key, settings.model_dump(), folder.hash_of("metrics.json"))
+    key = key_of(
+        stage.scan_key,
+        code.fingerprint("presentation"),
+        settings.model_dump(),
+        folder.hash_of("metrics.json"),
+    )
     folder.cached("presentation", key, write)
+
+
+def _shown(corrected: tuple[Reconstructed, ...]) -> Iterator[NamedVolume]:
+    """The motion-free volume, whose values set the grays, and what is shown of the others."""
+    for k, one in enumerate(corrected):
+        volume = one.load()
+        planes = build.slice_planes(volume.grid.center)
+        yield NamedVolume(one.name, volume if k == 0 else planes_alone(volume, planes))
 
 
 def _summary(
@@ -210,14 +243,15 @@ def _summary(
         lines.append(
             f"Motion lowers SSIM to {before.ssim:.3f} and raises RMSE to {before.rmse:.3f}; "
             f"following the {settings.methods.sensor} sensor "
-            f"rigidly brings {after.ssim:.3f} and {after.rmse:.3f}."
+            f"rigidly brings {after.ssim:.3f} and {after.rmse:.3f}. {results[0].metrics.protocol}"
         )
     lines += [
         c_arm.sentence(scan, settings.phantom),
         sensors.noise_sentence(settings.imu, view_rate_hz=scan.rate_hz),
+        *(on_skin := sensors.skin_sentences(settings.imu)),
         *notes,
     ]
-    if settings.imu.noise.kind == "none" and settings.methods.start == "truth":
+    if settings.imu.noise.kind == "none" and settings.methods.start == "truth" and not on_skin:
         lines.append(
             "With clean signals and a true start these are ceilings, not what a real sensor would "
             "reach."

@@ -14,16 +14,17 @@ import numpy as np
 from legsim.core import files
 from legsim.core.files import key_of
 from legsim.evaluation import registration, residual_motion, similarity
-from legsim.evaluation.regions import SCALING_PERCENTILES, Region
+from legsim.evaluation.regions import Region
 from legsim.evaluation.registration import RegistrationError
-from legsim.evaluation.residual_motion import Structure
+from legsim.evaluation.residual_motion import Residual, Structure
 from legsim.evaluation.scores import MethodResult, result_from
 from legsim.evaluation.similarity import RegionScores
-from legsim.geometry.volume import VolumeGrid
+from legsim.geometry.volume import Volume, VolumeGrid
+from legsim.run import code, methods
+from legsim.run.corrected import Reconstructed
 from legsim.run.folder import REGISTRATION_ERROR_FILE, registration_error
 from legsim.run.stages import StageContext
-from legsim.run.volumes import Reconstructed
-from legsim.simulation.setup import ScanSetup, scan_regions
+from legsim.simulation.setup import ScanSetup, scan_regions, true_volume
 from legsim.simulation.simulated_scan import SimulatedScan
 
 _SURFACES = (
@@ -51,32 +52,42 @@ def score_methods(
     margin = 1e-3 * evaluation.air_margin_mm
     regions = cache(lambda: scan_regions(scan.setup, grid, stage.device, margin=margin))
     shown = cache(lambda: structures(scan.setup, grid))
-    measures = [f.name for f in fields(RegionScores)]  # a folder of an older version has fewer
+    # a folder of an older version has fewer
+    measures = [f.name for kind in (RegionScores, Residual) for f in fields(kind)]
+    reference = cache(corrected[0].load)
+    true = cache(lambda: true_volume(scan.setup, reference().grid, stage.device, regions()))
     results = []
     for k, one in enumerate(corrected):
         stage.on_progress("comparing", k, len(corrected))
-        path = folder.path / f"metrics-{one.volume.name}.json"
+        path = folder.path / f"metrics-{one.name}.json"
         made = [
             (name, folder.hash_of(name))
             for name in (*_files(corrected[0]), *_files(one))
             if folder.has(name)
         ]
-        key = key_of(stage.scan_key, evaluation.model_dump(), similarity.PROTOCOL, measures, made)
+        key = key_of(
+            stage.scan_key,
+            code.fingerprint("scores"),
+            evaluation.model_dump(),
+            similarity.PROTOCOL,
+            measures,
+            made,
+        )
 
         def write(one: Reconstructed = one, path: Path = path) -> tuple[str, ...]:
-            result = _scored(stage, scan.setup, one, corrected[0], regions(), shown())
+            result = _scored(stage, scan.setup, one, reference, regions(), true(), shown())
             files.write_text(path, json.dumps(asdict(result), indent=1) + "\n")
             return (path.name,)
 
         folder.cached(path.stem, key, write)
         results.append(result_from(json.loads(path.read_text("utf-8"))))
     stage.on_progress("comparing", len(corrected), len(corrected))
-    _write_all(stage, results, _registration_error(stage, corrected[0], regions))
+    _write_all(stage, results, _registration_error(stage, reference, regions))
     return tuple(results)
 
 
 def _registration_error(
-    stage: StageContext, reference: Reconstructed, regions: Callable[[], tuple[Region, ...]]
+    stage: StageContext, reference: Callable[[], Volume], regions: Callable[[], tuple[Region, ...]]
 ) -> RegistrationError | None:
     """Error of the registration that all methods use; None without registration."""
     if not stage.settings.evaluation.register_volumes:
@@ -84,13 +95,14 @@ def _registration_error(
     path = stage.folder.path / REGISTRATION_ERROR_FILE
     key = key_of(
         stage.scan_key,
+        code.fingerprint("scores"),
         stage.settings.evaluation.model_dump(),
         similarity.PROTOCOL,
-        stage.folder.hash_of(f"volume-{reference.volume.name}.mha"),
+        stage.folder.hash_of(f"volume-{methods.REFERENCE}.mha"),
     )
 
     def write() -> tuple[str, ...]:
-        found = registration.registration_error(reference.volume.volume, regions())
+        found = registration.registration_error(reference(), regions(), stage.device)
         files.write_text(path, json.dumps(asdict(found), indent=1) + "\n")
         return (path.name,)
 
@@ -102,10 +114,12 @@ def _write_all(
     stage: StageContext, results: list[MethodResult], missed: RegistrationError | None
 ) -> None:
     """Writes metrics.json for all methods."""
+    evaluation = stage.settings.evaluation
     content = {
-        "scaling": (
-            f"percentiles {SCALING_PERCENTILES} of each volume inside the regions to 0 and 1"
-        ),
+        "protocol": similarity.PROTOCOL,
+        "scaling": evaluation.scaling,
+        "window": evaluation.window,
+        "compared": similarity.protocol_sentence(evaluation.scaling, evaluation.window),
         "registration_error": None if missed is None else asdict(missed),
         "methods": [asdict(r) for r in results],
     }
@@ -119,7 +133,7 @@ def _write_all(
 
 
 def _files(one: Reconstructed) -> tuple[str, ...]:
-    label = one.volume.name
+    label = one.name
     return f"volume-{label}.mha", f"motion-{label}.npz", f"warp-{label}.npz"
 
 
@@ -127,23 +141,31 @@ def _scored(
     stage: StageContext,
     setup: ScanSetup,
     one: Reconstructed,
-    reference: Reconstructed,
+    reference: Callable[[], Volume],
     regions: tuple[Region, ...],
+    true: Volume,
     seen: tuple[Structure, ...],
 ) -> MethodResult:
-    name = one.volume.name
-    register = stage.settings.evaluation.register_volumes
+    name = one.name
+    evaluation, at_rest = stage.settings.evaluation, name == methods.REFERENCE
     metrics = similarity.evaluate(
-        one.volume.volume, reference.volume.volume, regions, register=register
+        reference() if at_rest else one.load(),
+        reference(),
+        regions,
+        register=evaluation.register_volumes,
+        scaling=evaluation.scaling,
+        window=evaluation.window,
+        phantom=true,
+        device=stage.device,
     )
-    if one is reference:
+    if at_rest:
         # its leg rests: nothing is left
         left = residual_motion.of_motion(None, tuple(s.at_rest() for s in seen), setup.geometry)
     elif one.warped_by is not None:
         left = residual_motion.of_warp(one.warped_by, seen, setup.geometry)
     else:
         left = residual_motion.of_motion(one.motion, seen, setup.geometry)
-    overall = None if one is reference else residual_motion.overall_mm(left)
+    overall = None if at_rest else residual_motion.overall_mm(left)
     return MethodResult(name, metrics, overall, stage.folder.seconds(f"volume-{name}"), left)
 
 

@@ -1,16 +1,32 @@
-"""The configured sensors and their noise, in SI units."""
+"""The configured sensors and their errors, in SI units."""
+
+import warnings
+from collections.abc import Iterable, Iterator
+from dataclasses import replace
 
 import numpy as np
 
 from legsim import config
 from legsim.config import ImuConfig, NoiseConfig
 from legsim.core import transforms
+from legsim.core.constants import GRAVITY_WORLD, STANDARD_GRAVITY
+from legsim.core.errors import LegsimError
+from legsim.core.values import FloatArray
+from legsim.imu import catalogue, clock, readout, simulation
+from legsim.imu.calibration import Calibration
+from legsim.imu.errors import SensorErrors, TemperatureCourse
 from legsim.imu.noise import ImuNoise, add_noise
 from legsim.imu.sensors import Sensor
 from legsim.imu.signals import ImuSignals
 from legsim.imu.simulation import simulate_imu
 from legsim.imu.skin_mount import SkinMount
+from legsim.imu.vibration import Vibration
 from legsim.kinematics.moving_leg import MovingLeg
+
+WHITE = ("density", "rms", "paper")
+"""kinds that are white noise and constant bias"""
+
+_ERRORS_ONLY = {"off", "accelerometer", "gyroscope", "temperature_course", "calibration", "rest_s"}
 
 
 def sensors(settings: ImuConfig) -> tuple[Sensor, ...]:
@@ -32,20 +48,232 @@ def skin_mount(settings: config.SoftTissueConfig) -> SkinMount:
     return SkinMount(settings.frequency_hz, settings.damping, settings.amplitude)
 
 
-def sense(person: MovingLeg, settings: ImuConfig) -> ImuSignals:
-    """Simulates the configured sensors without noise."""
-    return simulate_imu(
-        person,
-        sensors(settings),
-        rate_hz=settings.rate_hz,
-        skin_mount=skin_mount(settings.soft_tissue),
-        clock_offset=settings.clock_offset_s,
+def check(settings: ImuConfig) -> None:
+    """Refuses, before anything is computed, errors that no sensor has and settings without effect.
+
+    Raises:
+        LegsimError: an unknown kind or term, or a key that this kind does not read.
+    """
+    noise = settings.noise
+    errors_of(noise)
+    _course(noise)
+    ignored = sorted(_ERRORS_ONLY & noise.model_fields_set)
+    changed = [key for key in ignored if getattr(noise, key) != getattr(NoiseConfig(), key)]
+    if noise.kind in ("none", *WHITE) and changed:
+        raise LegsimError(
+            f"imu.noise.{changed[0]} has no effect with imu.noise.kind = {noise.kind!r}; set the "
+            "kind to custom, or to a sensor (legsim sensors lists them)"
+        )
+    biases = ("acceleration_bias_mg", "angular_velocity_bias_deg_per_s")
+    bias = next((key for key in biases if getattr(noise, key)), None)
+    if noise.kind not in ("none", *WHITE) and bias is not None:
+        raise LegsimError(
+            f"imu.noise.{bias} has no effect with imu.noise.kind = {noise.kind!r}; set "
+            "turn_on_bias_mg of imu.noise.accelerometer, or turn_on_bias_deg_per_s of "
+            "imu.noise.gyroscope"
+        )
+
+
+def errors_of(settings: NoiseConfig) -> SensorErrors | None:
+    """Builds the configured sensor's errors; None for kinds that are white noise, and for none.
+
+    Raises:
+        LegsimError: an unknown kind, sensor or term.
+    """
+    if settings.kind in ("none", *WHITE):
+        return None
+    try:
+        base = (
+            SensorErrors()
+            if settings.kind == "custom"
+            else catalogue.load_sensor(settings.kind).errors
+        )
+        force, turn = (
+            section.model_dump(exclude_none=True)
+            for section in (settings.accelerometer, settings.gyroscope)
+        )
+        changed = SensorErrors(
+            catalogue.in_si("accelerometer", force, base.accelerometer),
+            catalogue.in_si("gyroscope", turn, base.gyroscope),
+        )
+        return changed.without(*settings.off)
+    except LegsimError as error:
+        raise LegsimError(
+            f"imu.noise: {error}"
+            if "unknown sensor" not in str(error)
+            else f"imu.noise.kind: {error}; or one of none, custom, {', '.join(WHITE)}"
+        ) from None
+
+
+def _course(settings: NoiseConfig) -> TemperatureCourse:
+    if not settings.temperature_course:
+        return TemperatureCourse()
+    seconds, kelvin = zip(*settings.temperature_course, strict=True)
+    return TemperatureCourse(seconds, kelvin)
+
+
+def fingerprint(settings: ImuConfig) -> str:
+    """Part of the key of the signals that changes with a sensor's own file."""
+    return repr(errors_of(settings.noise))
+
+
+def _mount(settings: config.SkinMountConfig) -> SkinMount:
+    """Builds the configured hold of a sensor on the skin."""
+    return replace(
+        skin_mount(settings),
+        axes=settings.axes,
+        turn_amplitude=settings.turn_amplitude,
+        turn_frequency_hz=settings.turn_frequency_hz,
+        turn_axes=settings.turn_axes,
     )
 
 
+def _vibration(settings: config.VibrationConfig) -> Vibration:
+    return Vibration(
+        1e-3 * STANDARD_GRAVITY * settings.acceleration_mg,
+        settings.acceleration_band_hz,
+        settings.acceleration_axes,
+        float(np.radians(settings.angular_velocity_deg_per_s)),
+        settings.angular_velocity_band_hz,
+        settings.angular_velocity_axes,
+    )
+
+
+def _vibrations(settings: ImuConfig) -> list[Vibration]:
+    """Builds the vibration of each sensor."""
+    return [_vibration(s.vibration or settings.vibration) for s in settings.sensors]
+
+
+def vibrate(settings: ImuConfig) -> bool:
+    """Whether the signals before noise depend on the run's seed."""
+    return any(vibration.moves for vibration in _vibrations(settings))
+
+
+def skin_sentences(settings: ImuConfig) -> tuple[str, ...]:
+    """Describes what skin and muscle do to the sensors; nothing where the bone holds them."""
+    swinging = [
+        s.name for s in settings.sensors if _mount(s.soft_tissue or settings.soft_tissue).moves
+    ]
+    shaken = [(s.name, s.vibration or settings.vibration) for s in settings.sensors]
+    vibrating = [
+        f"{name} by {v.acceleration_mg:g} mg and {v.angular_velocity_deg_per_s:g} deg/s RMS"
+        for name, v in shaken
+        if _vibration(v).moves
+    ]
+    sentences = []
+    if swinging:
+        sentences.append(f"Sensors swing on soft tissue: {', '.join(swinging)}.")
+    if vibrating:
+        sentences.append(f"Muscle and skin shake the sensors: {', '.join(vibrating)}.")
+    return tuple(sentences)
+
+
+def sense(
+    person: MovingLeg,
+    settings: ImuConfig,
+    *,
+    every: int = 1,
+    shaking: np.random.Generator | None = None,
+) -> ImuSignals:
+    """Simulates the configured sensors without errors of their own; skin and clock are in.
+
+    ``every`` times as many samples as configured; ``shaking`` draws the vibration.
+    """
+    return simulate_imu(
+        person,
+        sensors(settings),
+        rate_hz=every * settings.rate_hz,
+        skin_mount=[_mount(s.soft_tissue or settings.soft_tissue) for s in settings.sensors],
+        vibration=_vibrations(settings),
+        clock_offset=settings.clock_offset_s,
+        clock_drift=1e-6 * settings.clock_drift_ppm,
+        rng=shaking,
+    )
+
+
+def record(
+    person: MovingLeg,
+    settings: ImuConfig,
+    *,
+    view_rate_hz: float,
+    rest_at: float,
+    rng: np.random.Generator,
+    shaking: np.random.Generator | None = None,
+) -> ImuSignals:
+    """Simulates what the files of the configured sensors hold.
+
+    Args:
+        person: who moves.
+        settings: of the sensors.
+        view_rate_hz: of the scan, which the paper's noise is counted in.
+        rest_at: s in the recording's time; a calibration rests in the pose of that time.
+        rng: decides the errors and the lost samples.
+        shaking: draws the vibration of the skin.
+    """
+    (read,) = records(
+        person, settings, view_rate_hz=view_rate_hz, rest_at=rest_at, rngs=[rng], shaking=shaking
+    )
+    return read
+
+
+def records(
+    person: MovingLeg,
+    settings: ImuConfig,
+    *,
+    view_rate_hz: float,
+    rest_at: float,
+    rngs: Iterable[np.random.Generator],
+    shaking: np.random.Generator | None = None,
+) -> Iterator[ImuSignals]:
+    """Simulates several draws of the same recording, one per random generator; see :func:`record`.
+
+    The exact signals are computed once.
+    """
+    _warn_of_rate(settings, view_rate_hz)
+    errors = errors_of(settings.noise)
+    every = 1 if errors is None else readout.oversampling(errors, settings.rate_hz)
+    felt = sense(person, settings, every=every, shaking=shaking)
+    rest_force = _rest_force(person, settings, rest_at)
+    for rng in rngs:
+        if errors is None:
+            read = noisy(felt, settings, view_rate_hz=view_rate_hz, rng=rng)
+        else:
+            read = readout.read_out(
+                felt,
+                errors,
+                rng,
+                every=every,
+                temperature=_course(settings.noise),
+                calibration=Calibration(settings.noise.calibration, settings.noise.rest_s),
+                rest_force=rest_force,
+            )
+        if settings.lost_share:
+            streams = tuple(rng.spawn(len(read.sensor_names)))
+            read = clock.lose_samples(read, settings.lost_share, settings.lost, streams)
+        yield read
+
+
+def _warn_of_rate(settings: ImuConfig, view_rate_hz: float) -> None:
+    if settings.rate_hz < view_rate_hz:
+        warnings.warn(
+            f"the sensors take {settings.rate_hz:g} samples per second, fewer than the scan's "
+            f"{view_rate_hz:g} views: motion between samples is not seen; raise imu.rate_hz",
+            stacklevel=2,
+        )
+
+
+def _rest_force(person: MovingLeg, settings: ImuConfig, rest_at: float) -> FloatArray | None:
+    """True specific force (k, 3) of each sensor at rest in the pose of one time."""
+    if settings.noise.calibration == "none":
+        return None
+    placed = sensors(settings)
+    poses = simulation.sensor_poses(person.leg, person.splines, placed, [rest_at])
+    return -np.einsum("kji,j->ki", poses.world_from_segment[0, :, :3, :3], GRAVITY_WORLD)
+
+
 def noise_of(settings: NoiseConfig, *, imu_rate_hz: float, view_rate_hz: float) -> ImuNoise | None:
-    """Builds the configured noise; None for sensors without noise."""
-    if settings.kind == "none":
+    """Builds the configured white noise; None for every other kind."""
+    if settings.kind not in WHITE:
         return None
     if settings.kind == "density":
         plain = ImuNoise.from_density(
@@ -75,13 +303,21 @@ def noise_of(settings: NoiseConfig, *, imu_rate_hz: float, view_rate_hz: float) 
 def noisy(
     signals: ImuSignals, settings: ImuConfig, *, view_rate_hz: float, rng: np.random.Generator
 ) -> ImuSignals:
-    """Adds the configured noise to the signals."""
+    """Adds the configured white noise and bias to the signals."""
     noise = noise_of(settings.noise, imu_rate_hz=settings.rate_hz, view_rate_hz=view_rate_hz)
     return signals if noise is None else add_noise(signals, noise, rng)
 
 
 def noise_sentence(settings: ImuConfig, *, view_rate_hz: float) -> str:
-    """Describes the noise in SI units on single samples, with its convention."""
+    """Describes the sensors' errors, white noise in SI units on single samples."""
+    recorder = _recorder_sentences(settings, view_rate_hz)
+    return " ".join([_errors_sentence(settings, view_rate_hz), *recorder])
+
+
+def _errors_sentence(settings: ImuConfig, view_rate_hz: float) -> str:
+    errors = errors_of(settings.noise)
+    if errors is not None:
+        return _sensor_sentence(settings, errors)
     noise = noise_of(settings.noise, imu_rate_hz=settings.rate_hz, view_rate_hz=view_rate_hz)
     if noise is None:
         return "IMU signals are free of noise."
@@ -98,3 +334,45 @@ def noise_sentence(settings: ImuConfig, *, view_rate_hz: float) -> str:
         f"{settings.noise.acceleration_bias_mg:g} mg and "
         f"{settings.noise.angular_velocity_bias_deg_per_s:g} deg/s between sensors."
     )
+
+
+def _sensor_sentence(settings: ImuConfig, errors: SensorErrors) -> str:
+    noise = settings.noise
+    own = noise.kind == "custom"
+    named = (
+        "custom errors" if own else f"the errors of the {catalogue.load_sensor(noise.kind).name}"
+    )
+    off = f" without {', '.join(noise.off)}" if noise.off else ""
+    force = errors.accelerometer.sample_rms(settings.rate_hz)
+    turn = np.degrees(errors.gyroscope.sample_rms(settings.rate_hz))
+    calibrated = {
+        "none": "They are not calibrated before the scan.",
+        "rest": (
+            f"A rest of {noise.rest_s:g} s before the scan removes the gyroscope's bias and levels "
+            "the start."
+        ),
+        "six-positions": (
+            f"Six positions of {noise.rest_s:g} s calibrate the accelerometer's bias, scale and "
+            "misalignment; a rest as long removes the gyroscope's bias and levels the start."
+        ),
+    }[noise.calibration]
+    return (
+        f"IMU signals carry {named}{off}: white noise of {force:.3g} m/s^2 and {turn:.3g} deg/s "
+        f"RMS per sample, biases of {errors.accelerometer.turn_on_bias:.3g} m/s^2 and "
+        f"{np.degrees(errors.gyroscope.turn_on_bias):.3g} deg/s at the start. {calibrated}"
+    )
+
+
+def _recorder_sentences(settings: ImuConfig, view_rate_hz: float) -> list[str]:
+    sentences = []
+    if settings.rate_hz < view_rate_hz:
+        sentences.append(
+            f"They take {settings.rate_hz:g} samples per second, fewer than the {view_rate_hz:g} "
+            "views: motion between samples is not seen."
+        )
+    if settings.clock_drift_ppm:
+        sentences.append(f"Their clock drifts by {settings.clock_drift_ppm:g} ppm.")
+    if settings.lost_share:
+        instead = "left out" if settings.lost == "marked" else "replaced by the sample before"
+        sentences.append(f"{100 * settings.lost_share:g} % of the samples are lost and {instead}.")
+    return sentences

@@ -18,6 +18,7 @@ from legsim.geometry import files as geometry_files
 from legsim.geometry import image_files
 from legsim.geometry.cone_beam import Projections
 from legsim.imu import simulation
+from legsim.imu.files import load_imu, load_rest, save_imu, save_rest
 from legsim.imu.signals import ImuSignals
 from legsim.kinematics import osim_export
 from legsim.kinematics.leg_model import LegModel
@@ -26,20 +27,15 @@ from legsim.mocap import opensim, trc
 from legsim.opencl.device import Device
 from legsim.phantom import imaged_leg
 from legsim.run import c_arm as run_c_arm
+from legsim.run import code
 from legsim.run import motion as run_motion
 from legsim.run import sensors as run_sensors
-from legsim.run.files import (
-    load_imu,
-    save_imu,
-    save_joint_centers,
-    save_marker_errors,
-    save_poses,
-)
+from legsim.run.files import save_joint_centers, save_marker_errors, save_poses
 from legsim.run.folder import RunFolder
 from legsim.simulation.setup import PhantomOptions, ScanSetup, prepare_scan
 from legsim.simulation.simulated_scan import expose
 
-_NOISE, _STARTS, _PHOTONS = 1, 2, 4
+_NOISE, _STARTS, _PHOTONS, VIBRATION = 1, 2, 4, 5
 """random streams of the run's seed"""
 
 
@@ -56,8 +52,11 @@ class StageContext:
     def scan_key(self) -> str:
         """Key of all that decides the projections."""
         settings = self.settings
+        swings = settings.phantom.tissue_swing.amplitude > 0
         return key_of(
             motion_key(settings),
+            code.fingerprint("projections", *(("tissue_swing",) if swings else ())),
+            self.device.candidate.compiler,
             settings.scan.model_dump(),
             settings.phantom.model_dump(),
             run_c_arm.fingerprint(settings.scan, settings.seed),
@@ -69,6 +68,7 @@ def motion_key(settings: RunConfig) -> str:
     """Key of all that decides the kinematics."""
     return key_of(
         __version__,
+        code.fingerprint("kinematics"),
         settings.motion.model_dump(exclude={"implausible"}),
         run_motion.fingerprint(settings.motion),
     )
@@ -109,27 +109,48 @@ def write_kinematics(person: MovingLeg, folder: RunFolder, key: str) -> None:
     folder.cached("kinematics", key, write)
 
 
-def read_sensors(settings: RunConfig, person: MovingLeg, folder: RunFolder, key: str) -> ImuSignals:
+def read_sensors(
+    settings: RunConfig, person: MovingLeg, folder: RunFolder, key: str, *, rest_at: float
+) -> ImuSignals:
     """Simulates the IMU signals over the whole recording, at the sensors' own rate.
 
-    ``key`` is that of the kinematics.
+    ``key`` is that of the kinematics. A calibration rests in the pose of the time ``rest_at`` (s).
     """
-    drawn = () if settings.imu.noise.kind == "none" else (settings.seed, settings.scan.rate_hz)
+    imu = settings.imu
+    chance = imu.noise.kind != "none" or imu.lost_share > 0
+    drawn = (settings.seed, settings.scan.rate_hz) if chance else ()
+    rested = () if imu.noise.calibration == "none" else (rest_at,)
+    if run_sensors.vibrate(imu):
+        drawn = (*drawn, settings.seed)
     signals: list[ImuSignals] = []
 
     def write() -> tuple[str, ...]:
         drawing = np.random.default_rng([settings.seed, _NOISE])
-        clean = run_sensors.sense(person, settings.imu)
-        signals.append(
-            run_sensors.noisy(clean, settings.imu, view_rate_hz=settings.scan.rate_hz, rng=drawing)
+        shaking = np.random.default_rng([settings.seed, VIBRATION])
+        read = run_sensors.record(
+            person,
+            imu,
+            view_rate_hz=settings.scan.rate_hz,
+            rest_at=rest_at,
+            rng=drawing,
+            shaking=shaking,
         )
-        save_imu(folder.path / "imu.csv", signals[0])
-        return ("imu.csv",)
+        signals.append(read)
+        save_imu(folder.path / "imu.csv", read)
+        if read.rest_force is None:
+            return ("imu.csv",)
+        save_rest(folder.path / "imu_rest.csv", read)
+        return "imu.csv", "imu_rest.csv"
 
-    if folder.cached("imu", key_of(key, settings.imu.model_dump(), drawn), write):
+    own = run_sensors.fingerprint(imu)
+    decided_by = key_of(key, code.fingerprint("imu"), imu.model_dump(), drawn, rested, own)
+    if folder.cached("imu", decided_by, write):
         return signals[0]
-    placed = run_sensors.sensors(settings.imu)
-    return replace(load_imu(folder.path / "imu.csv"), sensors=placed)
+    read = replace(load_imu(folder.path / "imu.csv"), sensors=run_sensors.sensors(imu))
+    if imu.noise.calibration == "none":
+        return read
+    rest = load_rest(folder.path / "imu_rest.csv", read.sensor_names)
+    return replace(read, rest_force=rest)
 
 
 def set_up(stage: StageContext) -> ScanSetup:
@@ -211,7 +232,11 @@ def _photons(settings: RunConfig, exposure: int) -> np.random.Generator:
 
 
 def starts(stage: StageContext, setup: ScanSetup, signals: ImuSignals) -> Starts:
-    """Starts of each sensor's integration, by methods.start."""
+    """Starts of each sensor's integration, by methods.start; leveled after a rest."""
+    return initialization.leveled(_starts(stage, setup, signals), signals)
+
+
+def _starts(stage: StageContext, setup: ScanSetup, signals: ImuSignals) -> Starts:
     settings, person = stage.settings, setup.person
     if settings.methods.start == "truth":
         return initialization.from_truth(

@@ -1,22 +1,20 @@
-"""Every method's volume: the inputs of the methods, and their files in the run folder."""
+"""Every method's volume of a simulated scan: which methods can run, and their inputs."""
 
-import json
-from dataclasses import dataclass
+import warnings
 from functools import partial
 
 import numpy as np
 
 from legsim.config import RunConfig
 from legsim.core.errors import LegsimError
-from legsim.core.files import key_of, write_text
+from legsim.core.files import key_of
 from legsim.correction import bead_scan
 from legsim.correction.bead_scan import Beads, BeadScan
 from legsim.correction.method import Correction, CorrectionMethod
-from legsim.deformation.files import load_motion, save_motion
-from legsim.deformation.models import ControlPointMotion, Motion
-from legsim.geometry import image_files
-from legsim.geometry.volume import NamedVolume, VolumeGrid
-from legsim.run import methods, reconstruction
+from legsim.geometry.volume import VolumeGrid
+from legsim.run import code, methods, reconstruction
+from legsim.run import sensors as run_sensors
+from legsim.run.corrected import Reconstructed, Reconstructor
 from legsim.run.methods import MethodInputs
 from legsim.run.stages import StageContext
 from legsim.simulation.setup import Side
@@ -29,22 +27,6 @@ _NEED_NOTHING = (methods.REFERENCE, "uncorrected")
 """names whose volumes depend on the scan and the grid only"""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Reconstructed:
-    """Result of one method."""
-
-    volume: NamedVolume
-    motion: Motion | None
-    """motion that the back-projection followed"""
-    warped_by: ControlPointMotion | None
-    """points by which the images were warped"""
-    notes: tuple[str, ...]
-
-
-_FOLLOW_ONE, _FOLLOW_JOINTS = ("rigid", "rigid-paper-order"), ("nonrigid-2d", "nonrigid-3d")
-"""methods that need the sensor of methods.sensor, and those that need thigh and shank"""
-
-
 def check(settings: RunConfig) -> None:
     """Refuses, before anything is computed, methods that this configuration cannot run.
 
@@ -54,25 +36,47 @@ def check(settings: RunConfig) -> None:
     """
     reconstruction.check(settings.reconstruction)
     run = [name for name in dict.fromkeys(settings.methods.run) if name != methods.REFERENCE]
-    labels = [methods.label(name) for name in run]
-    for name, label in zip(run, labels, strict=True):
-        methods.find(name)
-        if labels.count(label) > 1 or label == methods.REFERENCE:
-            raise LegsimError(
-                f"methods.run: {name} would be called {label!r} like another method; rename its "
-                "function"
-            )
+    methods.check_names(run, "methods.run")
     names = [sensor.name for sensor in settings.imu.sensors]
     followed = [(f"methods.run: {name}", methods.rigid_sensor(name)) for name in run]
-    followed += [("methods.sensor", settings.methods.sensor)] if set(run) & set(_FOLLOW_ONE) else []
+    followed += (
+        [("methods.sensor", settings.methods.sensor)] if set(run) & set(methods.FOLLOW_ONE) else []
+    )
     for place, sensor in followed:
         if sensor is not None and sensor not in names:
             raise LegsimError(
                 f"{place}: unknown sensor {sensor!r}; name one of {', '.join(names)}, or add "
                 "it to imu.sensors"
             )
-    if set(run) & set(_FOLLOW_JOINTS):
+    for place, sensor in followed:
+        _warn_of_other_leg(settings, place, sensor)
+    if set(run) & set(methods.FOLLOW_JOINTS):
         _check_carriers(settings)
+    _warn_of_slow_sensors(settings)
+
+
+def _warn_of_other_leg(settings: RunConfig, place: str, name: str | None) -> None:
+    """Says where a rigid method follows the leg that is not scanned."""
+    other = "r" if settings.scan.side == "left" else "l"
+    for sensor in settings.imu.sensors:
+        if sensor.name == name and sensor.segment.endswith(f"_{other}"):
+            warnings.warn(
+                f"{place}: sensor {name!r} is on {sensor.segment}, but the {settings.scan.side} "
+                "leg is scanned, whose motion it does not follow; name a sensor on that leg, or "
+                "set scan.side",
+                stacklevel=3,
+            )
+
+
+def _warn_of_slow_sensors(settings: RunConfig) -> None:
+    """Says where sensors give fewer samples than the scan takes views."""
+    rate, views = settings.imu.rate_hz, settings.scan.rate_hz
+    if rate < views:
+        warnings.warn(
+            f"imu.rate_hz is {rate:g}, but {views:g} views are taken per second: motion between "
+            f"samples is lost; set imu.rate_hz to {views:g} or more",
+            stacklevel=3,
+        )
 
 
 def followed_sides(settings: RunConfig) -> tuple[Side, ...]:
@@ -103,19 +107,25 @@ def reconstruct_methods(
     names = list(dict.fromkeys([methods.REFERENCE, *stage.settings.methods.run]))
     # all are built before the first is run: a wrong name is reported at once
     built = {name: methods.build(name, given) for name in names if name != methods.REFERENCE}
-    outcomes = []
-    for name in names:
-        label = methods.label(name)
-        make = partial(_make, stage, name, built.get(name), scan, grid)
-        stage.folder.cached(f"volume-{label}", _key(stage, name), make)
-        outcomes.append(_load(stage, label))
-    return tuple(outcomes)
+    maker = Reconstructor(
+        stage.folder, stage.settings.reconstruction, grid, stage.device, stage.on_progress
+    )
+    return tuple(
+        maker.of(name, _key(stage, name), partial(_correction, name, built.get(name), scan))
+        for name in names
+    )
+
+
+def _correction(name: str, method: CorrectionMethod | None, scan: SimulatedScan) -> Correction:
+    """What the method finds; None is the scan at rest."""
+    return Correction(name, scan.at_rest, None) if method is None else method(scan.seen)
 
 
 def _key(stage: StageContext, name: str) -> str:
     settings = stage.settings
     always = (
         stage.scan_key,
+        code.fingerprint("volume", settings.reconstruction.algorithm),
         settings.grid.model_dump(),
         settings.reconstruction.model_dump(),
         methods.fingerprint(name),
@@ -124,52 +134,11 @@ def _key(stage: StageContext, name: str) -> str:
         return key_of(*always)
     return key_of(
         *always,
+        code.fingerprint("correction", "imu"),
         settings.imu.model_dump(),
+        run_sensors.fingerprint(settings.imu),
         settings.methods.model_dump(exclude={"run"}),
         settings.seed,
-    )
-
-
-def _make(
-    stage: StageContext,
-    name: str,
-    method: CorrectionMethod | None,
-    scan: SimulatedScan,
-    grid: VolumeGrid,
-) -> list[str]:
-    """Runs one method and writes its volume, motion and notes; None is the scan at rest."""
-    label, folder = methods.label(name), stage.folder
-    files = [f"volume-{label}.mha", f"correction-{label}.json"]
-    stage.on_progress(f"estimating {label}", 0, 1)
-    found = Correction(name, scan.at_rest, None) if method is None else method(scan.seen)
-    stage.on_progress(f"estimating {label}", 1, 1)
-    for kind, motion in (("motion", found.motion), ("warp", found.warped_by)):
-        if motion is not None:
-            files.append(f"{kind}-{label}.npz")
-            save_motion(folder.path / files[-1], motion)
-    notes = json.dumps({"method": label, "notes": found.notes}, indent=1) + "\n"
-    write_text(folder.path / files[1], notes)
-    volume = reconstruction.reconstruct(
-        stage.settings.reconstruction,
-        found,
-        grid,
-        device=stage.device,
-        progress=partial(stage.on_progress, f"reconstructing {label}"),
-    )
-    image_files.save_volume(folder.path / files[0], volume)
-    return files
-
-
-def _load(stage: StageContext, label: str) -> Reconstructed:
-    folder = stage.folder
-    motion, warp = (
-        load_motion(folder.path / name) if folder.has(name) else None
-        for name in (f"motion-{label}.npz", f"warp-{label}.npz")
-    )
-    notes = json.loads((folder.path / f"correction-{label}.json").read_text("utf-8"))["notes"]
-    volume = NamedVolume(label, image_files.load_volume(folder.path / f"volume-{label}.mha"))
-    return Reconstructed(
-        volume, motion, warp if isinstance(warp, ControlPointMotion) else None, tuple(notes)
     )
 
 
@@ -203,4 +172,5 @@ def _method_inputs(stage: StageContext, scan: SimulatedScan, grid: VolumeGrid) -
         scanned_shank=setup.named("tibia"),
         truth=scan.truth,
         beads=beads,
+        bead_reference=wanted.reference,
     )

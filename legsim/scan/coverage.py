@@ -33,6 +33,7 @@ class GeometrySummary:
     views: int
     shape_vu: tuple[int, int]
     pixel_pitch: float
+    row_pitch: float
     duration: float
     """s from first to last view"""
     isocenter: tuple[float, float, float]
@@ -64,7 +65,7 @@ class GeometrySummary:
         lines = [
             f"views              {self.views} in {self.duration:.3f} s",
             f"detector           {columns} columns x {rows} rows, pixels of "
-            f"{1e3 * self.pixel_pitch:.4g} mm",
+            f"{_pixel_mm(self.pixel_pitch, self.row_pitch)} mm",
             f"isocenter          ({center}) mm",
             f"axis               ({axis})",
             f"angular range      {np.rad2deg(self.angular_range):.2f} deg in steps up to "
@@ -88,7 +89,7 @@ def summarize(geometry: ConeBeamGeometry, phantom: Phantom | None = None) -> Geo
     axis, turned = _turning(sources - center)
     distances = geometry.matrices[:, 2, :3] @ center + geometry.matrices[:, 2, 3]
     focal = geometry.focal_lengths()
-    detector = focal * geometry.pixel_pitch
+    detector, row_pitch = focal * geometry.pixel_pitch, geometry.row_pitch()
     rows, columns = geometry.shape_vu
     steps = np.abs(np.diff(turned))
     edges = _edge_distances(geometry, center)
@@ -96,6 +97,7 @@ def summarize(geometry: ConeBeamGeometry, phantom: Phantom | None = None) -> Geo
         views=len(geometry),
         shape_vu=geometry.shape_vu,
         pixel_pitch=geometry.pixel_pitch,
+        row_pitch=row_pitch,
         duration=float(geometry.times[-1] - geometry.times[0]),
         isocenter=(float(center[0]), float(center[1]), float(center[2])),
         axis=(float(axis[0]), float(axis[1]), float(axis[2])),
@@ -106,10 +108,15 @@ def summarize(geometry: ConeBeamGeometry, phantom: Phantom | None = None) -> Geo
         source_detector=(float(detector.min()), float(detector.max())),
         magnification=(float((detector / distances).min()), float((detector / distances).max())),
         width=float((columns * distances / focal).min()),
-        height=float((rows * distances / focal).min()),
+        height=float((rows * row_pitch * distances / detector).min()),
         field_radius=float(edges.min()),
-        cut_off=() if phantom is None else _cut_off(geometry, phantom, distances / focal),
+        cut_off=() if phantom is None else _cut_off(geometry, phantom, distances / detector),
     )
+
+
+def _pixel_mm(between_columns: float, between_rows: float) -> str:
+    """One size where pixels are square to the digits that are shown, else both."""
+    return " x ".join(dict.fromkeys(f"{1e3 * m:.4g}" for m in (between_columns, between_rows)))
 
 
 def _range_mm(span: tuple[float, float]) -> str:
@@ -175,8 +182,9 @@ def _fan_angle(geometry: ConeBeamGeometry) -> float:
 
 
 def _cut_off(geometry: ConeBeamGeometry, phantom: Phantom, scale: FloatArray) -> tuple[CutOff, ...]:
-    """Parts that some view cuts off; ``scale`` (v,) is m at the isocenter per pixel."""
+    """Parts that some view cuts off; ``scale`` (v,) is m at the isocenter per m on the detector."""
     rows, columns = geometry.shape_vu
+    pitch = np.array([geometry.pixel_pitch] * 2 + [geometry.row_pitch()] * 2)
     found = []
     for part in phantom.parts:
         reach = np.empty((len(geometry), 4))
@@ -189,7 +197,7 @@ def _cut_off(geometry: ConeBeamGeometry, phantom: Phantom, scale: FloatArray) ->
                 -0.5 - low[1],
                 high[1] - rows + 0.5,
             )
-        beyond = np.maximum(reach, 0.0) * scale[:, None]
+        beyond = np.maximum(reach, 0.0) * pitch * scale[:, None]
         views = int((beyond > 0).any(axis=1).sum())
         if views:
             found.append(CutOff(part.name, views, *(float(x) for x in beyond.max(axis=0))))

@@ -107,7 +107,8 @@ def detect(projections: Projections, detector: Detector, rng: np.random.Generato
     """
     if detector.perfect:
         return projections
-    pitch, times = projections.geometry.pixel_pitch, projections.geometry.times
+    times = projections.geometry.times
+    pitch_vu = (projections.geometry.row_pitch(), projections.geometry.pixel_pitch)
     intervals = np.diff(
         times, append=2 * times[-1] - times[-2] if len(times) > 1 else times[-1] + 1.0
     )
@@ -116,13 +117,13 @@ def detect(projections: Projections, detector: Detector, rng: np.random.Generato
     for view, stream in enumerate(rng.spawn(len(projections.geometry))):
         intensity = np.exp(-projections.line_integrals[view].astype(float))
         if detector.scatter_to_primary:
-            intensity += _scatter(intensity, detector, pitch)
+            intensity += _scatter(intensity, detector, pitch_vu)
         if detector.photons:
             intensity = stream.poisson(detector.photons * intensity) / detector.photons
         if detector.blur_fwhm:
             # the edges are mirrored, so that the total stays
             intensity = gaussian_filter(
-                intensity, detector.blur_fwhm / _FWHM / pitch, mode="reflect"
+                intensity, [detector.blur_fwhm / _FWHM / p for p in pitch_vu], mode="reflect"
             )
         intensity = _lagging(intensity, held, detector, float(intervals[view]))
         if detector.electronic_noise:
@@ -137,7 +138,7 @@ def detect(projections: Projections, detector: Detector, rng: np.random.Generato
     return replace(projections, line_integrals=readings)
 
 
-def _scatter(primary: FloatArray, detector: Detector, pitch: float) -> FloatArray:
+def _scatter(primary: FloatArray, detector: Detector, pitch_vu: tuple[float, float]) -> FloatArray:
     """Scatter of a view, I ln(1 / I) smoothed and scaled to the stated ratio.
 
     It comes from where photons are both transmitted and attenuated: the form of Ohnesorge, Flohr
@@ -145,7 +146,8 @@ def _scatter(primary: FloatArray, detector: Detector, pitch: float) -> FloatArra
     """
     shadow = primary < 1
     source = np.where(shadow, -primary * np.log(np.maximum(primary, _DARKEST)), 0.0)
-    smooth = _widely_smoothed(source, detector.scatter_fwhm / _FWHM / pitch)
+    sigma_v, sigma_u = (detector.scatter_fwhm / _FWHM / pitch for pitch in pitch_vu)
+    smooth = _widely_smoothed(source, sigma_v, sigma_u)
     within = smooth[shadow].sum()
     return (
         smooth * (detector.scatter_to_primary * primary[shadow].sum() / within)
@@ -154,12 +156,15 @@ def _scatter(primary: FloatArray, detector: Detector, pitch: float) -> FloatArra
     )
 
 
-def _widely_smoothed(image: FloatArray, sigma: float) -> FloatArray:
+def _widely_smoothed(image: FloatArray, sigma_v: float, sigma_u: float) -> FloatArray:
     """Smooths by a Gaussian of many pixels, mirrored at the edges.
 
     It is fast as a product of cosine transforms.
     """
-    rows, columns = (np.exp(-0.5 * (sigma * np.pi * np.arange(n) / n) ** 2) for n in image.shape)
+    rows, columns = (
+        np.exp(-0.5 * (sigma * np.pi * np.arange(n) / n) ** 2)
+        for sigma, n in zip((sigma_v, sigma_u), image.shape, strict=True)
+    )
     return np.asarray(idctn(dctn(image) * rows[:, None] * columns), float)
 
 

@@ -192,6 +192,19 @@ class ScanScene:
             raise LegsimError("a scene with volumes needs the planes to cut them at")
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class MeasuredScene:
+    """A measured scan: its projections, its volumes and what its sensors read."""
+
+    projections: Projections
+    imu: ImuSignals
+    """without any sensor where none was read"""
+    volumes: tuple[NamedVolume, ...]
+    planes: SlicePlanes
+    sensor_poses: SegmentPoses | None = None
+    """world_from_sensor at the views, with the sensors as the segments"""
+
+
 def axial(volume: Volume, y: float) -> Float32Array:
     """Slice (x, z) at world height ``y`` (m, nearest voxel), 1/m.
 
@@ -207,6 +220,20 @@ def sagittal(volume: Volume, z: float) -> Float32Array:
     Rows run upwards, columns towards the back (seen from the subject's left).
     """
     return volume.attenuation[_nearest(volume.grid.axes()[2], z)][:, ::-1]
+
+
+def planes_alone(volume: Volume, planes: SlicePlanes) -> Volume:
+    """The volume where the planes cut it, and 0 elsewhere.
+
+    Memory that is never written takes no room: many such volumes fit where few whole ones do.
+    """
+    _, y, z = volume.grid.axes()
+    kept = np.zeros(volume.grid.shape_zyx, np.float32)
+    for row in (_nearest(y, planes.shank_y), _nearest(y, planes.thigh_y)):
+        kept[:, row, :] = volume.attenuation[:, row, :]
+    across = _nearest(z, planes.sagittal_z)
+    kept[across] = volume.attenuation[across]
+    return Volume(volume.grid, kept)
 
 
 def white_level(volume: Volume) -> float:

@@ -7,7 +7,9 @@ from typing import NamedTuple
 
 from legsim.core.errors import LegsimError
 from legsim.correction.method import CorrectionMethod, checked
+from legsim.evaluation.scaling import Scaling
 from legsim.evaluation.similarity import Scores, evaluate
+from legsim.evaluation.ssim import Window
 from legsim.geometry.volume import Volume, VolumeGrid
 from legsim.reconstruction.fdk import fdk
 from legsim.simulation.simulated_scan import SimulatedScan
@@ -32,6 +34,11 @@ class ScoreTable:
     def __iter__(self) -> Iterator[str]:
         return iter(self.scores)
 
+    @property
+    def protocol(self) -> str:
+        """How volumes were scaled and which windows SSIM has, in words."""
+        return next(iter(self.scores.values())).protocol
+
     def columns(self) -> tuple[str, ...]:
         """Column names of :meth:`rows`."""
         regions = next(iter(self.scores.values())).regions
@@ -52,7 +59,7 @@ class ScoreTable:
         table = [self.columns(), *self.rows()]
         widths = [max(len(row[k]) for row in table) for k in range(len(table[0]))]
         lines = ("  ".join(c.ljust(w) for c, w in zip(row, widths, strict=True)) for row in table)
-        return "\n".join(line.rstrip() for line in lines)
+        return "\n".join([*(line.rstrip() for line in lines), self.protocol])
 
     def _repr_html_(self) -> str:
         """Formats the scores as an HTML table for notebooks."""
@@ -60,7 +67,10 @@ class ScoreTable:
         body = "".join(
             f"<tr>{''.join(f'<td>{escape(cell)}</td>' for cell in row)}</tr>" for row in self.rows()
         )
-        return f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
+        return (
+            f"<table><caption>{escape(self.protocol)}</caption><thead><tr>{head}</tr></thead>"
+            f"<tbody>{body}</tbody></table>"
+        )
 
 
 class Comparison(NamedTuple):
@@ -77,6 +87,8 @@ def compare(
     grid: VolumeGrid | None = None,
     *,
     register: bool = True,
+    scaling: Scaling = "reference",
+    window: Window = "uniform",
 ) -> Comparison:
     """Corrects, reconstructs and scores one scan by several methods.
 
@@ -88,6 +100,8 @@ def compare(
             a ``Correction``.
         grid: of the volumes; None for ``scan.grid()``.
         register: registers each volume to the reference before it is scored.
+        scaling: which attenuations become 0 and 1.
+        window: of SSIM.
 
     Raises:
         LegsimError: no method, one named like the reference, or one that fails; the line names it.
@@ -103,5 +117,13 @@ def compare(
     for name, method in methods.items():
         corrected = checked(name, method)(scan.seen)
         volumes[name] = fdk(corrected, chosen, device=scan.device)
-        scores[name] = evaluate(volumes[name], volumes[REFERENCE], regions, register=register)
+        scores[name] = evaluate(
+            volumes[name],
+            volumes[REFERENCE],
+            regions,
+            register=register,
+            scaling=scaling,
+            window=window,
+            device=scan.device,
+        )
     return Comparison(volumes, ScoreTable(scores))

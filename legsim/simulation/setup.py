@@ -1,6 +1,7 @@
 """The setup of a scan: the person, the C-arm and the sensors."""
 
 import warnings
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -12,8 +13,9 @@ from legsim.core.errors import LegsimError, file_error
 from legsim.core.values import FloatArray, frozen
 from legsim.correction.control_points import AttachedPoint
 from legsim.evaluation.regions import Region, leg_regions
+from legsim.evaluation.registration import boxes
 from legsim.geometry.cone_beam import ConeBeamGeometry
-from legsim.geometry.volume import VolumeGrid
+from legsim.geometry.volume import Volume, VolumeGrid
 from legsim.imu import simulation
 from legsim.imu.sensors import Sensor, default_sensors
 from legsim.imu.skin_mount import SkinMount
@@ -182,6 +184,24 @@ def scan_regions(
     labels = voxelize.labels(leg, grid, device)
     knee = setup.person.leg.joint_centers(setup.poses).of(setup.named("knee"))[0, 1]
     return leg_regions(labels, grid, float(knee), setup.c_arm.seen_by_every_view(grid), margin)
+
+
+def true_volume(
+    setup: ScanSetup, grid: VolumeGrid, device: Device, regions: Sequence[Region]
+) -> Volume:
+    """The phantom itself at the first view, around the regions: a reference without streaks.
+
+    Linear attenuation (1/m) at the setup's energy, in each voxel the mean of 2x2x2 points; 0 where
+    no measure of :func:`legsim.evaluation.similarity.evaluate` looks.
+    """
+    mask = np.logical_or.reduce([region.mask for region in regions])
+    _, box = boxes(mask, grid)
+    part = voxelize.attenuation(
+        setup.phantom.phantom, grid.cropped(box), device, posed=setup.scanned_leg(), points=2
+    )
+    whole = np.zeros(grid.shape_zyx, np.float32)
+    whole[box] = part.attenuation
+    return Volume(grid, whole)
 
 
 def sensor_on(sensors: tuple[Sensor, ...], segment: str) -> str | None:

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 from legsim.core.errors import LegsimError
 from legsim.core.progress import OnProgress
 from legsim.correction.bead_scan import Beads, BeadScan, add_beads
-from legsim.correction.initialization import from_truth
+from legsim.correction.initialization import from_truth, leveled
 from legsim.correction.method import Scan
 from legsim.correction.oracle import phantom_motion
 from legsim.correction.rigid import rigid_motion
@@ -131,7 +131,7 @@ def simulate_scan(
 
     Raises:
         LegsimError: an implausible movement, a recording shorter than the scan, signals whose
-            sensors have no known position, no OpenCL device.
+            sensors have no known position, a negative seed, no OpenCL device.
 
     >>> scan = simulate_scan(person, CArm.half(), imu)
     >>> scan.seen.projections.line_integrals.shape
@@ -142,6 +142,8 @@ def simulate_scan(
             f"{person.name}: {person.implausible[0]}; check the recording and its marker map, or "
             "scan it all the same with force=True"
         )
+    if seed < 0:
+        raise LegsimError(f"simulate_scan(seed={seed}): a seed is 0 or a positive whole number")
     arm, opened = c_arm or CArm.paper(), device or open_device()
     signals = imu or simulate_imu(person, default_sensors(side))
     if not signals.sensors:
@@ -152,7 +154,8 @@ def simulate_scan(
     setup = prepare_scan(
         person, arm, side=side, center=center, sensors=signals.sensors, phantom=phantom
     )
-    starts = from_truth(person.leg, person.splines, setup.sensors, float(setup.times[0])).starts
+    exact = from_truth(person.leg, person.splines, setup.sensors, float(setup.times[0]))
+    starts = leveled(exact, signals).starts
     moving, at_rest = (
         expose(setup, moving, opened, np.random.default_rng([seed, _PHOTONS, k]), progress)
         for k, moving in enumerate((True, False))

@@ -10,6 +10,7 @@ from pydantic import Field
 from legsim import config
 from legsim.config import ConfigSection, RunConfig
 from legsim.core.errors import LegsimError, file_error
+from legsim.imu.calibration import CalibrationKind
 from legsim.imu.noise import Convention
 from legsim.study.results import NoiseLevel
 
@@ -55,6 +56,12 @@ class Ladder(ConfigSection):
     f_g: tuple[Exponent, ...] = Field(default=(0.0, 1.0, 2.0, 3.0, 4.0, 5.0, "none"), min_length=1)
     conventions: tuple[Convention, ...] = Field(default=("SI", "per-sample"), min_length=1)
     repetitions: int = Field(default=5, ge=1)
+    sensors: tuple[str, ...] = ()
+    """sensors of the catalogue, or TOML files of sensors, beside the ladder"""
+    calibrations: tuple[CalibrationKind, ...] = Field(
+        default=("none", "rest", "six-positions"), min_length=1
+    )
+    """before the scan; of ``sensors``"""
 
 
 def exponent(written: Exponent) -> float | None:
@@ -100,7 +107,9 @@ def load(
     if preset is not None:
         tree["preset"] = preset
     for override in overrides:
-        tree["settings"] = config.merged(tree.get("settings", {}), config.parse_override(override))
+        tree["settings"] = config.merged(
+            tree.get("settings", {}), config.parse_override(override, config.RunConfig)
+        )
     study = config.validated(StudyConfig, tree, file)
     if not (study.methods or study.ladder):
         raise file_error(file, "asks for nothing", 'name methods = ["rigid", ...] or a [ladder]')
@@ -142,6 +151,11 @@ def _anchored(study: StudyConfig, base: Path) -> StudyConfig:
     for holder in (tree, *tree["noise"]):
         holder["methods"] = tuple(
             _beside(base, m, m.rpartition(":")[0]) if ".py:" in m else m for m in holder["methods"]
+        )
+    if tree["ladder"] is not None:
+        named = tree["ladder"]["sensors"]
+        tree["ladder"]["sensors"] = tuple(
+            _beside(base, s, s if s.endswith(".toml") else "") for s in named
         )
     for section, key in _FILES:
         inside = tree["settings"]

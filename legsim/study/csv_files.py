@@ -5,7 +5,9 @@ from dataclasses import asdict, fields
 
 from legsim.evaluation.similarity import RegionScores
 from legsim.report import formats
-from legsim.study.results import LadderScore, NoiseLevel, ScanScore
+from legsim.study.results import LadderScore, NoiseLevel, ScanScore, SensorScore
+
+_RESIDUALS = ("mm", "degrees", "pixels", "pixels_after_similarity")
 
 _NOISE_COLUMNS = ("convention", "f_a", "f_g")
 
@@ -15,8 +17,8 @@ def _noise_cells(noise: NoiseLevel | None) -> tuple[object, ...]:
 
 
 def scores_csv(scores: Sequence[ScanScore]) -> str:
-    """One row per score and region: scan, method and noise, the region's scores, the registration,
-    every residual, seconds, folder and command.
+    """One row per score and region: scan, method, noise, scaling and window, the region's scores,
+    the registration, every residual, seconds, folder and command.
 
     Clean sensors have no convention; an exponent of a noisy one that is empty means that this
     sensor was clean.
@@ -30,12 +32,12 @@ def scores_csv(scores: Sequence[ScanScore]) -> str:
         "method",
         *_NOISE_COLUMNS,
         "repetition",
+        "scaling",
+        "window",
         *metrics,
         *(f"registration_{name}" for name in found),
     ]
-    header += [
-        f"{structure}_{unit}" for structure in structures for unit in ("mm", "degrees", "pixels")
-    ]
+    header += [f"{structure}_{unit}" for structure in structures for unit in _RESIDUALS]
     rows = []
     for score in scores:
         registration, left = score.metrics.registration, {r.structure: r for r in score.residuals}
@@ -43,7 +45,7 @@ def scores_csv(scores: Sequence[ScanScore]) -> str:
         rest += [
             getattr(left.get(structure), unit, None)
             for structure in structures
-            for unit in ("mm", "degrees", "pixels")
+            for unit in _RESIDUALS
         ]
         rest += [score.seconds, score.folder, f"legsim run {score.folder}/config.toml --out OTHER"]
         who = (
@@ -52,9 +54,17 @@ def scores_csv(scores: Sequence[ScanScore]) -> str:
             score.method,
             *_noise_cells(score.noise),
             score.repetition,
+            score.metrics.scaling,
+            score.metrics.window,
         )
         rows += [(*who, *asdict(region).values(), *rest) for region in score.metrics.regions]
     return formats.csv_text([*header, "seconds", "folder", "command"], rows)
+
+
+def sensors_csv(sensors: Sequence[SensorScore]) -> str:
+    """One row per draw of a sensor's errors."""
+    header = [f.name for f in fields(SensorScore)]
+    return formats.csv_text(header, [tuple(asdict(s).values()) for s in sensors])
 
 
 def ladder_csv(ladder: Sequence[LadderScore]) -> str:

@@ -1,5 +1,5 @@
-"""The two kinds of work of a study, as functions that any process can call: one scan with its
-methods, one posture's noise ladder.
+"""The kinds of work of a study, as functions that any process can call: one scan with its
+methods, one posture's noise ladder, one sensor of the catalogue.
 
 Each leaves its scores in a file with a key, a hash of all that decides them, and takes them from
 there when it is asked again.
@@ -15,20 +15,22 @@ from typing import Any
 import numpy as np
 
 from legsim import __version__
-from legsim.config import RunConfig
+from legsim.config import ImuConfig, RunConfig
 from legsim.core import files
 from legsim.core.files import key_of
 from legsim.core.progress import OnProgress
 from legsim.evaluation import similarity
 from legsim.imu import drift, simulation
+from legsim.imu.calibration import CalibrationKind
 from legsim.imu.noise import Convention, ImuNoise
-from legsim.run import c_arm, methods, pipeline
+from legsim.opencl.device import open_device
+from legsim.run import c_arm, code, methods, pipeline, stages
 from legsim.run import motion as run_motion
 from legsim.run import sensors as run_sensors
 from legsim.run.store import StageCache
 from legsim.study import results
 from legsim.study.config import Ladder, exponent
-from legsim.study.results import LadderScore, NoiseLevel, ScanScore
+from legsim.study.results import LadderScore, NoiseLevel, ScanScore, SensorScore
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,6 +75,31 @@ class LadderJob:
         return f"ladder-{self.subject}-{self.posture}-{self.convention}".replace("/", "_")
 
 
+@dataclass(frozen=True, slots=True)
+class SensorJob:
+    """One sensor of the catalogue on one recording, under every calibration."""
+
+    study_folder: Path
+    subject: str
+    posture: str
+    sensor: str
+    ladder: Ladder
+    settings: RunConfig
+
+    @property
+    def name(self) -> str:
+        """Unique in the study."""
+        stem = Path(self.sensor).stem if self.sensor.endswith(".toml") else self.sensor
+        return f"sensor-{self.subject}-{self.posture}-{stem}".replace("/", "_")
+
+    def under(self, calibration: CalibrationKind) -> ImuConfig:
+        """Settings of the sensor that is integrated, under one calibration."""
+        imu = self.settings.imu
+        chosen = tuple(s for s in imu.sensors if s.name == self.ladder.sensor)
+        noise = imu.noise.model_copy(update={"kind": self.sensor, "calibration": calibration})
+        return imu.model_copy(update={"sensors": chosen, "noise": noise})
+
+
 def seed_of(subject: str, posture: str, repetition: int) -> int:
     """Of the noise of one scan: other scans and repetitions draw other noise, whatever else a study
     holds.
@@ -86,6 +113,8 @@ def scan(job: ScanJob, on_progress: OnProgress | None = None) -> tuple[ScanScore
     names = [(name, methods.fingerprint(name)) for name in settings.methods.run]
     key = key_of(
         __version__,
+        code.fingerprint("study"),
+        open_device(job.device).candidate.compiler,
         settings.model_dump(),
         run_motion.fingerprint(settings.motion),
         names,
@@ -133,6 +162,7 @@ def ladder(job: LadderJob, on_progress: OnProgress | None = None) -> tuple[Ladde
     asked = job.ladder
     key = key_of(
         __version__,
+        code.fingerprint("ladder"),
         job.settings.model_dump(),
         run_motion.fingerprint(job.settings.motion),
         asked.model_dump(),
@@ -150,7 +180,11 @@ def _ladder(job: LadderJob, on_progress: OnProgress) -> list[LadderScore]:
     settings, asked = job.settings, job.ladder
     recovered = run_motion.solve(settings.motion)
     chosen = tuple(s for s in settings.imu.sensors if s.name == asked.sensor)
-    clean = run_sensors.sense(recovered, settings.imu.model_copy(update={"sensors": chosen}))
+    clean = run_sensors.sense(
+        recovered,
+        settings.imu.model_copy(update={"sensors": chosen}),
+        shaking=_shaking(settings),
+    )
     views = c_arm.c_arm(settings.scan).view_times(recovered.trajectories.times)
     start = simulation.true_start(
         recovered.leg, recovered.splines, clean.sensors[0], float(views[0])
@@ -181,6 +215,59 @@ def _ladder(job: LadderJob, on_progress: OnProgress) -> list[LadderScore]:
                 for r, d in enumerate(found)
             ]
     on_progress("noise ladder", len(asked.f_a), len(asked.f_a))
+    return scores
+
+
+def _shaking(settings: RunConfig) -> np.random.Generator:
+    """Draws the vibration of the skin, the same for every reading of a scan."""
+    return np.random.default_rng([settings.seed, stages.VIBRATION])
+
+
+def sensor(job: SensorJob, on_progress: OnProgress | None = None) -> tuple[SensorScore, ...]:
+    """RMSE of translation and rotation under every calibration and in every repetition."""
+    asked = job.ladder
+    key = key_of(
+        __version__,
+        job.settings.model_dump(),
+        run_motion.fingerprint(job.settings.motion),
+        asked.model_dump(exclude={"sensors"}),
+        job.sensor,
+        run_sensors.fingerprint(job.under("none")),
+    )
+
+    def run() -> list[dict[str, Any]]:
+        return [asdict(score) for score in _sensor(job, on_progress or _quiet)]
+
+    entries = _kept(job.study_folder / "scores" / f"{job.name}.json", key, run)
+    return tuple(SensorScore(**entry) for entry in entries)
+
+
+def _sensor(job: SensorJob, on_progress: OnProgress) -> list[SensorScore]:
+    settings, asked = job.settings, job.ladder
+    person = run_motion.solve(settings.motion)
+    views = c_arm.c_arm(settings.scan).view_times(person.trajectories.times)
+    exact = run_sensors.sense(person, job.under("none"), shaking=_shaking(settings))
+    start = simulation.true_start(person.leg, person.splines, exact.sensors[0], float(views[0]))
+    reference = drift.estimate(exact, start, views, settings.methods.scheme)
+    seeds = [(seed_of(job.subject, job.posture, r), 1) for r in range(asked.repetitions)]
+    scores = []
+    for step, calibration in enumerate(asked.calibrations):
+        on_progress("sensors", step, len(asked.calibrations))
+        read = run_sensors.records(
+            person,
+            job.under(calibration),
+            view_rate_hz=settings.scan.rate_hz,
+            rest_at=float(views[0]),
+            rngs=map(np.random.default_rng, seeds),
+            shaking=_shaking(settings),
+        )
+        for r, signals in enumerate(read):
+            found = drift.estimate(signals, start, views, settings.methods.scheme)
+            away = drift.deviation(found, reference)
+            millimeters, degrees = 1e3 * away.translation, float(np.degrees(away.rotation))
+            who = (job.subject, job.posture, job.sensor, calibration, r)
+            scores.append(SensorScore(*who, millimeters, degrees))
+    on_progress("sensors", len(asked.calibrations), len(asked.calibrations))
     return scores
 
 

@@ -11,13 +11,13 @@ from legsim.config import RunConfig
 from legsim.core import memory as core_memory
 from legsim.core.errors import LegsimError, file_error
 from legsim.report.published_tables import counted
-from legsim.run import c_arm, methods, volumes
+from legsim.run import c_arm, methods, sensors, volumes
 from legsim.run import motion as run_motion
 from legsim.study import config
 from legsim.study import jobs as study_jobs
 from legsim.study.config import Ladder, StudyConfig
 from legsim.study.engine import Task
-from legsim.study.jobs import LadderJob, ScanJob, seed_of
+from legsim.study.jobs import LadderJob, ScanJob, SensorJob, seed_of
 from legsim.study.results import NoiseLevel
 
 _FLOAT = 4
@@ -31,11 +31,13 @@ class Plan:
 
     scans: tuple[ScanJob, ...]
     ladders: tuple[LadderJob, ...]
+    sensors: tuple[SensorJob, ...] = ()
 
     def tasks(self) -> tuple[Task, ...]:
         """Noisy runs wait for the clean one of their scan, whose projections they share."""
         clean = {(job.subject, job.posture): job.name for job in self.scans if job.noise is None}
         ladders = [Task(job.name, study_jobs.ladder, (job,)) for job in self.ladders]
+        sensors = [Task(job.name, study_jobs.sensor, (job,)) for job in self.sensors]
         scans = [
             Task(
                 job.name,
@@ -45,7 +47,7 @@ class Plan:
             )
             for job in self.scans
         ]
-        return (*ladders, *scans)
+        return (*ladders, *sensors, *scans)
 
     def disk(self) -> int:
         """Bytes that all runs take."""
@@ -146,6 +148,7 @@ def plan(
     found = Plan(
         _scans(study, base, out, device, out / "store" if store is None else store),
         () if study.ladder is None else _ladders(study, study.ladder, base, out),
+        () if study.ladder is None else _sensors(study, study.ladder, base, out),
     )
     called = [task.name for task in found.tasks()]
     twice = next((name for name in called if called.count(name) > 1), None)
@@ -157,7 +160,11 @@ def plan(
     for job in (*found.scans, *found.ladders):
         run_motion.fingerprint(job.settings.motion)
         volumes.check(job.settings)
-    for job in found.ladders:
+    for job in found.scans:
+        sensors.check(job.settings.imu)
+    for job in found.sensors:
+        sensors.check(job.under("none"))
+    for job in (*found.ladders, *found.sensors):
         names = [sensor.name for sensor in job.settings.imu.sensors]
         if job.ladder.sensor not in names:
             raise LegsimError(
@@ -197,6 +204,18 @@ def _ladders(study: StudyConfig, ladder: Ladder, base: Path, out: Path) -> tuple
     return tuple(jobs)
 
 
+def _sensors(study: StudyConfig, ladder: Ladder, base: Path, out: Path) -> tuple[SensorJob, ...]:
+    jobs = []
+    for subject in ladder.subjects or study.subjects:
+        for posture in ladder.postures or study.postures:
+            settings = config.run_settings(study, base, subject, posture, None, None)
+            jobs += [
+                SensorJob(out, subject, posture, sensor, ladder, settings)
+                for sensor in ladder.sensors
+            ]
+    return tuple(jobs)
+
+
 def needs(planned: Plan, out: Path, workers: int = 0) -> str:
     """What the study will take, for a person to read before it begins.
 
@@ -213,7 +232,8 @@ def needs(planned: Plan, out: Path, workers: int = 0) -> str:
             out, f"cannot be made ({error.strerror})", "choose another folder with --out"
         ) from error
     if not planned.scans:
-        return f"{counted(len(planned.ladders), 'noise ladder')}; no reconstruction"
+        beside = f", {counted(len(planned.sensors), 'sensor')}" if planned.sensors else ""
+        return f"{counted(len(planned.ladders), 'noise ladder')}{beside}; no reconstruction"
     # runs share files: each counts once
     taken = sum(
         {

@@ -29,8 +29,8 @@ def write(
     pictures: Sequence[Picture] = (),
     noisy_pictures: Sequence[Picture] = (),
 ) -> ReportContent:
-    """Writes report.html, report.md, tables.tex, tables/, scores.csv, ladder.csv and the pictures
-    drawn here; gives back what it says.
+    """Writes report.html, report.md, tables.tex, tables/, scores.csv, ladder.csv, sensors.csv and
+    the pictures drawn here; gives back what it says.
     """
     made = content(results, pictures, noisy_pictures)
     (folder / "pictures").mkdir(parents=True, exist_ok=True)
@@ -47,6 +47,8 @@ def write(
         files.write_text(folder / "scores.csv", csv_files.scores_csv(results.scores))
     if results.ladder:
         files.write_text(folder / "ladder.csv", csv_files.ladder_csv(results.ladder))
+    if results.sensors:
+        files.write_text(folder / "sensors.csv", csv_files.sensors_csv(results.sensors))
     files.write_text(folder / "report.md", formats.markdown(made))
     files.write_text(folder / "report.html", page.render(made))
     return made
@@ -70,6 +72,7 @@ def content(
         *(sections.without_noise(clean, results) if clean else ()),
         *((PageSection("Pictures of one scan", figures=tuple(pictures)),) if pictures else ()),
         *(sections.ladder(results.ladder, cells) if cells else ()),
+        *((sections.sensors(results.sensors),) if results.sensors else ()),
         *((sections.noisy(scores, noisy_pictures),) if noisy or noisy_pictures else ()),
         *((sections.every_scan(clean, noisy),) if scores else ()),
         *(
@@ -115,7 +118,7 @@ def _headlines(clean: Sequence[ScanScore]) -> list[str]:
     if not clean:
         return []
     whole = study_tables.regions(clean)[0]
-    lines = []
+    lines = [study_tables.protocol(clean)]
     for condition, pool in statistics.pools(clean).items():
         for measure, published_of in (
             ("SSIM", published_values.ssim),
@@ -169,4 +172,6 @@ def _files(results: StudyResults) -> tuple[FileNote, ...]:
         )
     if results.ladder:
         notes.append(FileNote("ladder.csv", "one row per draw of noise"))
+    if results.sensors:
+        notes.append(FileNote("sensors.csv", "one row per draw of a sensor's errors"))
     return tuple(notes)

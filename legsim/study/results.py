@@ -14,6 +14,7 @@ from legsim.evaluation.registration import RegistrationError
 from legsim.evaluation.residual_motion import Residual
 from legsim.evaluation.scores import scores_from
 from legsim.evaluation.similarity import Scores
+from legsim.imu.calibration import CalibrationKind
 from legsim.imu.noise import Convention
 
 SCHEMA = 1
@@ -81,6 +82,20 @@ class LadderScore:
 
 
 @dataclass(frozen=True, slots=True)
+class SensorScore:
+    """How far one sensor's errors carry the estimated motion from the exact estimate."""
+
+    subject: str
+    posture: str
+    sensor: str
+    calibration: CalibrationKind
+    repetition: int
+    translation_mm: float
+    """RMSE over the views, mean of three axes"""
+    rotation_deg: float
+
+
+@dataclass(frozen=True, slots=True)
 class StageCost:
     """What one stage of the runs took."""
 
@@ -108,6 +123,7 @@ class StudyResults:
     costs: tuple[StageCost, ...] = ()
     registration_errors: tuple[RegistrationError, ...] = ()
     """by how much the registration misses a known motion of the motion-free volume, one per scan"""
+    sensors: tuple[SensorScore, ...] = ()
 
 
 def condition(posture: str) -> str:
@@ -139,6 +155,7 @@ def load(path: Path) -> StudyResults:
             tuple(content["failures"]),
             tuple(StageCost(**entry) for entry in content["costs"]),
             tuple(RegistrationError(**entry) for entry in content["registration_errors"]),
+            tuple(SensorScore(**entry) for entry in content.get("sensors", ())),
         )
     except FileNotFoundError:
         raise file_error(path, "no such file", "give the folder of a study") from None

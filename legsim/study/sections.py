@@ -11,7 +11,14 @@ from legsim.report import published_tables, published_values
 from legsim.report.page import PageSection, Picture
 from legsim.study import statistics
 from legsim.study import tables as study_tables
-from legsim.study.results import LadderScore, NoiseLevel, ScanScore, StudyResults, methods_of
+from legsim.study.results import (
+    LadderScore,
+    NoiseLevel,
+    ScanScore,
+    SensorScore,
+    StudyResults,
+    methods_of,
+)
 from legsim.study.statistics import LIMIT_DEG, LIMIT_MM, LadderCell, PairedTest
 
 CONVENTIONS = (
@@ -27,11 +34,11 @@ _TRANSLATION, _ROTATION = "translation (mm)", "rotation (deg)"
 
 def without_noise(clean: tuple[ScanScore, ...], results: StudyResults) -> tuple[PageSection, ...]:
     """What is said of clean sensors: image quality, what was left of the motion, paired tests."""
-    return _quality(clean), _residuals(clean, results), _tests(clean)
+    return _quality(clean, results), _residuals(clean, results), _tests(clean)
 
 
-def _quality(clean: tuple[ScanScore, ...]) -> PageSection:
-    """SSIM and RMSE beside the published values, as tables and box plots."""
+def _quality(clean: tuple[ScanScore, ...], results: StudyResults) -> PageSection:
+    """SSIM and RMSE beside the published values, as tables and box plots; both to the phantom."""
     blocks = {name: block for name, block in statistics.blocks(clean).items() if name != "all"}
     whole = study_tables.regions(clean)[0]
     drawn = []
@@ -61,6 +68,7 @@ def _quality(clean: tuple[ScanScore, ...]) -> PageSection:
             if any(group.published is not None for group in groups)
             else "."
         )
+        caption = f"{caption} {study_tables.protocol(clean)}"
         drawn.append(
             _picture(
                 f"box-{measure.lower()}",
@@ -79,10 +87,12 @@ def _quality(clean: tuple[ScanScore, ...]) -> PageSection:
     )
     tables = study_tables.quality(clean)
     beside = any("paper" in column for column in tables[0].columns)
+    # how near the motion-free volume comes to the phantom says how near any can come
+    phantom = study_tables.to_phantom(tuple(s for s in results.scores if s.noise is None))
     return PageSection(
         "Image quality",
         (*(lines if beside else ()), study_tables.SPREAD_NOTE),
-        tables,
+        (*tables, *(() if phantom is None else (phantom,))),
         tuple(drawn),
     )
 
@@ -121,7 +131,14 @@ def _tests(clean: tuple[ScanScore, ...]) -> PageSection:
                     f"Paired test between methods, {measure} of the whole leg{where}, n = "
                     f"{_counts(found)}"
                 )
-                made.append(study_tables.tests(caption, found, f"test_{measure.lower()}{stem}"))
+                made.append(
+                    study_tables.tests(
+                        caption,
+                        found,
+                        f"test_{measure.lower()}{stem}",
+                        study_tables.protocol(pool),
+                    )
+                )
         tables += made
         if made:
             tested.append(heading)
@@ -184,6 +201,21 @@ def ladder(
     )
     return PageSection("Sensor noise without images", lines, figures=tuple(drawn)), PageSection(
         "The noise ladder in numbers", tables=tables
+    )
+
+
+def sensors(scores: Sequence[SensorScore]) -> PageSection:
+    """Errors of the motion by sensor of the catalogue and calibration."""
+    scans = ", ".join(dict.fromkeys(f"{s.subject} {s.posture}" for s in scores))
+    lines = (
+        "The rigid motion from sensors with all errors of their data sheets is compared with that "
+        f"from exact ones. Scans: {scans}. Every draw is a row of sensors.csv; legsim sensors "
+        "lists what each error costs.",
+    )
+    return PageSection(
+        "Sensors that one can buy, without images",
+        lines,
+        tables=(study_tables.catalogued(scores),),
     )
 
 

@@ -33,7 +33,7 @@ Measure = Callable[[ScanScore], float | None]
 
 
 def of_region(field: str, region: str) -> Measure:
-    """A number of the image quality in one region: ssim, rmse or gradient_entropy."""
+    """A number of the image quality in one region: a field of ``RegionScores``."""
 
     def take(score: ScanScore) -> float | None:
         return next((getattr(m, field) for m in score.metrics.regions if m.region == region), None)
@@ -42,7 +42,7 @@ def of_region(field: str, region: str) -> Measure:
 
 
 def of_structure(field: str, structure: str) -> Measure:
-    """A residual of one structure: mm, degrees or pixels."""
+    """A residual of one structure: mm, degrees, pixels or pixels_after_similarity."""
 
     def take(score: ScanScore) -> float | None:
         return next((getattr(r, field) for r in score.residuals if r.structure == structure), None)

@@ -12,7 +12,7 @@ from legsim.report.page import Table
 from legsim.report.published_tables import NONE, Entry, counted, quality_entry
 from legsim.report.published_values import Score
 from legsim.study import results, statistics
-from legsim.study.results import NoiseLevel, ScanScore, StageCost
+from legsim.study.results import NoiseLevel, ScanScore, SensorScore, StageCost
 from legsim.study.statistics import LadderCell, Measure, PairedTest
 
 SPREAD_NOTE = "Mean ± standard deviation (of a sample, n − 1) over scans."
@@ -21,6 +21,11 @@ SPREAD_NOTE = "Mean ± standard deviation (of a sample, n − 1) over scans."
 def regions(scores: Iterable[ScanScore]) -> tuple[str, ...]:
     """Names of all regions; the first is the whole leg."""
     return tuple(dict.fromkeys(m.region for score in scores for m in score.metrics.regions))
+
+
+def protocol(scores: Iterable[ScanScore]) -> str:
+    """How the volumes of the scores were compared; each way once."""
+    return " ".join(dict.fromkeys(score.metrics.protocol for score in scores))
 
 
 def quality(scores: Sequence[ScanScore]) -> tuple[Table, Table]:
@@ -36,7 +41,25 @@ def quality(scores: Sequence[ScanScore]) -> tuple[Table, Table]:
                 published = quality_entry(measure, condition, method, region, ours).published
                 entries.append(Entry(group, label, region, ours, published))
         kinds.append(entries)
-    return published_tables.quality_tables(kinds[0], kinds[1], "Table 1, seven scans a condition")
+    return published_tables.quality_tables(
+        kinds[0], kinds[1], "Table 1, seven scans a condition", protocol(scores)
+    )
+
+
+def to_phantom(scores: Sequence[ScanScore]) -> Table | None:
+    """SSIM and RMSE to the phantom itself, which has no streaks; None where they are unknown."""
+    columns = [
+        (f"{measure} {region}", _mean_of(statistics.of_region(f"{field}_phantom", region), 3))
+        for measure, field in (("SSIM", "ssim"), ("RMSE", "rmse"))
+        for region in regions(scores)
+    ]
+    return _by_method(
+        "SSIM and RMSE to the phantom",
+        scores,
+        columns,
+        f"{published_tables.PHANTOM} {protocol(scores)} {SPREAD_NOTE}",
+        "phantom",
+    )
 
 
 def _rows(scores: Sequence[ScanScore]) -> list[tuple[str, str, str, str, tuple[ScanScore, ...]]]:
@@ -96,13 +119,17 @@ def residuals(scores: Sequence[ScanScore]) -> tuple[Table, ...]:
         "pixels": (
             "How far apart the images see where the method has the points and where they were."
         ),
+        "pixels_after_similarity": (
+            "The same after the constant turn, shift and scale of the scene that bring all bones "
+            "nearest. Images cannot tell these three, and they blur nothing."
+        ),
     }
     tables = []
     for unit, note in notes.items():
         columns = [(s, _mean_of(statistics.of_structure(unit, s), 2)) for s in structures]
         tables.append(
             _by_method(
-                f"Motion that was not undone ({unit})",
+                f"Motion that was not undone ({unit.replace('_', ' ')})",
                 scores,
                 columns,
                 f"RMS over views and points within a scan, before any registration. {note} "
@@ -186,8 +213,11 @@ def _own_error(errors: Sequence[RegistrationError]) -> str:
     )
 
 
-def tests(caption: str, found: Sequence[PairedTest], name: str) -> Table:
-    """A matrix: the median difference above the diagonal, Holm's p below it."""
+def tests(caption: str, found: Sequence[PairedTest], name: str, how: str) -> Table:
+    """A matrix: the median difference above the diagonal, Holm's p below it.
+
+    ``how`` says how volumes were compared.
+    """
     methods = tuple(dict.fromkeys(m for test in found for m in (test.first, test.second)))
     pairs = {(test.first, test.second): test for test in found}
 
@@ -209,8 +239,8 @@ def tests(caption: str, found: Sequence[PairedTest], name: str) -> Table:
     note = (
         "Below the diagonal: p of Wilcoxon's signed-rank test (two-sided, exact), adjusted by "
         "Holm for all pairs of this table. "
-        "Above it: the median difference, row minus column."
-    )
+        f"Above it: the median difference, row minus column. {how}"
+    ).rstrip()
     return Table(caption, ("method", *methods), rows, note, name)
 
 
@@ -257,6 +287,34 @@ def ladder(cells: dict[NoiseLevel, LadderCell], convention: Convention) -> Table
     return Table(
         f"Noise ladder, {convention} convention", columns, tuple(rows), note, f"ladder_{convention}"
     )
+
+
+def catalogued(scores: Sequence[SensorScore]) -> Table:
+    """One row per sensor of the catalogue, headed by the calibration before the scan."""
+    rows: list[tuple[str, ...]] = []
+    headings = {
+        "none": "not calibrated, exact start",
+        "rest": "rest before the scan",
+        "six-positions": "six positions and a rest before the scan",
+    }
+    for calibration in dict.fromkeys(s.calibration for s in scores):
+        rows.append((headings[calibration],))
+        for sensor in dict.fromkeys(s.sensor for s in scores):
+            found = [s for s in scores if (s.sensor, s.calibration) == (sensor, calibration)]
+            sizes = (spread(s.translation_mm for s in found), spread(s.rotation_deg for s in found))
+            rows.append((sensor, *(_alone(of) for of in sizes)))
+    note = (
+        "RMSE over the views of the motion from the sensor's readings against that from exact "
+        "ones, mean of three axes, mean ± standard deviation over draws and scans. A rest removes "
+        "the gyroscope's bias and levels the start; six positions calibrate the accelerometer. "
+        "What a sensor's file marks as missing (legsim sensors NAME) is not in its row."
+    )
+    columns = ("sensor", "translation (mm)", "rotation (deg)")
+    return Table("Sensors that one can buy", columns, tuple(rows), note, "sensors")
+
+
+def _alone(ours: MeanAndDeviation | None) -> str:
+    return NONE if ours is None else _beside(ours, None)[0]
 
 
 def exponent(value: float | None) -> str:
@@ -329,7 +387,7 @@ def noisy_quality(scores: Sequence[ScanScore]) -> tuple[Table, Table]:
     note = (
         f"Over {counted(len(scans), 'scan')}; repetitions of a scan are averaged first. "
         f"{SPREAD_NOTE} The noise of the sensors is divided "
-        "by 10^f_a (accelerometer) and 10^f_g (gyroscope)."
+        f"by 10^f_a (accelerometer) and 10^f_g (gyroscope). {protocol(noisy)}"
     )
     source = "Maier et al. 2021, Table 3"
     return (
@@ -402,7 +460,7 @@ def every_scan(scores: Sequence[ScanScore], name: str) -> tuple[Table, ...]:
                 caption,
                 ("scan", *methods, "run folder"),
                 tuple(rows),
-                "",
+                protocol(scores),
                 f"{name}_{measure}",
                 links,
             )

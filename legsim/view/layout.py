@@ -3,7 +3,8 @@
 import numpy as np
 import rerun.blueprint as rrb
 
-from legsim.scene.values import ReplayScene, ScanScene
+from legsim.scene.values import MeasuredScene, ReplayScene, ScanScene
+from legsim.view.stream import entity_path
 
 
 def replay(scene: ReplayScene) -> rrb.Blueprint:
@@ -28,6 +29,31 @@ def scan(scene: ScanScene) -> rrb.Blueprint:
         row_shares=[3, 2],
     )
     return _blueprint(rrb.Horizontal(left, _curves(scene.replay), column_shares=[3, 2]))
+
+
+def measured(scene: MeasuredScene) -> rrb.Blueprint:
+    """Lays out C-arm, projections and slices on the left, what sensors read on the right."""
+    geometry = scene.projections.geometry
+    center = geometry.rotation_center()
+    reach = float(np.linalg.norm(geometry.sources() - center, axis=-1).max())
+    controls = rrb.EyeControls3D(
+        position=center + 1.6 * reach * np.array([1.3, 0.45, 0.9]),
+        look_target=center,
+        eye_up=(0, 1, 0),
+    )
+    left = rrb.Vertical(
+        rrb.Spatial3DView(origin="world", name="C-arm", eye_controls=controls, line_grid=False),
+        rrb.Horizontal(
+            rrb.Spatial2DView(origin="world/c_arm/detector", name="Projection"),
+            rrb.Spatial2DView(origin="slices", name="Slices: below, above, sagittal"),
+            column_shares=[1, 2],
+        ),
+        row_shares=[3, 2],
+    )
+    sensors = [_sensor(name) for name in scene.imu.sensor_names]
+    if not sensors:
+        return _blueprint(left)
+    return _blueprint(rrb.Horizontal(left, rrb.Tabs(*sensors, name="IMU"), column_shares=[3, 2]))
 
 
 def _blueprint(root: rrb.Container) -> rrb.Blueprint:
@@ -67,7 +93,7 @@ def _curves(scene: ReplayScene) -> rrb.Vertical:
 def _angles(scene: ReplayScene) -> rrb.Tabs:
     names = scene.trajectories.coordinate_names
     bends = [
-        f"angles/{name}"
+        entity_path("angles", name)
         for name in names
         if name.startswith(("hip_flexion", "knee_angle", "ankle_angle"))
     ]
@@ -85,10 +111,11 @@ def _angles(scene: ReplayScene) -> rrb.Tabs:
 def _sensor(name: str) -> rrb.Vertical:
     return rrb.Vertical(
         rrb.TimeSeriesView(
-            origin=f"imu/{name}/specific_force", name=f"{name}: specific force (m/s²)"
+            origin=entity_path("imu", name, "specific_force"), name=f"{name}: specific force (m/s²)"
         ),
         rrb.TimeSeriesView(
-            origin=f"imu/{name}/angular_velocity", name=f"{name}: angular velocity (rad/s)"
+            origin=entity_path("imu", name, "angular_velocity"),
+            name=f"{name}: angular velocity (rad/s)",
         ),
         name=name,
     )

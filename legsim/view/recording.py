@@ -18,10 +18,12 @@ import rerun.blueprint as rrb
 
 from legsim.core.errors import printable
 from legsim.core.files import whole
-from legsim.scene.values import ReplayScene, ScanScene
+from legsim.scene.values import MeasuredScene, ReplayScene, ScanScene
 from legsim.view import curves, layout, motion
 from legsim.view.scan import log_c_arm, log_slices, log_surface
 from legsim.view.stream import Recorder
+
+AnyScene = ReplayScene | ScanScene | MeasuredScene
 
 
 def write_replay(path: Path, scene: ReplayScene) -> None:
@@ -37,18 +39,28 @@ def write_scan(path: Path, scene: ScanScene) -> None:
     _write(path, scene)
 
 
-def new_stream(scene: ReplayScene | ScanScene) -> rr.RecordingStream:
+def write_measured(path: Path, scene: MeasuredScene) -> None:
+    """Writes the recording of a measured scan: C-arm, projections, sensors, slices."""
+    _write(path, scene)
+
+
+def new_stream(scene: AnyScene) -> rr.RecordingStream:
     """Creates a stream named by the content of a scene, still empty and without a sink."""
     return rr.RecordingStream("legsim", recording_id=content_id(scene), send_properties=False)
 
 
-def blueprint(scene: ReplayScene | ScanScene) -> rrb.Blueprint:
+def blueprint(scene: AnyScene) -> rrb.Blueprint:
     """Layout with which the viewer opens."""
+    if isinstance(scene, MeasuredScene):
+        return layout.measured(scene)
     return layout.scan(scene) if isinstance(scene, ScanScene) else layout.replay(scene)
 
 
-def record(stream: rr.RecordingStream, scene: ReplayScene | ScanScene) -> None:
+def record(stream: rr.RecordingStream, scene: AnyScene) -> None:
     """Logs the contents of a scene."""
+    if isinstance(scene, MeasuredScene):
+        _record_measured(stream, scene)
+        return
     replay = scene.replay if isinstance(scene, ScanScene) else scene
     stream.send_recording_name(replay.name)
     stream.log("world", rr.ViewCoordinates.RIGHT_HAND_Y_UP, static=True)
@@ -60,6 +72,17 @@ def record(stream: rr.RecordingStream, scene: ReplayScene | ScanScene) -> None:
             log_surface(recorder, surface)
         if scene.planes is not None:
             log_slices(recorder, scene.volumes, scene.planes)
+
+
+def _record_measured(stream: rr.RecordingStream, scene: MeasuredScene) -> None:
+    stream.send_recording_name("measured scan")
+    stream.log("world", rr.ViewCoordinates.RIGHT_HAND_Y_UP, static=True)
+    recorder = Recorder(stream, scene.projections.geometry.times)
+    log_c_arm(recorder, scene.projections)
+    log_slices(recorder, scene.volumes, scene.planes)
+    curves.log_imu(recorder, scene.imu)
+    if scene.sensor_poses is not None:
+        motion.log_sensors(recorder, scene.sensor_poses)
 
 
 def _record_replay(recorder: Recorder, scene: ReplayScene) -> None:
@@ -75,7 +98,7 @@ def _record_replay(recorder: Recorder, scene: ReplayScene) -> None:
         motion.log_sensors(recorder, scene.sensor_poses)
 
 
-def _write(path: Path, scene: ReplayScene | ScanScene) -> None:
+def _write(path: Path, scene: AnyScene) -> None:
     with whole(path) as partial, _encodable(partial) as target:
         stream = new_stream(scene)
         try:

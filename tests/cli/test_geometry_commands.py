@@ -46,3 +46,31 @@ def test_convert_writes_the_format_of_the_ending(matrices, capsys):
     converted = geometry_files.load_geometry(out)
     given = geometry_files.load_geometry(matrices, columns=62, rows=48, pixel_mm=6.16)
     np.testing.assert_allclose(converted.matrices, given.matrices, rtol=1e-12)
+
+
+def test_rows_that_run_the_other_way_are_turned_where_a_format_has_no_mirror(matrices, capsys):
+    given = geometry_files.load_geometry(matrices, columns=62, rows=48, pixel_mm=6.16)
+    geometry_files.save_geometry(matrices, given.rows_turned())
+    for name, to in (("scan.xml", ()), ("scan.json", ("--to", "tigre"))):
+        out = matrices.with_name(name)
+        shown = printed(capsys, "geometry", "convert", matrices, *DETECTOR, *to, "--out", out)
+        assert "turn those of the projections too" in " ".join(shown.split())
+        converted = geometry_files.load_geometry(out)
+        np.testing.assert_allclose(converted.matrices, given.matrices, rtol=1e-7, atol=1e-7)
+
+
+def test_show_names_the_format_and_what_it_cannot_know(matrices, capsys):
+    shown = " ".join(
+        printed(capsys, "geometry", "show", matrices, "--columns", "62", "--rows", "48").split()
+    )
+    assert "format matrices" in shown
+    assert "the pixel size is not known and taken as 1 mm" in shown
+    shown = printed(capsys, "geometry", "show", matrices, *DETECTOR, "--up", "z")
+    assert "axis               (-0.000, -0.000, 1.000)" in shown or "(0.000, 0.000, 1.000)" in shown
+
+
+def test_a_pixel_size_that_is_none_is_refused(matrices, capsys):
+    with pytest.raises(SystemExit) as caught:
+        cli_main.main(["geometry", "show", str(matrices), *DETECTOR[:-1], "0.4x"])
+    assert caught.value.code == 2
+    assert "give one as in 0.4 or 0.4x0.3" in " ".join(capsys.readouterr().err.split())

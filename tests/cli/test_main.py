@@ -41,6 +41,7 @@ def failure(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
         "geometry",
         "view",
         "doctor",
+        "sensors",
     ],
 )
 def test_every_command_explains_itself(command, capsys):
@@ -193,7 +194,12 @@ def reconstruct(projections, geometry, out, **_):
         print("writing", flush=True)
         time.sleep(60)
 
-sys.modules["legsim.cli.file_stages"] = types.SimpleNamespace(reconstruct=reconstruct)
+def options(*_, **__):
+    pass
+
+sys.modules["legsim.cli.file_stages"] = types.SimpleNamespace(
+    reconstruct=reconstruct, ImageOptions=options, GeometryOptions=options
+)
 main(["reconstruct", "p.mha", "--geometry", "g.json", "--out", sys.argv[1]])
 """
 """a reconstruction that writes its volume for a minute"""

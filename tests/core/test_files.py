@@ -89,3 +89,25 @@ def test_what_is_no_text_is_refused(tmp_path, content, problem):
 def test_a_missing_file_is_refused(tmp_path):
     with pytest.raises(LegsimError, match=r"none\.trc: cannot be read \(No such file"):
         files.read(tmp_path / "none.trc", "TRC")
+
+
+@pytest.mark.parametrize("content", [b"\xef\xbb\xbf", b"\xff\xfe", b"\xfe\xff", b"\xef\xbb\xbf \n"])
+def test_a_file_of_a_byte_order_mark_alone_is_empty(tmp_path, content):
+    (tmp_path / "x").write_bytes(content)
+    with pytest.raises(LegsimError, match="the file is empty"):
+        files.read(tmp_path / "x", "CSV")
+
+
+def test_what_is_being_read_is_not_written_over_under_any_name(tmp_path: Path) -> None:
+    source, soft, hard = (tmp_path / name for name in ("a.txt", "soft.txt", "hard.txt"))
+    source.write_text("mine")
+    soft.symlink_to(source)
+    hard.hardlink_to(source)
+    with files.reading([tmp_path, tmp_path / "none"]):
+        for path in (source, soft, hard, tmp_path / "." / "a.txt"):
+            with pytest.raises(LegsimError, match=r"\.txt: is a file that is read here"):
+                files.write_text(path, "other")
+        files.write_text(tmp_path / "new.txt", "other")
+    assert source.read_text() == "mine"
+    files.write_text(source, "other")
+    assert (source.read_text(), hard.read_text()) == ("other", "mine")

@@ -3,6 +3,7 @@ import re
 import numpy as np
 import pytest
 
+from legsim.core import transforms
 from legsim.core.errors import LegsimError
 from legsim.correction import fiducials, initialization
 from legsim.correction.fiducials import Fiducials
@@ -10,7 +11,7 @@ from legsim.correction.initialization import FiducialOptions, FiducialScan
 from legsim.geometry.cone_beam import ConeBeamGeometry
 from legsim.imu import strapdown
 from legsim.imu.sensors import Sensor
-from legsim.imu.signals import ImuSignals
+from legsim.imu.signals import ImuSignals, SensorStart
 from legsim.kinematics.skeleton import SEGMENTS, SegmentPoses
 from legsim.opencl import device
 from legsim.phantom import leg_phantom
@@ -236,3 +237,22 @@ def test_lost_fiducials_are_said_so():
         initialization.start_from_fiducials(
             signals, "shank_l", short_scan_c_arm(), below, FIDUCIALS
         )
+
+
+def test_starts_are_leveled_by_the_rest_of_their_own_sensor():
+    tilted = transforms.rotation_from_vector([0.02, 0.0, 0.01])
+    start = SensorStart(transforms.rigid(tilted, np.zeros(3)), np.zeros(3))
+    given = initialization.Starts((start, start), ("known",))
+    rest = np.array([[0.0, 9.8, 0.0], [0.0, 9.8 * np.cos(0.1), 9.8 * np.sin(0.1)]])
+    shape = (2, 2, 3)
+    read = ImuSignals(SAMPLES[:2], ("a", "b"), np.zeros(shape), np.zeros(shape), rest_force=rest)
+    found = initialization.leveled(given, read)
+    for level, force in zip(found.starts, rest, strict=True):
+        up = level.world_from_sensor[:3, :3] @ force
+        np.testing.assert_allclose(up, [0, 9.8, 0], atol=1e-12)
+    assert found.notes[0] == "known"
+    assert "rest before the scan" in found.notes[1]
+    assert initialization.leveled(given, signals()) is given
+    broken = ImuSignals(SAMPLES[:2], ("a", "b"), np.zeros(shape), np.zeros(shape), rest_force=-rest)
+    with pytest.raises(LegsimError, match=r"start of sensor a: .*cannot be leveled"):
+        initialization.leveled(given, broken)

@@ -38,7 +38,15 @@ def score(
     """Of a method that loses about so much similarity."""
     lost = loss * rng.uniform(0.7, 1.4)
     regions = tuple(
-        RegionScores(name, 1 - lost * k, 0.5 * lost * k, 12 + lost * k, 100_000)
+        RegionScores(
+            name,
+            1 - lost * k,
+            0.5 * lost * k,
+            12 + lost * k,
+            100_000,
+            0.9 - 0.5 * lost * k,
+            0.05 + 0.2 * lost * k,
+        )
         for name, k in (("leg", 1.0), ("shank", 0.95), ("thigh", 1.1))
     )
     found = (
@@ -49,7 +57,11 @@ def score(
     flat = method == "nonrigid-2d"
     left = tuple(
         Residual(
-            name, None if flat else 8 * lost, None if flat or name == "skin" else 2 * lost, 6 * lost
+            name,
+            None if flat else 8 * lost,
+            None if flat or name == "skin" else 2 * lost,
+            6 * lost,
+            4 * lost,
         )
         for name in ("femur", "tibia", "patella", "skin")
     )

@@ -2,6 +2,7 @@
 files are told.
 """
 
+import contextlib
 import json
 
 import numpy as np
@@ -169,7 +170,10 @@ def test_malformed_json_is_told_where(tmp_path, content, message):
         (np.full((2, 12), 1 + 2j), "not an .npy file of real numbers"),
         (np.array(["a"] * 12), "not an .npy file of real numbers"),
         (np.zeros((12, 1)), r"holds an array of shape \(12, 1\)"),
-        (np.tile(np.eye(4), (3, 1, 1)), r"holds an array of shape \(3, 4, 4\)"),
+        (
+            np.ones((3, 4, 4)),
+            r"\(row 0\): 16 numbers are a 4x4 matrix, but its last row is 1",
+        ),
         (
             np.stack([np.eye(3, 4), np.full((3, 4), np.nan)]),
             r"\(matrix 1\): holds numbers that are not finite",
@@ -205,8 +209,8 @@ def test_the_scale_and_sign_of_a_matrix_mean_nothing(tmp_path_factory, scales, f
 
 
 def test_other_refusals(tmp_path):
-    with pytest.raises(LegsimError, match=r"unknown kind of geometry '\.csv'"):
-        files.load_geometry(tmp_path / "g.csv")
+    with pytest.raises(LegsimError, match=r"unknown kind of geometry '\.dat'"):
+        files.load_geometry(tmp_path / "g.dat")
     with pytest.raises(LegsimError, match="cannot be read"):
         files.load_geometry(tmp_path / "none.json")
     (tmp_path / "g.txt").write_text("1 2 3 x")
@@ -223,3 +227,108 @@ def test_other_refusals(tmp_path):
     (tmp_path / "g.npy").write_bytes(b"nothing")
     with pytest.raises(LegsimError, match=r"is not an \.npy file"):
         files.load_geometry(tmp_path / "g.npy", columns=2, rows=2)
+
+
+@pytest.mark.filterwarnings("ignore::RuntimeWarning")  # numpy's, of numbers that overflow
+@pytest.mark.parametrize("number", [1e308, 1e-308, 1e200, 1e155])
+def test_matrices_of_numbers_near_the_largest_are_read_or_refused(tmp_path, number):
+    matrices = np.tile(np.hstack([np.eye(3), np.ones((3, 1))]), (3, 1, 1))
+    matrices[1] *= number
+    matrices[2, 0, 0] = number
+    np.save(tmp_path / "m.npy", matrices)
+    with contextlib.suppress(LegsimError):
+        files.load_geometry(tmp_path / "m.npy", columns=7, rows=6, pixel_mm=1.0)
+
+
+def test_a_damaged_header_of_npy_is_refused(tmp_path):
+    np.save(tmp_path / "m.npy", np.zeros((3, 3, 4)))
+    data = (tmp_path / "m.npy").read_bytes()
+    for damage in ((b"{'descr'", b"['descr'"), (b"'<f8'", b"[<f8'"), (b"(3, 3, 4)", b"(3, 3, 1e")):
+        assert damage[0] in data
+        (tmp_path / "m.npy").write_bytes(data.replace(*damage))
+        with pytest.raises(LegsimError, match=r"m\.npy: "):
+            files.load_geometry(tmp_path / "m.npy", columns=7, rows=6, pixel_mm=1.0)
+
+
+def other_programs(path, suffix, format, geometry):
+    """What comes back of a geometry that another program's format held."""
+    files.save_geometry(path / f"g{suffix}", geometry, format=format)
+    rows, columns = geometry.shape_vu
+    size = {} if format in ("tigre", "conrad", "rtk") else {"columns": columns, "rows": rows}
+    pixel = {"pixel_mm": (0.616, 0.308)} if format in ("matrices", "projtable") else {}
+    found = files.read_geometry(path / f"g{suffix}", **size, **pixel, up="y")
+    assert found.format == format
+    return found.geometry
+
+
+@pytest.mark.parametrize(
+    ("suffix", "format"),
+    [(suffix, name) for name, endings in files.FORMATS.items() for suffix in endings],
+)
+def test_every_format_keeps_rays_and_pixels_that_are_higher_than_wide(tmp_path, suffix, format):
+    scan = corrected()
+    flat = np.diag([1.0, 2.0, 1.0]) @ scan.matrices  # rows of half the pitch
+    geometry = ConeBeamGeometry(np.arange(5) / 31, flat, (96, 62), 0.616e-3)
+    if format == "legsim":
+        files.save_geometry(tmp_path / "g.json", geometry)
+        found = files.load_geometry(tmp_path / "g.json")
+    else:
+        found = other_programs(tmp_path, suffix, format, geometry)
+    assert_same_rays(found, geometry, 1e-7)
+    assert found.row_pitch() == pytest.approx(0.308e-3, rel=1e-9)
+
+
+@pytest.mark.parametrize("format", ["matrices", "astra", "conrad", "projtable"])
+def test_a_mirrored_detector_stays_mirrored_where_a_format_has_it(tmp_path, format):
+    geometry = ConeBeamGeometry(np.arange(5) / 31, np.diag([1.0, 2.0, 1.0]) @ corrected().matrices, (96, 62), 0.616e-3).rows_turned()  # fmt: skip
+    assert geometry.mirrored().all()
+    found = other_programs(tmp_path, files.FORMATS[format][0], format, geometry)
+    assert found.mirrored().all()
+    assert_same_rays(found, geometry, 1e-7)
+
+
+@pytest.mark.parametrize(("format", "name"), [("rtk", "g.xml"), ("tigre", "g.json")])
+def test_a_mirrored_detector_is_refused_where_a_format_has_none(tmp_path, format, name):
+    with pytest.raises(LegsimError, match=r"view 0 is mirrored .* has no mirror"):
+        files.save_geometry(tmp_path / name, circular().rows_turned(), format=format)
+    assert not (tmp_path / name).exists()
+
+
+@pytest.mark.parametrize(("format", "name"), [("rtk", "g.xml"), ("tigre", "g.json")])
+def test_skewed_pixels_are_refused_with_view_and_angle(tmp_path, format, name):
+    matrices = circular().matrices.copy()
+    matrices[3] = (np.eye(3) + 0.1 * np.eye(3, k=1)) @ matrices[3]
+    odd = ConeBeamGeometry(circular().times, matrices, (48, 62), 0.616e-3)
+    with pytest.raises(
+        LegsimError, match=r"cannot say view 3: its pixels are skewed by -?5\.\d+ deg"
+    ):
+        files.save_geometry(tmp_path / name, odd, format=format)
+
+
+def test_the_axis_that_is_up_becomes_worlds_vertical(tmp_path):
+    """What z up means for recordings: (x, y, z) becomes (x, z, -y)."""
+    upright = circular(7)
+    old_from_new = np.array([[1, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1.0]])
+    lying = upright.moved(np.linalg.inv(old_from_new))
+    np.save(tmp_path / "g.npy", lying.matrices * [1, 1, 1, 1e3])
+    detector = {"columns": 62, "rows": 48, "pixel_mm": 0.616}
+    found = files.read_geometry(tmp_path / "g.npy", **detector)
+    assert "turns about the file's z" in found.notes[0]
+    turned = files.read_geometry(tmp_path / "g.npy", **detector, up="z")
+    assert not turned.notes
+    np.testing.assert_allclose(turned.geometry.matrices, upright.matrices, atol=1e-9)
+
+
+def test_a_detector_that_contradicts_the_file_is_refused(tmp_path):
+    files.save_geometry(tmp_path / "g.json", circular())
+    with pytest.raises(LegsimError, match="says 62 columns and 48 rows, not 60 and 48"):
+        files.load_geometry(tmp_path / "g.json", columns=60, rows=48)
+    with pytest.raises(LegsimError, match=r"says pixels of 0\.616 mm, not 0\.4"):
+        files.load_geometry(tmp_path / "g.json", pixel_mm=0.4)
+    files.save_geometry(tmp_path / "g.txt", circular())
+    with pytest.raises(LegsimError, match=r"0\.616 x 0\.3 mm were given, but by the matrices"):
+        files.load_geometry(tmp_path / "g.txt", columns=62, rows=48, pixel_mm=(0.616, 0.3))
+    with pytest.raises(LegsimError, match="unknown format 'rtx'"):
+        files.read_geometry(tmp_path / "g.txt", format="rtx")
+    with pytest.raises(LegsimError, match=r"'astra' is not written with the ending '\.xml'"):
+        files.save_geometry(tmp_path / "g.xml", circular(), format="astra")

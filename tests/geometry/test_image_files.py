@@ -30,17 +30,55 @@ def test_volume_comes_back(tmp_path: Path, rng: np.random.Generator, ending: str
     assert [p.name for p in tmp_path.iterdir()] == [f"v{ending}"]
 
 
-def test_itk_finds_each_voxel_at_its_place_in_world_millimetres(
+@pytest.mark.parametrize("ending", image_files.WRITABLE)
+def test_itk_finds_each_voxel_left_posterior_and_superior(
+    tmp_path: Path, rng: np.random.Generator, ending: str
+) -> None:
+    """World is anterior, superior, right."""
+    volume = some_volume(rng)
+    path = tmp_path / f"v{ending}"
+    image_files.save_volume(path, volume)
+    image = sitk.ReadImage(str(path))
+    anterior, superior, right = volume.grid.axes()
+    index = image.TransformPhysicalPointToIndex(
+        (-1e3 * right[2], -1e3 * anterior[4], 1e3 * superior[1])
+    )
+    assert index == (4, 1, 2)
+    assert image[index] == pytest.approx(1e-3 * volume.attenuation[2, 1, 4], rel=1e-6)
+    letters = sitk.DICOMOrientImageFilter.GetOrientationFromDirectionCosines(image.GetDirection())
+    assert letters == "ASR", "x grows to anterior, y to superior, z to right"
+
+
+def test_a_volume_without_directions_lies_along_worlds_axes(
     tmp_path: Path, rng: np.random.Generator
+) -> None:
+    """As legsim wrote them before, and as RTK does."""
+    volume = some_volume(rng)
+    image = sitk.GetImageFromArray(volume.attenuation * np.float32(1e-3))
+    image.SetSpacing([1e3 * s for s in volume.grid.spacing_xyz])
+    image.SetOrigin((1e3 * volume.grid.origin).tolist())
+    sitk.WriteImage(image, str(tmp_path / "old.mha"))
+    loaded = image_files.load_volume(tmp_path / "old.mha")
+    np.testing.assert_allclose(loaded.grid.center, volume.grid.center, atol=1e-9)
+    np.testing.assert_allclose(loaded.attenuation, volume.attenuation, rtol=1e-6)
+    assert not image_files.read_header(tmp_path / "old.mha").anatomical
+    image_files.save_volume(tmp_path / "new.mha", volume)
+    assert image_files.read_header(tmp_path / "new.mha").anatomical
+
+
+@pytest.mark.parametrize("letters", ["RAS", "LPI", "PIR", "SAL", "RSA"])
+@pytest.mark.parametrize("ending", [".nii.gz", ".nrrd", ".mha"])
+def test_another_programs_axes_give_the_same_places_in_world(
+    tmp_path: Path, rng: np.random.Generator, letters: str, ending: str
 ) -> None:
     volume = some_volume(rng)
     image_files.save_volume(tmp_path / "v.mha", volume)
-    image = sitk.ReadImage(str(tmp_path / "v.mha"))
-    x, y, z = volume.grid.axes()
-    index = image.TransformPhysicalPointToIndex((1e3 * x[4], 1e3 * y[1], 1e3 * z[2]))
-    assert index == (4, 1, 2)
-    assert image[index] == pytest.approx(1e-3 * volume.attenuation[2, 1, 4], rel=1e-6)
-    assert image.GetDirection() == (1, 0, 0, 0, 1, 0, 0, 0, 1)
+    turned = sitk.DICOMOrient(sitk.ReadImage(str(tmp_path / "v.mha")), letters)
+    sitk.WriteImage(turned, str(tmp_path / f"t{ending}"))
+    loaded = image_files.load_volume(tmp_path / f"t{ending}")
+    np.testing.assert_allclose(loaded.grid.center, volume.grid.center, atol=1e-7)
+    np.testing.assert_allclose(loaded.grid.spacing_xyz, volume.grid.spacing_xyz, rtol=1e-6)
+    np.testing.assert_allclose(loaded.attenuation, volume.attenuation, rtol=1e-6)
 
 
 @given(
@@ -54,7 +92,8 @@ def test_swapped_and_flipped_axes_are_put_in_order(
     image_files.save_volume(tmp_path / "v.mha", volume)
     image = sitk.Flip(sitk.PermuteAxes(sitk.ReadImage(str(tmp_path / "v.mha")), axes), flips, False)
     sitk.WriteImage(image, str(tmp_path / "turned.mha"))
-    loaded = image_files.load_volume(tmp_path / "turned.mha")
+    # one of these orders leaves no turn at all, which only a reader who is told takes for a patient
+    loaded = image_files.load_volume(tmp_path / "turned.mha", axes="lps")
     np.testing.assert_allclose(loaded.attenuation, volume.attenuation, rtol=1e-6)
     np.testing.assert_allclose(loaded.grid.center, volume.grid.center, atol=1e-9)
 
@@ -225,3 +264,24 @@ def test_labels_must_lie_on_the_volumes_grid(tmp_path: Path) -> None:
     sitk.WriteImage(image, str(tmp_path / "moved.mha"))
     with pytest.raises(LegsimError, match="resample"):
         image_files.load_labels(tmp_path / "moved.mha", grid)
+
+
+@pytest.mark.parametrize("dimensions", ["11", "99999999999999999999", "-1", "0", "x", ""])
+def test_a_header_of_too_many_dimensions_is_refused_before_itk_reads_it(tmp_path, dimensions):
+    """MetaIO ends the process there."""
+    grid = VolumeGrid.cubic(2, 0.1, [0, 0, 0])
+    path = tmp_path / "v.mha"
+    image_files.save_volume(path, Volume(grid, np.zeros((2, 2, 2))))
+    path.write_bytes(path.read_bytes().replace(b"NDims = 3", f"NDims = {dimensions}".encode()))
+    with pytest.raises(LegsimError, match=r"v\.mha: its header says NDims = .* from 1 to 10"):
+        image_files.load_volume(path)
+
+
+@pytest.mark.parametrize("name", ["%s", "%n%n%n", "a%d%d.raw 1 2 1", "%", "%9999999d"])
+def test_a_data_file_that_is_no_name_is_refused_before_itk_reads_it(tmp_path, name):
+    """MetaIO formats with it, and ends the process."""
+    path = tmp_path / "v.mha"
+    image_files.save_volume(path, Volume(VolumeGrid.cubic(2, 0.1, [0, 0, 0]), np.zeros((2, 2, 2))))
+    path.write_bytes(path.read_bytes().replace(b"= LOCAL", f"= {name}".encode()))
+    with pytest.raises(LegsimError, match=r"v\.mha: its header says ElementDataFile = "):
+        image_files.load_volume(path)

@@ -56,3 +56,17 @@ def test_grids_and_volumes_print_as_one_short_line_with_units():
     volume = Volume(grid, np.zeros(grid.shape_zyx))
     assert repr(volume) == f"Volume({voxels}, attenuation in 1/m)"
     assert max(len(repr(grid)), len(repr(volume))) < 120
+
+
+def test_grids_are_alike_to_a_thousandth_of_a_voxel():
+    grid = VolumeGrid((40, 50, 60), (1e-3, 2e-3, 0.5e-3), (0.1, 0.2, 0.3))
+
+    def moved(voxels, stretch=0.0):
+        center = (0.1 + voxels * 1e-3, 0.2, 0.3)
+        return VolumeGrid(grid.shape_zyx, (1e-3 * (1 + stretch), 2e-3, 0.5e-3), center)
+
+    assert grid.alike(moved(0.0009))
+    assert not grid.alike(moved(0.0011))
+    assert grid.alike(moved(0, 2e-5)), "half a thousandth at either end of 60 voxels"
+    assert not grid.alike(moved(0, 5e-5))
+    assert not grid.alike(VolumeGrid((40, 50, 61), grid.spacing_xyz, grid.center))

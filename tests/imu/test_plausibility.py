@@ -26,3 +26,11 @@ def test_a_blow_and_a_whirl_are_named_wherever_they_are(sample: int, time: str):
     assert blow.startswith(f"sensor shank is accelerated by 30 g at {time} s, and in 1 samples")
     (whirl,) = objections(signals(turn=(sample, -6870.0)))
     assert whirl.startswith(f"sensor shank turns by 6870 deg/s at {time} s")
+
+
+def test_lost_samples_hide_no_blow():
+    given = signals(force=(57, 30.0))
+    turn, force = given.angular_velocity.copy(), given.specific_force.copy()
+    turn[20, 1], force[20, 1] = np.nan, np.nan
+    (blow,) = objections(ImuSignals(given.times, given.sensor_names, turn, force))
+    assert "30 g at 0.570 s" in blow

@@ -5,8 +5,11 @@ from legsim.core import transforms
 from legsim.core.errors import LegsimError
 from legsim.imu import simulation, strapdown
 from legsim.imu.sensors import Sensor, default_sensors
+from legsim.imu.skin_mount import SkinMount
+from legsim.imu.vibration import Vibration
 from legsim.kinematics.joint_splines import JointSplines
 from legsim.kinematics.leg_model import LegModel
+from legsim.kinematics.moving_leg import MovingLeg
 from legsim.mocap.trajectories import JointTrajectories
 from tests.examples.sway_of_joints import TIMES, swaying
 
@@ -105,3 +108,42 @@ def test_refuses_unknown_segments_and_coordinates(leg: LegModel):
         )
     with pytest.raises(LegsimError, match="names must differ"):
         simulation.simulate(leg, splines, [Sensor.placed("s", "tibia_l", 0.1)] * 2, VIEWS)
+
+
+@pytest.fixture(scope="module")
+def swayer(leg: LegModel) -> MovingLeg:
+    return MovingLeg("sway", leg, swaying(leg, size=0.05), None)
+
+
+def test_each_sensor_has_its_own_mount_and_vibration(swayer: MovingLeg):
+    rigid = simulation.simulate_imu(swayer)
+    mount = SkinMount(8.0, 0.2)
+    all_swing = simulation.simulate_imu(swayer, skin_mount=mount)
+    one_swings = simulation.simulate_imu(swayer, skin_mount=[None, mount])
+    np.testing.assert_array_equal(one_swings.specific_force[:, 0], rigid.specific_force[:, 0])
+    np.testing.assert_array_equal(one_swings.specific_force[:, 1], all_swing.specific_force[:, 1])
+    shake = Vibration(acceleration=0.05, rate=0.01)
+    both, one = (
+        simulation.simulate_imu(swayer, vibration=given, rng=np.random.default_rng(2))
+        for given in (shake, [None, shake])
+    )
+    np.testing.assert_array_equal(one.specific_force[:, 0], rigid.specific_force[:, 0])
+    np.testing.assert_array_equal(one.specific_force[:, 1], both.specific_force[:, 1])
+    apart = both.specific_force - rigid.specific_force
+    assert abs(np.corrcoef(apart[:, 0, 0], apart[:, 1, 0])[0, 1]) < 0.2
+
+
+def test_nothing_that_moves_leaves_the_signals_as_they_are(swayer: MovingLeg):
+    rigid = simulation.simulate_imu(swayer)
+    same = simulation.simulate_imu(
+        swayer, skin_mount=SkinMount(8.0, 0.2, 0.0), vibration=Vibration()
+    )
+    np.testing.assert_array_equal(same.specific_force, rigid.specific_force)
+    np.testing.assert_array_equal(same.angular_velocity, rigid.angular_velocity)
+
+
+def test_mounts_of_other_sensors_and_draws_without_a_generator_are_refused(swayer: MovingLeg):
+    with pytest.raises(LegsimError, match="1 skin mounts are given for 2 sensors"):
+        simulation.simulate_imu(swayer, skin_mount=[SkinMount(8.0, 0.2)])
+    with pytest.raises(LegsimError, match=r"give a numpy\.random\.Generator"):
+        simulation.simulate_imu(swayer, vibration=Vibration(acceleration=0.1))

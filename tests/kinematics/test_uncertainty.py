@@ -28,7 +28,8 @@ def test_what_seven_markers_do_not_show_is_uncertain():
         COORDINATES.index(f"{name}_r") for name in ("hip_rotation", "knee_angle", "ankle_angle")
     )
     assert bent[rotation] < 3 < straight[rotation]
-    assert bent[knee] < bent[rotation] < bent[ankle]
+    # feet that stood while the person was registered tell the rotation as well as the bend
+    assert max(bent[knee], bent[rotation]) < bent[ankle]
 
 
 def test_without_registration_the_knee_is_less_certain():

@@ -109,6 +109,25 @@ def test_true_volume_holds_the_attenuation_of_the_last_part(device):
     assert volume.attenuation[2, 2, 2] == 50.0
 
 
+def test_the_mean_of_many_points_is_the_share_that_a_voxel_has_of_a_part(device):
+    """A box whose faces cut voxels at a quarter, in one direction each."""
+    phantom = Phantom((part("a", trimesh.creation.box(bounds=[[0, 0, 0], [2.25, 2, 2]])),))
+    grid = VolumeGrid((2, 2, 4), (1.0, 1.0, 1.0), (2.0, 1.0, 1.0))
+    for points, last in ((1, 0.0), (2, 0.0), (4, 0.25)):
+        shares = voxelize.attenuation(phantom, grid, device, points=points).attenuation
+        shares = shares / phantom.parts[0].attenuation
+        np.testing.assert_allclose(shares, np.broadcast_to([1, 1, last, 0], (2, 2, 4)), atol=1e-6)
+
+
+def test_many_points_have_the_volume_of_a_ball_and_its_edge_in_between(device):
+    mesh = trimesh.creation.icosphere(4, radius=0.02)
+    phantom = Phantom((part("ball", mesh, attenuation=20.0),))
+    grid = VolumeGrid.cubic(12, 4e-3, (0.001, 0.0005, 0))
+    found = voxelize.attenuation(phantom, grid, device, points=4).attenuation
+    assert found.sum() * 64e-9 / 20 == pytest.approx(mesh.volume, rel=2e-3)
+    assert ((found > 0) & (found < 20)).any()
+
+
 def test_an_open_surface_is_refused(device):
     mesh = trimesh.creation.box()
     with pytest.raises(LegsimError, match="'open' is not a closed"):

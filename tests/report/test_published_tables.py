@@ -65,14 +65,14 @@ def test_the_note_names_the_source():
     published, own = (
         Entry("", "rigid", "leg", spread([0.9]), score) for score in (Score(0.993, 0.003), None)
     )
-    tables = published_tables.quality_tables([published, own], [published], "Table 1")
+    tables = published_tables.quality_tables([published, own], [published], "Table 1", "Scaled so.")
     assert all(
-        "equal. Published: Maier et al. 2021, Table 1; another phantom" in table.note
+        "equal. Scaled so. Published: Maier et al. 2021, Table 1; another phantom" in table.note
         for table in tables
     )
     assert all(
         "Published" not in table.note
-        for table in published_tables.quality_tables([own], [own], "Table 1")
+        for table in published_tables.quality_tables([own], [own], "Table 1", "Scaled so.")
     )
 
 

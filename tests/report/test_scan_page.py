@@ -7,21 +7,30 @@ from legsim.evaluation.similarity import RegionScores, Scores
 from legsim.report import scan_page
 
 
-def result(method: str, ssim: float) -> scores.MethodResult:
+def result(method: str, ssim: float, *phantom: float) -> scores.MethodResult:
     return scores.MethodResult(
-        method, Scores((RegionScores("leg", ssim, 0.1, 9.5, 10),), None), 0.5, 1.0
+        method, Scores((RegionScores("leg", ssim, 0.1, 9.5, 10, *phantom),), None), 0.5, 1.0
     )
 
 
 def test_quality_has_every_method_beside_the_published_value_of_its_condition():
-    ssim, rmse, entropy = scan_page.quality([result("rigid", 0.9), result("oracle", 0.95)], "30")
+    ssim, rmse, phantom, entropy = scan_page.quality(
+        [result("rigid", 0.9, 0.7, 0.06), result("oracle", 0.95, 0.8, 0.05)], "30"
+    )
     assert ssim.rows == (
         ("rigid", "0.900", "0.993 ± 0.003", "−0.093"),
         ("oracle", "0.950", "–", "–"),
     )
     assert rmse.rows[0] == ("rigid", "0.100", "0.015 ± 0.005", "+0.085")
     assert "Table 1, 30 degree squats" in ssim.note
+    assert phantom.columns == ("method", "SSIM leg", "RMSE leg")
+    assert phantom.rows == (("rigid", "0.700", "0.060"), ("oracle", "0.800", "0.050"))
+    assert all("the range (minimum to maximum" in t.note for t in (ssim, rmse, phantom))
     assert entropy.rows == (("rigid", "9.500"), ("oracle", "9.500"))
+
+
+def test_without_a_phantom_there_is_no_table_of_it():
+    assert len(scan_page.quality([result("rigid", 0.9)], "30")) == 3
 
 
 @pytest.mark.parametrize(

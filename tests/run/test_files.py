@@ -4,32 +4,9 @@ import numpy as np
 
 from legsim.deformation.files import load_motion, save_motion
 from legsim.deformation.models import RigidMotion
-from legsim.imu.signals import ImuSignals
 from legsim.kinematics.skeleton import SegmentPoses
 from legsim.mocap.trajectories import MarkerTrajectories
-from legsim.run.files import load_imu, save_imu, save_marker_errors, save_poses
-
-
-def test_imu_signals_survive_the_file_to_the_last_bit(tmp_path, rng):
-    signals = ImuSignals(
-        np.sort(rng.random(20)),
-        ("shank_l", "thigh_l"),
-        rng.normal(size=(20, 2, 3)),
-        rng.normal(size=(20, 2, 3)),
-    )
-    save_imu(tmp_path / "imu.csv", signals)
-    loaded = load_imu(tmp_path / "imu.csv")
-    assert loaded.sensor_names == signals.sensor_names
-    for name in ("times", "angular_velocity", "specific_force"):
-        np.testing.assert_array_equal(getattr(loaded, name), getattr(signals, name))
-
-
-def test_imu_table_has_the_columns_that_were_promised(tmp_path):
-    signals = ImuSignals(np.arange(2.0), ("s",), np.zeros((2, 1, 3)), np.ones((2, 1, 3)))
-    save_imu(tmp_path / "imu.csv", signals)
-    first, second, _ = (tmp_path / "imu.csv").read_text().splitlines()
-    assert first == "time_s,s_ax_m_s2,s_ay_m_s2,s_az_m_s2,s_gx_rad_s,s_gy_rad_s,s_gz_rad_s"
-    assert second == "0.0,1.0,1.0,1.0,0.0,0.0,0.0"
+from legsim.run.files import save_marker_errors, save_poses
 
 
 def test_poses_and_motion_survive_the_file(tmp_path, rng):

@@ -1,5 +1,6 @@
 import importlib.metadata
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Never, cast
 
@@ -7,6 +8,8 @@ import numpy as np
 import pytest
 
 from legsim.core.errors import LegsimError
+from legsim.correction.bead_tracking import Reference
+from legsim.correction.marker_based import MarkerBased
 from legsim.deformation.models import RigidMotion
 from legsim.geometry.volume import VolumeGrid
 from legsim.opencl import device
@@ -38,6 +41,15 @@ INPUTS = methods.MethodInputs(
     truth=cast(ScanTruth, Truth()),
     beads=unwanted,
 )
+
+
+@pytest.mark.parametrize("reference", ["mean", "bundle"])
+def test_the_beads_poses_are_fitted_to_what_the_inputs_name(reference: Reference):
+    made = methods.build("marker-based", replace(INPUTS, bead_reference=reference))
+    assert isinstance(made, MarkerBased)
+    assert made.reference == reference
+
+
 OWN = """
 from legsim.correction import Correction
 
@@ -122,3 +134,17 @@ def test_what_is_no_method_is_refused(tmp_path, name, message):
     (tmp_path / "broken.py").write_text("def half(scan:\n")
     with pytest.raises(LegsimError, match=message):
         methods.build(name.format(own=tmp_path / "own.py", broken=tmp_path / "broken.py"), INPUTS)
+
+
+@pytest.mark.parametrize(
+    ("name", "label"),
+    [
+        ("rigid@a/b", "rigid@a_b"),
+        ("rigid@a:b", "rigid@a_b"),
+        (r"rigid@..\\x", "rigid@..__x"),
+        ("folder/x.py:mine", "mine"),
+        ("rigid", "rigid"),
+    ],
+)
+def test_a_label_is_a_name_of_a_file(name, label):
+    assert methods.label(name) == label

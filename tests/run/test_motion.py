@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from legsim.config import MotionConfig, load_settings
+from legsim.config import MotionConfig, TremorConfig, load_settings
 from legsim.core.errors import LegsimError
 from legsim.kinematics.ik_options import (
     CoordinateLock,
@@ -20,10 +20,11 @@ from legsim.run import motion
 from tests.examples import osim, task_sets
 
 
-def recording(path: Path, bend: float) -> MotionConfig:
+def recording(path: Path, bend: float, seconds: int = 1) -> MotionConfig:
     """A file of a bent knee, and the settings that name it."""
     values = np.where([name.startswith("knee") for name in COORDINATES], bend, 0.0)
-    still = JointTrajectories(np.arange(60) / 60, COORDINATES, np.tile(values, (60, 1)))
+    count = 60 * seconds
+    still = JointTrajectories(np.arange(count) / 60, COORDINATES, np.tile(values, (count, 1)))
     opensim.save(path, still)
     return MotionConfig(file=str(path))
 
@@ -57,6 +58,40 @@ def test_a_model_and_scales_are_passed_on_and_known_by_their_content(tmp_path):
     scaled = motion.fingerprint(settings)
     osim.saved(tmp_path, text.replace("-0.41", "-0.4155"))
     assert len({*before, *scaled, *motion.fingerprint(settings)}) == 5
+
+
+def test_a_tremor_moves_the_bones_and_is_reported(tmp_path):
+    settings = recording(tmp_path / "a.mot", -0.5, seconds=4)
+    still = motion.solve(settings)
+    tremor = TremorConfig(acceleration_mg=2.0, seed=3)
+    shaken, again, other = (
+        motion.solve(settings.model_copy(update={"tremor": each}))
+        for each in (tremor, tremor, tremor.model_copy(update={"seed": 4}))
+    )
+    assert np.ptp(still.trajectories.coordinate("knee_angle_l")) < 1e-9
+    knee = np.degrees(shaken.trajectories.coordinate("knee_angle_l"))
+    assert 1e-4 < knee.std() < 1e-2
+    assert "a tremor of 2 mg at 8-12 Hz was added" in shaken.notes
+    np.testing.assert_array_equal(again.trajectories.values, shaken.trajectories.values)
+    assert not np.array_equal(other.trajectories.values, shaken.trajectories.values)
+
+
+def test_a_model_whose_knees_cannot_move_over_its_feet_has_no_tremor(tmp_path):
+    model = osim.saved(tmp_path, osim.version_4(osim.two_legs()))
+    settings = recording(tmp_path / "a.mot", -0.5, seconds=4).model_copy(
+        update={"model": str(model), "tremor": TremorConfig(acceleration_mg=2.0)}
+    )
+    with pytest.raises(LegsimError, match="leave the knees no way to move"):
+        motion.solve(settings)
+
+
+@pytest.mark.parametrize("count", [1, 5])
+def test_a_recording_too_short_for_accelerations_is_named(tmp_path, count):
+    still = np.zeros((count, len(COORDINATES)))
+    file = tmp_path / "short.mot"
+    opensim.save(file, JointTrajectories(np.arange(count) / 60, COORDINATES, still))
+    with pytest.raises(LegsimError, match=rf"short\.mot: holds {count} samples? .* need 6; record"):
+        motion.solve(MotionConfig(file=str(file)))
 
 
 def test_settings_of_inverse_kinematics_are_in_si(tmp_path):

@@ -9,14 +9,16 @@ import pytest
 
 from legsim import config
 from legsim.imu import simulation
+from legsim.imu.files import load_imu
 from legsim.imu.signals import ImuSignals
 from legsim.kinematics import from_recording, osim_file
 from legsim.kinematics.osim_leg import OsimLeg
 from legsim.mocap import opensim, trc
 from legsim.mocap.trajectories import MarkerTrajectories
-from legsim.run import files
 from legsim.run import replay as run_replay
 from legsim.run import sensors as run_sensors
+from legsim.run import stages
+from legsim.run.folder import RunFolder
 from tests.examples import osim
 
 
@@ -62,11 +64,23 @@ def plain(standing: Path, tmp_path: Path, undrawn: None) -> Path:
 
 
 def signals(folder: Path) -> ImuSignals:
-    return files.load_imu(folder / "imu.csv")
+    return load_imu(folder / "imu.csv")
 
 
 def contents(folder: Path, names: tuple[str, ...] = TRUTH) -> list[bytes]:
     return [(folder / name).read_bytes() for name in names]
+
+
+def test_vibration_is_drawn_from_the_seed_and_moves_signals_alone(standing, plain, tmp_path):
+    shaken = ("imu.vibration.acceleration_mg=3", "imu.vibration.angular_velocity_deg_per_s=0.3")
+    first = replayed(standing, tmp_path / "first", *shaken)
+    other = replayed(standing, tmp_path / "first_again", *shaken, "seed=5")
+    assert contents(first) == contents(plain)
+    assert not np.array_equal(signals(first).specific_force, signals(plain).specific_force)
+    assert not np.array_equal(signals(first).specific_force, signals(other).specific_force)
+    # the same folder knows that another seed means other signals
+    replayed(standing, first, *shaken, "seed=5")
+    np.testing.assert_array_equal(signals(first).specific_force, signals(other).specific_force)
 
 
 def test_a_clock_offset_shifts_the_sensors_times_and_nothing_else(standing, plain, tmp_path):
@@ -229,3 +243,19 @@ def test_a_users_own_model_is_replayed_with_its_markers(tmp_path):
     assert np.abs(modelled - places)[5:-5].max() < 1e-3
     again = OsimLeg(leg.model).values_of(opensim.load(tmp_path / "o/coordinates.mot"))
     assert np.degrees(np.abs(again - values)[5:-5].max()) < 0.5
+
+
+def test_a_calibrated_sensor_is_read_again_with_its_rest(standing, tmp_path, undrawn):
+    changes = ("imu.noise.kind=mti300", "imu.noise.calibration=rest", "imu.lost_share=0.05")
+    out = replayed(standing, tmp_path, *changes)
+    settings = config.load_settings(overrides=(f"motion.file={standing}", *changes))
+    person = from_recording.solve_kinematics(str(standing))
+    first = float(person.trajectories.times[0])
+    key = stages.motion_key(settings)
+    again = stages.read_sensors(settings, person, RunFolder(out, {}), key, rest_at=first)
+    rng = np.random.default_rng([settings.seed, stages._NOISE])
+    fresh = run_sensors.record(person, settings.imu, view_rate_hz=31.0, rest_at=first, rng=rng)
+    np.testing.assert_array_equal(again.specific_force, fresh.specific_force)
+    np.testing.assert_array_equal(again.rest_force, fresh.rest_force)
+    assert np.isnan(again.specific_force).any()
+    assert again.sensor_names == fresh.sensor_names

@@ -27,7 +27,13 @@ def test_every_method_has_its_errors_by_structure(tiny_run):
 
 
 def test_the_resting_scan_has_nothing_left(tiny_run):
-    assert all(r["mm"] == 0 and r["pixels"] == 0 for r in left(tiny_run, "static").values())
+    for found in left(tiny_run, "static").values():
+        assert found["mm"] == found["pixels"] == found["pixels_after_similarity"] == 0
+
+
+def test_a_constant_similarity_takes_some_of_the_pixels_of_every_method(tiny_run):
+    for result in tiny_run.methods[1:]:
+        assert 0 < result.residual_px_after_similarity < result.residual_px
 
 
 def test_the_true_shank_leaves_nothing_at_the_tibia_and_what_the_knee_bends_elsewhere(tiny_run):
@@ -51,6 +57,17 @@ def test_a_run_tells_its_registrations_own_error(tiny_run):
     # of a known shift of 0.98 mm and turn of 0.98 degrees; the voxels are 3 mm
     assert 0 < found.translation_mm < 0.3
     assert 0 < found.rotation_deg < 0.3
+
+
+def test_metrics_name_their_protocol_and_hold_the_distance_from_the_phantom(tiny_run):
+    content = json.loads((tiny_run.folder / "metrics.json").read_text())
+    assert (content["scaling"], content["window"]) == ("reference", "uniform")
+    assert "the range (minimum to maximum over the grid) of the motion-free" in content["compared"]
+    found = {m["method"]: m["metrics"]["regions"][0] for m in content["methods"]}
+    assert found["static"]["ssim"] == pytest.approx(1, abs=1e-6)
+    # the reference is a reconstruction: its streaks and blur are its own distance from the leg
+    assert 0.3 < found["uncorrected"]["ssim_phantom"] < found["static"]["ssim_phantom"] < 0.98
+    assert found["uncorrected"]["rmse_phantom"] > found["static"]["rmse_phantom"] > 0.01
 
 
 def test_a_folder_without_registration_has_no_error_of_it(tmp_path):

@@ -208,3 +208,31 @@ def test_what_was_finished_before_a_method_failed_is_kept(tiny_run, tiny_setting
     stages = json.loads((folder / "manifest.json").read_text())["stages"]
     assert "volume-uncorrected" in stages
     assert "volume-fails" not in stages
+
+
+def sensors(*segments: str) -> str:
+    tables = (f'{{name="on {s}", segment="{s}", distance_mm=140}}' for s in segments)
+    return f"imu.sensors=[{', '.join(tables)}]"
+
+
+@pytest.mark.parametrize(
+    "run", ['["rigid"]', '["rigid@on tibia_r"]', '["rigid-paper-order"]', '["uncorrected"]']
+)
+def test_a_sensor_on_the_other_leg_is_reported_where_a_method_follows_it(run):
+    chosen = (sensors("tibia_r"), "methods.sensor=on tibia_r", f"methods.run={run}")
+    settings = config.load_settings(overrides=chosen)
+    scanned = config.load_settings(overrides=(*chosen, "scan.side=right"))
+    volumes.check(scanned)
+    if "rigid" in run:
+        with pytest.warns(UserWarning, match=r"'on tibia_r' is on tibia_r, but the left leg is"):
+            volumes.check(settings)
+    else:
+        volumes.check(settings)
+
+
+def test_sensors_slower_than_the_views_are_reported_with_the_fix():
+    volumes.check(config.load_settings(overrides=("imu.rate_hz=31",)))
+    with pytest.warns(
+        UserWarning, match=r"imu\.rate_hz is 30, but 31 views .* set imu\.rate_hz to"
+    ):
+        volumes.check(config.load_settings(overrides=("imu.rate_hz=30",)))

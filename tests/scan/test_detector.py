@@ -163,3 +163,29 @@ def test_scatter_is_the_stated_part_of_the_primary_within_the_shadow_and_smooth(
 def test_refusals(values, message):
     with pytest.raises(LegsimError, match=message):
         Detector(**values)
+
+
+def test_blur_and_scatter_are_in_mm_whatever_the_shape_of_pixels():
+    """Pixels of half the height: blur and scatter reach over twice as many rows as columns."""
+    square = projections(np.zeros((1, 81, 81), np.float32))
+    geometry = square.geometry
+    middle = np.array([[1, 0, 0], [0, 2, -40], [0, 0, 1.0]])
+    flat = ConeBeamGeometry(
+        geometry.times, middle @ geometry.matrices, geometry.shape_vu, geometry.pixel_pitch
+    )
+    images = np.zeros((1, 81, 81), np.float32)
+    images[0, 40, 40] = 3.0
+    pitch = flat.pixel_pitch
+    for what in (
+        Detector(blur_fwhm=4 * pitch),
+        Detector(scatter_to_primary=0.5, scatter_fwhm=6 * pitch),
+    ):
+        read = detector.detect(Projections(flat, images), what, np.random.default_rng(0))
+        change = np.exp(-read.line_integrals[0].astype(float)) - np.exp(-images[0])
+        change[40, 40] = 0
+        steps = np.arange(81) - 40.0
+        spread_v, spread_u = (
+            np.sqrt((np.abs(change).sum(axis) * steps**2).sum() / np.abs(change).sum())
+            for axis in (1, 0)
+        )
+        assert spread_v == pytest.approx(2 * spread_u, rel=0.05)

@@ -38,7 +38,8 @@ def test_a_method_is_found_by_name_or_the_names_are_listed():
 def test_text_in_the_page_is_escaped_and_columns_of_the_text_line_up():
     assert "own &lt;b&gt;" in TABLE._repr_html_()
     lines = repr(TABLE).splitlines()
-    assert len({line.index("0.") for line in lines[1:]}) == 1
+    assert len({line.index("0.") for line in lines[1:-1]}) == 1
+    assert lines[-1] == TABLE.protocol
 
 
 @pytest.mark.parametrize("methods", [{}, {"static": Uncorrected()}])

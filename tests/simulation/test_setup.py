@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
+from scipy.ndimage import maximum_filter, minimum_filter
 
 from legsim.core.errors import LegsimError
 from legsim.geometry.volume import VolumeGrid
@@ -13,6 +14,7 @@ from legsim.imu.sensors import Sensor
 from legsim.imu.skin_mount import SkinMount
 from legsim.kinematics.moving_leg import MovingLeg
 from legsim.opencl import device
+from legsim.phantom import voxelize
 from legsim.phantom.imaged_leg import ImagedLegWarning
 from legsim.phantom.skinning import swing_of
 from legsim.scan.c_arm import CArm
@@ -99,6 +101,25 @@ def test_regions_are_of_the_scanned_leg(person, side):
     assert shank.mask.any()
     assert thigh.mask.any()
     assert not (shank.mask & thigh.mask).any()
+
+
+@pytest.mark.parametrize("side", ["left", "right"])
+def test_the_true_volume_is_the_phantom_around_the_regions(person, side):
+    """Where a voxel's neighbors are of one part, it has that part's attenuation."""
+    setup = prepare_scan(person, ARM, side=side)
+    grid = VolumeGrid.cubic(GRID_VOXELS, 6e-3, setup.geometry.rotation_center().tolist())
+    opened = device.open_device()
+    regions = simulation_setup.scan_regions(setup, grid, opened)
+    phantom, posed = setup.phantom.phantom, setup.scanned_leg()
+    found = simulation_setup.true_volume(setup, grid, opened, regions).attenuation
+    labels = voxelize.labels(phantom, grid, opened, posed=posed)
+    even = (maximum_filter(labels, 3) == minimum_filter(labels, 3)) & regions[0].mask
+    table = np.array([0.0, *(part.attenuation for part in phantom.parts)])
+    # a part thinner than a voxel may lie between centers
+    close = np.isclose(found[even], table[labels[even]], rtol=1e-5)
+    assert close.mean() > 0.95
+    assert len(np.unique(labels[even])) > 2
+    assert (found <= table.max() * (1 + 1e-6)).all()
 
 
 def test_a_leg_without_both_sensors_has_no_joints_on_them(person):

@@ -12,12 +12,12 @@ from legsim.correction.rigid import Rigid
 from legsim.deformation.models import RigidMotion
 from legsim.geometry import image_files
 from legsim.geometry.volume import VolumeGrid
+from legsim.imu.files import load_imu
 from legsim.imu.sensors import default_sensors
 from legsim.imu.simulation import simulate_imu
 from legsim.kinematics import from_recording
 from legsim.kinematics.moving_leg import MovingLeg
 from legsim.phantom import materials
-from legsim.run import files as run_files
 from legsim.scan.c_arm import CArm
 from legsim.simulation.setup import PhantomOptions
 from legsim.simulation.simulated_scan import SimulatedScan, simulate_scan
@@ -164,7 +164,7 @@ def test_a_scan_is_what_a_run_makes_of_the_same_settings(tiny_run, tiny_settings
     ):
         theirs = image_files.load_projections(tiny_run.folder / f"{name}.mha", ours.geometry)
         np.testing.assert_array_equal(ours.line_integrals, theirs.line_integrals)
-    signals = run_files.load_imu(tiny_run.folder / "imu.csv")
+    signals = load_imu(tiny_run.folder / "imu.csv")
     np.testing.assert_array_equal(scan.seen.signals.specific_force, signals.specific_force)
     np.testing.assert_array_equal(scan.seen.signals.angular_velocity, signals.angular_velocity)
 

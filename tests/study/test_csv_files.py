@@ -30,6 +30,8 @@ def test_every_score_and_region_is_a_row_of_scores_csv_in_full_precision(made):
             region.region,
         )
         assert (float(row["ssim"]), float(row["rmse"])) == (region.ssim, region.rmse)
+        assert (row["scaling"], row["window"]) == ("reference", "uniform")
+        assert float(row["ssim_phantom"]) == region.ssim_phantom
         assert row["convention"] == ("" if score.noise is None else score.noise.convention)
         assert row["f_a"] == ("" if score.noise is None else str(score.noise.f_a))
         assert row["command"] == f"legsim run {score.folder}/config.toml --out OTHER"
@@ -39,6 +41,8 @@ def test_every_score_and_region_is_a_row_of_scores_csv_in_full_precision(made):
         for left in score.residuals:
             assert row[f"{left.structure}_mm"] == ("" if left.mm is None else str(left.mm))
             assert float(row[f"{left.structure}_pixels"]) == left.pixels
+            after = row[f"{left.structure}_pixels_after_similarity"]
+            assert float(after) == left.pixels_after_similarity
 
 
 def test_every_draw_is_a_row_of_ladder_csv(made):

@@ -2,6 +2,7 @@
 
 import json
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -13,7 +14,7 @@ from legsim.run.folder import RunFolder
 from legsim.run.pipeline import RunResult
 from legsim.study import jobs as study_jobs
 from legsim.study.config import Ladder
-from legsim.study.jobs import LadderJob, ScanJob, _kept, seed_of
+from legsim.study.jobs import LadderJob, ScanJob, SensorJob, _kept, seed_of
 from legsim.study.results import NoiseLevel
 
 LADDER = Ladder(f_a=(0.0, "none"), f_g=(1.0,), conventions=("SI",), repetitions=2)
@@ -111,3 +112,39 @@ def test_seeds_differ_between_scans_and_repetitions_and_never_change():
     }
     assert len(seeds) == 20
     assert seed_of("subject01", "squat_30", 0) == 523417868
+
+
+SENSORS = Ladder(sensors=("mti300",), calibrations=("none", "six-positions"), repetitions=2)
+
+
+@pytest.mark.end_to_end
+def test_a_sensor_is_scored_once_under_every_calibration(tmp_path, monkeypatch):
+    settings = config.load_settings(
+        preset="demo", overrides=("motion.file=subject01/squat_30.trc",)
+    )
+    given = SensorJob(tmp_path, "subject01", "squat_30", "mti300", SENSORS, settings)
+    first = study_jobs.sensor(given)
+    assert [(s.calibration, s.repetition) for s in first] == [
+        ("none", 0),
+        ("none", 1),
+        ("six-positions", 0),
+        ("six-positions", 1),
+    ]
+    assert first[0].translation_mm > 10 * first[2].translation_mm > 0
+    assert first[0].rotation_deg > 10 * first[2].rotation_deg > 0
+
+    def refuse(*_: object, **__: object) -> None:
+        raise AssertionError("computed again")
+
+    monkeypatch.setattr(run_motion, "solve", refuse)
+    assert study_jobs.sensor(given) == first
+    more = SENSORS.model_copy(update={"sensors": ("mti300", "bmi160")})
+    assert study_jobs.sensor(replace(given, ladder=more)) == first
+
+
+def test_sensors_from_files_have_names_that_a_file_may_have(tmp_path):
+    settings = config.load_settings(preset="demo")
+    given = SensorJob(tmp_path, "a/b", "30", "/far/away/my sensor.toml", SENSORS, settings)
+    assert given.name == "sensor-a_b-30-my sensor"
+    assert given.under("rest").noise.kind == "/far/away/my sensor.toml"
+    assert [s.name for s in given.under("rest").sensors] == ["shank_l"]

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import pytest
 
+from legsim.core import resources
 from legsim.core.errors import LegsimError
 from legsim.study import config
 from legsim.study import plan as study_plan
@@ -46,3 +47,21 @@ def test_the_example_plans_with_a_users_own_method_found_beside_it(tmp_path):
     assert own in clean.settings.methods.run
     assert noisy.settings.methods.run == ("static", "rigid", own)
     assert noisy.settings.imu.noise.kind == "paper"
+
+
+LADDER = '[ladder]\nsensors = ["bmi160", "own.toml"]\n'
+
+
+def test_sensors_of_the_ladder_are_jobs_and_files_are_found_beside_the_study(tmp_path):
+    shipped = resources.model_file("sensors/bmi160.toml")
+    (tmp_path / "own.toml").write_bytes(shipped.read_bytes())
+    asked, base = load(tmp_path, PLAIN + LADDER)
+    planned = study_plan.plan(asked, base, tmp_path)
+    assert [job.sensor for job in planned.sensors] == ["bmi160", str(tmp_path / "own.toml")]
+    assert {job.name for job in planned.sensors} <= {task.name for task in planned.tasks()}
+
+
+def test_an_unknown_sensor_is_refused_before_anything_runs(tmp_path):
+    asked, base = load(tmp_path, PLAIN + LADDER.replace("own.toml", "bmi161"))
+    with pytest.raises(LegsimError, match="unknown sensor 'bmi161'"):
+        study_plan.plan(asked, base, tmp_path)

@@ -9,7 +9,7 @@ import pytest
 from PIL import Image
 
 from legsim.study import report
-from legsim.study.results import StudyResults
+from legsim.study.results import SensorScore, StudyResults
 from tests.examples import study as example_study
 
 RESULTS = example_study.results()
@@ -105,13 +105,13 @@ def test_every_file_that_is_named_is_there(made, written_study):
             assert picture.size == figure.size
 
 
-def test_the_reference_is_in_no_table_but_that_of_sharpness(made):
+def test_the_reference_is_in_no_table_but_those_of_the_phantom_and_of_sharpness(made):
     rows = [
         row
         for row in Cells((made / "report.html").read_text()).rows
         if row[0] == "static" or "static" in row
     ]
-    assert len(rows) == 3  # of three blocks
+    assert len(rows) == 2 * 3  # of three blocks
 
 
 def test_a_ladder_alone_has_no_image_quality(ladder_alone):
@@ -161,3 +161,15 @@ def test_what_sensors_need_is_told_for_each_convention(ladder_alone):
     assert ["SI convention" in lines[0], "per-sample convention" in lines[1]] == [True, True]
     assert "divided by about 8.1;" in lines[0]
     assert "no level of the ladder keeps errors within 1 mm and 1°" in lines[1]
+
+
+def test_sensors_of_the_catalogue_have_a_section_and_a_file(tmp_path):
+    scores = (SensorScore("subject01", "squat_30", "bmi160", "rest", 0, 12.5, 0.5),)
+    made = report.write(tmp_path, StudyResults("s", "t", (), (), (), sensors=scores))
+    assert [section.title for section in made.sections] == [
+        "Sensors that one can buy, without images"
+    ]
+    header, row = (tmp_path / "sensors.csv").read_text().splitlines()
+    assert header.startswith("subject,posture,sensor,calibration,repetition,translation_mm")
+    assert row == "subject01,squat_30,bmi160,rest,0,12.5,0.5"
+    assert "12.5" in (tmp_path / "report.md").read_text()

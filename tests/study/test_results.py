@@ -1,5 +1,7 @@
 """Results of a study on disk: what is saved is what is loaded."""
 
+import json
+
 import pytest
 
 from legsim.core.errors import LegsimError
@@ -7,7 +9,7 @@ from legsim.evaluation.registration import Registration, RegistrationError
 from legsim.evaluation.residual_motion import Residual
 from legsim.evaluation.similarity import RegionScores, Scores
 from legsim.study import results as study_results
-from legsim.study.results import LadderScore, NoiseLevel, ScanScore, StudyResults
+from legsim.study.results import LadderScore, NoiseLevel, ScanScore, SensorScore, StudyResults
 
 REGISTRATION = Registration(0.5, 0.1, True, 0.9, 0.95, "converged")
 
@@ -36,6 +38,7 @@ def results() -> StudyResults:
         (("device", "cpu"),),
         ("lost",),
         registration_errors=errors,
+        sensors=(SensorScore("subject01", "squat_30", "bmi160", "rest", 1, 2.5, 0.3),),
     )
 
 
@@ -74,3 +77,12 @@ def test_labels_say_the_convention():
 )
 def test_condition_is_the_published_block(posture, block):
     assert study_results.condition(posture) == block
+
+
+def test_results_of_before_there_were_sensors_still_load(tmp_path):
+    path = tmp_path / "results.json"
+    study_results.save(path, results())
+    content = json.loads(path.read_text("utf-8"))
+    del content["sensors"]
+    path.write_text(json.dumps(content), "utf-8")
+    assert study_results.load(path).sensors == ()

@@ -39,7 +39,7 @@ def test_every_posture_of_ones_own_is_tested_and_told():
     ]
     page = report.content(replace(example_study.results(), scores=tuple(scores), ladder=()))
     assert [
-        line.split(",")[2].split(":")[0].strip() for line in page.summary if "SSIM" in line
+        line.split(",")[2].split(":")[0].strip() for line in page.summary if "Mean SSIM" in line
     ] == ["standing", "stairs/up", "lunge"]
     (section,) = [s for s in page.sections if s.title.startswith("Are the differences")]
     assert [t.name for t in section.tables] == [

@@ -7,7 +7,7 @@ import pytest
 
 from legsim.evaluation.registration import RegistrationError
 from legsim.study import statistics, tables
-from legsim.study.results import LadderScore, NoiseLevel, StageCost
+from legsim.study.results import LadderScore, NoiseLevel, SensorScore, StageCost
 from tests.examples import study as example_study
 
 CLEAN = tuple(s for s in example_study.results().scores if s.noise is None and s.method != "static")
@@ -38,6 +38,37 @@ def test_quality_is_the_mean_and_deviation_over_scans(group, postures):
     assert row_of(ssim, "30", "oracle")["published leg"] == "–"
 
 
+def test_distances_from_the_phantom_have_a_row_for_the_motion_free_scan():
+    every = [s for s in example_study.results().scores if s.noise is None]
+    table = tables.to_phantom(every)
+    assert table is not None
+    for method in ("static", "nonrigid-2d"):
+        found = [s.metrics.of("leg") for s in every if s.method == method]
+        row = row_of(table, "all", method)
+        for column, field in (("SSIM leg", "ssim_phantom"), ("RMSE leg", "rmse_phantom")):
+            values = np.array([getattr(m, field) for m in found])
+            assert row[column] == f"{values.mean():.3f} ± {values.std(ddof=1):.3f}"
+
+
+def test_without_a_phantom_there_is_no_table_of_it():
+    def blind(score):
+        regions = tuple(
+            replace(r, ssim_phantom=None, rmse_phantom=None) for r in score.metrics.regions
+        )
+        return replace(score, metrics=replace(score.metrics, regions=regions))
+
+    assert tables.to_phantom([blind(s) for s in CLEAN]) is None
+
+
+def test_every_table_of_image_quality_names_the_scaling():
+    other = [replace(s, metrics=replace(s.metrics, scaling="extremes")) for s in CLEAN]
+    found = statistics.paired_tests(CLEAN, statistics.of_region("ssim", "leg"))
+    for scores, words in ((CLEAN, "one map, the range"), (other, "its own minimum and maximum")):
+        shown = [*tables.quality(scores), *tables.every_scan(scores, "scans")]
+        shown += [tables.to_phantom(scores), tables.tests("", found, "", tables.protocol(scores))]
+        assert all(words in table.note for table in shown if table is not None)
+
+
 def test_a_method_that_failed_somewhere_says_how_many_scans_it_has():
     some = [s for s in CLEAN if not (s.method == "rigid" and s.subject == "subject03")]
     ssim, _ = tables.quality(some)
@@ -46,7 +77,7 @@ def test_a_method_that_failed_somewhere_says_how_many_scans_it_has():
 
 
 def test_residuals_have_a_table_a_unit_and_no_empty_columns():
-    mm, degrees, pixels = tables.residuals(CLEAN)
+    mm, degrees, pixels, after = tables.residuals(CLEAN)
     assert mm.columns == ("method", "femur", "tibia", "patella", "skin")
     assert degrees.columns == ("method", "femur", "tibia", "patella")
     found = np.array(
@@ -56,6 +87,19 @@ def test_residuals_have_a_table_a_unit_and_no_empty_columns():
     assert row_of(mm, "60", "oracle")["femur"] == f"{found.mean():.2f} ± {found.std(ddof=1):.2f}"
     assert row_of(mm, "60", "nonrigid-2d")["femur"] == "–"
     assert row_of(pixels, "60", "nonrigid-2d")["femur"] != "–"
+    assert after.name == "residuals_pixels_after_similarity"
+    assert after.caption == "Motion that was not undone (pixels after similarity)"
+    assert row_of(after, "60", "nonrigid-2d")["femur"] != "–"
+
+
+def test_results_of_an_older_version_have_no_table_of_pixels_after_similarity():
+    older = [
+        replace(s, residuals=tuple(replace(r, pixels_after_similarity=None) for r in s.residuals))
+        for s in CLEAN
+    ]
+    assert [t.name for t in tables.residuals(older)] == [
+        f"residuals_{unit}" for unit in ("mm", "degrees", "pixels")
+    ]
 
 
 def test_sharpness_tells_entropy_and_seconds():
@@ -113,7 +157,7 @@ def test_without_registration_there_is_no_table():
 
 def test_a_matrix_of_tests_has_p_below_and_differences_above():
     found = statistics.paired_tests(CLEAN, statistics.of_region("ssim", "leg"))
-    table = tables.tests("c", found, "n")
+    table = tables.tests("c", found, "n", "how")
     rows = {row[0]: dict(zip(table.columns, row, strict=True)) for row in table.rows}
     for test in found:
         assert test.p_holm is not None
@@ -127,7 +171,7 @@ def test_a_matrix_of_tests_has_p_below_and_differences_above():
 def test_too_few_scans_are_told_in_their_cell():
     few = [s for s in CLEAN if s.subject in ("subject01", "subject02") or s.method != "rigid"]
     table = tables.tests(
-        "c", statistics.paired_tests(few, statistics.of_region("ssim", "leg")), "n"
+        "c", statistics.paired_tests(few, statistics.of_region("ssim", "leg")), "n", "how"
     )
     rows = {row[0]: dict(zip(table.columns, row, strict=True)) for row in table.rows}
     assert rows["rigid"]["uncorrected"] == rows["uncorrected"]["rigid"] == "too few scans"
@@ -230,3 +274,19 @@ def test_every_scan_is_linked_to_its_folder():
 def test_costs_are_listed_by_stage():
     table = tables.costs((StageCost("replay", 14, 2.5, 400.4), StageCost("fdk", 1, 8.04, None)))
     assert table.rows == (("replay", "14", "2.5", "400"), ("fdk", "1", "8.0", "–"))
+
+
+def test_sensors_are_rows_below_their_calibration():
+    draws = [
+        SensorScore("a", "b", sensor, calibration, k, mm, mm / 10)
+        for calibration in ("none", "rest")
+        for sensor in ("bmi160", "mti300")
+        for k, mm in enumerate((1.0, 3.0))
+    ]
+    table = tables.catalogued(draws)
+    assert [row[0] for row in table.rows] == [
+        *("not calibrated, exact start", "bmi160", "mti300"),
+        *("rest before the scan", "bmi160", "mti300"),
+    ]
+    assert table.rows[1] == ("bmi160", "2 ± 1.41", "0.2 ± 0.141")
+    assert tables.catalogued(draws[:1]).rows[1] == ("bmi160", "1", "0.1")

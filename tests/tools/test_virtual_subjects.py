@@ -95,7 +95,11 @@ def test_everything_stays_small() -> None:
 
 def test_readme_holds_the_table_that_the_files_give() -> None:
     text = (MOTIONS / "README.md").read_text("utf-8")
-    for row in [*posture_report.sway_table(MOTIONS), *posture_report.squat_table(MOTIONS)]:
+    for row in (
+        *posture_report.sway_table(MOTIONS),
+        *posture_report.squat_table(MOTIONS),
+        *posture_report.sensor_table(MOTIONS),
+    ):
         assert row in text
 
 
@@ -109,6 +113,11 @@ def test_people_differ() -> None:
 
 # ---- the truth is physically possible
 # ----------------------------------------------------------------------------------------
+
+
+def heading(foot: np.ndarray) -> np.ndarray:
+    """Turn (n,) rad of a foot (n, 4, 4) about the vertical."""
+    return np.arctan2(-foot[:, 2, 0], foot[:, 0, 0])
 
 
 @each_recording
@@ -126,7 +135,10 @@ def test_feet_stay_flat_on_the_floor(name: str) -> None:
         ]
         sole = np.einsum("nij,pj->npi", foot[:, :3, :3], corners) + foot[:, None, :3, 3]
         assert np.abs(sole[..., 1]).max() < 1e-4
-        assert np.ptp(sole, axis=0).max() < 1e-4
+        assert np.ptp(foot[:, :3, 3], axis=0).max() < 1e-5
+        # a sole's skin shears, a foot does not pivot: by this angle a toe moves 4 mm
+        turned = heading(foot)
+        assert 0.2 < np.degrees(np.ptp(turned)) < 1.2
 
 
 @each_recording
@@ -155,10 +167,11 @@ def test_knees_are_bent_as_asked(name: str) -> None:
 
 @each_hold
 def test_joints_move_together_as_a_closed_chain(name: str) -> None:
-    """Both feet on the floor leave six ways to move the pelvis, and these decide all twelve joints
-    of the legs.
+    """Both feet on the floor leave six ways to move the pelvis and one way to turn each foot, and
+    these decide all twelve joints of the legs.
     """
     found = truth(name).trajectories
+    poses = truth(name).leg.segment_poses(found)
     joints = (
         "hip_flexion",
         "hip_adduction",
@@ -171,11 +184,13 @@ def test_joints_move_together_as_a_closed_chain(name: str) -> None:
     pelvis = np.stack(
         [found.coordinate(c) for c in found.coordinate_names if c.startswith("pelvis")], -1
     )
-    legs, pelvis = legs - legs.mean(0), pelvis - pelvis.mean(0)
+    feet = np.stack([heading(poses.of(f"calcn_{side}")) for side in "rl"], -1)
+    free = np.concatenate([pelvis, feet], -1)
+    legs, free = legs - legs.mean(0), free - free.mean(0)
     assert (np.degrees(legs.std(0)) > 0.02).all()
     assert (np.degrees(legs.std(0)) < 1.5).all()
     # linear for so small a sway
-    left = legs - pelvis @ np.linalg.lstsq(pelvis, legs, rcond=None)[0]
+    left = legs - free @ np.linalg.lstsq(free, legs, rcond=None)[0]
     assert (left.std(0) < 0.03 * legs.std(0).max()).all()
 
 
@@ -306,9 +321,50 @@ def test_planned_torques_hold_the_posture_without_noise(monkeypatch: pytest.Monk
     body = Body(SUBJECTS[4])
     monkeypatch.setattr(posture_plan, "POSITION_SENSE", (0.0, 0.0))
     plan = posture_plan.hold(body, 60.0, np.random.default_rng(1))
-    calm = ControllerParams(sensory_deg=0.0, motor_variation=0.0, motor_floor=0.0)
+    calm = ControllerParams(
+        sensory_deg=0.0,
+        motor_variation=0.0,
+        motor_floor=0.0,
+        unrest_floor=0.0,
+        unrest_variation=0.0,
+    )
     held = simulate(body, plan, calm, np.random.default_rng(0))
     assert np.abs(held.q - plan.q[0]).max() < 1e-6
+
+
+def test_feet_turn_as_their_jacobian_says_and_a_planned_posture_leaves_them_unturned(
+    rng: np.random.Generator,
+) -> None:
+    body = Body(SUBJECTS[2])
+    posture = body.posture(np.radians(40.0))
+    body.kinematics(posture)
+    turned, jacobian = body.twists()
+    np.testing.assert_allclose(turned, 0, atol=1e-9)
+    step = 1e-4 * rng.standard_normal(body.size)
+    body.kinematics(posture + step)
+    # to second order in the step
+    np.testing.assert_allclose(body.twists()[0], jacobian @ step, atol=1e-6)
+    assert np.abs(jacobian @ step).max() > 1e-5
+
+
+def test_a_sole_turns_back_by_its_stiffness(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The floor's moment on a foot about the vertical is a spring's and a damper's."""
+    monkeypatch.setattr(posture_plan, "DURATION", 2.0)
+    monkeypatch.setattr(posture_plan, "WARM_UP", 0.0)
+    monkeypatch.setattr("tools.virtual_subjects.simulation.WARM_UP", 0.0)
+    body, params = Body(SUBJECTS[0]), ControllerParams(unrest_floor=0.3)
+    plan = posture_plan.hold(body, 30.0, np.random.default_rng(1))
+    held = simulate(body, plan, params, np.random.default_rng(0))
+    turns = []
+    for row in held.q:
+        body.kinematics(row)
+        turns.append(body.twists()[0])
+    turn, moment = np.array(turns), held.foot_force[:, :, 4]
+    rate = np.gradient(turn, 1 / posture_plan.RATE, axis=0)
+    stiffness = params.sole_stiffness * SUBJECTS[0].mass / 75.0
+    expected = -stiffness * (turn + params.damping_time * rate)
+    # the rate between two samples of the recording is not that of the last step before one
+    assert np.std(moment - expected) < 0.1 * np.std(expected)
 
 
 def test_feedback_answers_after_its_delay() -> None:

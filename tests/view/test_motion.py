@@ -1,8 +1,14 @@
 """Skeleton, segments and markers of a recording are where the motion has them."""
 
+import re
+from typing import cast
+
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from legsim.kinematics.skeleton import SegmentPoses
+from legsim.view import motion
+from legsim.view.stream import Recorder
 from tests.examples.recordings import read
 
 
@@ -54,3 +60,24 @@ def test_residual_arrows_lead_from_measured_to_model(scene, written):
     np.testing.assert_allclose(
         origins[20] + vectors[20], scene.replay.modelled.positions_world[20, seen], atol=1e-6
     )
+
+
+def test_sensors_with_slashes_in_their_names_are_not_hung_on_each_other():
+    logged = []
+
+    class Written:
+        def poses(self, entity: str, *_: object) -> None:
+            logged.append(entity)
+
+        def static(self, *_: object) -> None:
+            pass
+
+    poses = SegmentPoses(np.arange(2.0), ("left", "left/a [b]"), np.tile(np.eye(4), (2, 2, 1, 1)))
+    motion.log_sensors(cast(Recorder, Written()), poses)
+    parts = [split(entity) for entity in logged]
+    assert [len(part) for part in parts] == [3, 3]
+
+
+def split(entity: str) -> list[str]:
+    """Parts of an entity's path, escaped slashes kept in them."""
+    return re.split(r"(?<!\\)/", entity)

@@ -5,6 +5,7 @@ from typing import Annotated
 
 import typer
 
+from legsim.core.errors import LegsimError
 from legsim.opencl.device import open_device
 
 app = typer.Typer(
@@ -15,6 +16,16 @@ app = typer.Typer(
 @app.callback()
 def main() -> None:
     """Benchmarks of legsim, side by side with other toolkits where there is one."""
+
+
+@app.command()
+def device(name: Annotated[str, typer.Argument(help="As in LEGSIM_DEVICE.")] = "gpu") -> None:
+    """Look for a device, so that the other commands need not begin without it."""
+    try:
+        typer.echo(open_device(name))
+    except LegsimError as error:
+        typer.echo(f"error: {error}", err=True)
+        raise typer.Exit(1) from None
 
 
 @app.command()
@@ -105,6 +116,21 @@ def fdk_profile(
     from tools.benchmarks import fdk_profile as bench_fdk_profile
 
     typer.echo(bench_fdk_profile.run(views, count, binning, device))
+
+
+@app.command()
+def evaluation(
+    counts: Annotated[
+        str, typer.Option(help="Comma-separated: voxels along each side of the cube of 256 mm.")
+    ] = "256,512",
+    device: Annotated[str | None, typer.Option(help="Part of an OpenCL device's label.")] = None,
+) -> None:
+    """Comparison of a volume with its reference: time and memory, beside SimpleITK and
+    scikit-image.
+    """
+    from tools.benchmarks import evaluation as bench_evaluation
+
+    bench_evaluation.run([int(count) for count in counts.split(",")], device, typer.echo)
 
 
 @app.command()

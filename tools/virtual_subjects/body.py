@@ -3,7 +3,9 @@ that do not leave the floor.
 
 MuJoCo gives mass matrix, bias forces and Jacobians. The knees' translations (exact splines) and the
 two feet are constraints on velocity, so that no contact or spring softens them: a foot stays where
-it is to the rounding of the solver.
+it is and stays flat to the rounding of the solver. It turns on its sole about the vertical alone,
+against a spring and a damper: the skin below a foot shears, so a leg can turn about its long axis
+while the pelvis rests.
 """
 
 # mujoco is compiled and ships no type stubs
@@ -34,6 +36,10 @@ SOLE_BELOW_CALCN = 0.0161293
 """m; height of the generic calcn above the ground in gait2392's default posture (pelvis_ty 0.95),
 taken as the thickness of the sole
 """
+
+
+_HELD, _TWIST = [0, 1, 2, 3, 5], 4
+"""of a foot's three shifts and three turns"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,20 +137,33 @@ class Body:
         return jacobian
 
     def constraints(self) -> tuple[FloatArray, FloatArray]:
-        """(errors (16,), Jacobian (16, n)) of knee couplings and feet after :meth:`kinematics`."""
-        error, jacobian = np.zeros(16), np.zeros((16, self.size))
+        """(errors (14,), Jacobian (14, n)) of knee couplings and feet after :meth:`kinematics`.
+
+        The rows of a foot: its three shifts, its roll and its pitch.
+        """
+        error, jacobian = np.zeros(14), np.zeros((14, self.size))
         for row, slides in enumerate(self._knees):
             rows = [2 * row, 2 * row + 1]
             value, slope = slides.at(self.data.qpos[slides.knees])
             error[rows] = self.data.qpos[slides.joints] - value
             jacobian[rows, slides.joints], jacobian[rows, slides.knees] = 1.0, -slope
         for k, foot in enumerate(self.feet):
-            rows = slice(4 + 6 * k, 10 + 6 * k)
-            mujoco.mj_jacBody(
-                self.model, self.data, jacobian[rows][:3], jacobian[rows][3:], foot.body
-            )
-            error[rows] = self._foot_error(foot)
+            rows = slice(4 + 5 * k, 9 + 5 * k)
+            error[rows] = self._foot_error(foot)[_HELD]
+            jacobian[rows] = self._foot_jacobian(foot)[_HELD]
         return error, jacobian
+
+    def twists(self) -> tuple[FloatArray, FloatArray]:
+        """(angles (2,) rad, Jacobian (2, n)) of both feet about the vertical, after
+        :meth:`kinematics`.
+        """
+        angles = np.array([self._foot_error(foot)[_TWIST] for foot in self.feet])
+        return angles, np.array([self._foot_jacobian(foot)[_TWIST] for foot in self.feet])
+
+    def _foot_jacobian(self, foot: Foothold) -> FloatArray:
+        jacobian = np.zeros((6, self.size))
+        mujoco.mj_jacBody(self.model, self.data, jacobian[:3], jacobian[3:], foot.body)
+        return jacobian
 
     def _foot_error(self, foot: Foothold) -> FloatArray:
         turned = self.data.xmat[foot.body].reshape(3, 3) @ foot.world_from_calcn[:3, :3].T
@@ -261,15 +280,16 @@ class Body:
             "lumbar_bending": 0.0,
             "lumbar_rotation": 0.0,
         }
-        goal, jacobian = np.zeros(9), np.zeros((9, n))
+        goal, jacobian = np.zeros(11), np.zeros((11, n))
         for row, (name, value) in enumerate(wanted.items()):
             goal[row], jacobian[row, index[name]] = q[index[name]] - value, 1.0
         knees = [index["knee_angle_r"], index["knee_angle_l"]]
         goal[5:7], jacobian[5:7, knees] = q[knees] + flexion, np.eye(2)
         level = self.heading()[:, [0, 2]].T
         center = np.array([subject.place[0], 0.0, subject.place[1]])
-        goal[7:] = level @ (self.mass_center() - center) - [subject.com_forward, subject.com_right]
-        jacobian[7:] = level @ self.mass_center_jacobian()
+        goal[7:9] = level @ (self.mass_center() - center) - [subject.com_forward, subject.com_right]
+        jacobian[7:9] = level @ self.mass_center_jacobian()
+        goal[9:], jacobian[9:] = self.twists()
         return goal, jacobian
 
     def heading(self) -> FloatArray:

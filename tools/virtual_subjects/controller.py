@@ -15,11 +15,18 @@ the muscles do. Motor noise has a coefficient of variation (Hamilton, Jones and 
 Brain Res 157:417-430). Both are low-pass filtered Gaussian noise. The published sources fix form
 and order of magnitude; the sizes below were set so that the sway lies in the range measured in
 quiet standing (motions/README.md).
+
+Muscles that hold still twitch, and tremble at 8 to 12 Hz. The error of a held force grows linearly
+with the force from a value above 0, and the frequency of its peak near 8 to 10 Hz does not depend
+on the force (Sutton and Sykes 1967, J Physiol 191:699-711). Ankles tremble at 6 to 9 Hz (Pozos,
+Iaizzo and Petry 1982, J Appl Physiol 52:226-230). Sizes were set by what sensors on the shanks of
+one standing person read (motions/README.md).
 """
 
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.signal import butter, fftconvolve, sosfilt
 
 from legsim.core.values import FloatArray
 
@@ -49,6 +56,8 @@ class ControllerParams:
     """
     damping_time: float = 0.04
     """s: damping over stiffness of all joints but the ankles"""
+    sole_stiffness: float = 50.0
+    """N m/rad of a foot that turns on its sole about the vertical, at 75 kg: chosen"""
     sensory_deg: float = 0.011
     """standard deviation of the error of the felt sway, without effort"""
     sensory_effort: float = 6.0
@@ -61,8 +70,18 @@ class ControllerParams:
     """standard deviation of a torque over its mean"""
     motor_floor: float = 0.10
     """N m, of a muscle without load, at 75 kg"""
-    motor_times: tuple[float, float] = (0.1, 2.0)
+    motor_times: tuple[float, float] = (0.2, 2.0)
     """s: correlation times of the two halves of the motor noise"""
+    unrest_floor: float = 0.10
+    """N m: standard deviation of the twitching of a muscle without load, at 75 kg"""
+    unrest_variation: float = 0.001
+    """growth of that per torque"""
+    unrest_time: float = 0.06
+    """s: a muscle's twitch"""
+    tremor: float = 0.45
+    """standard deviation of the tremor over that of the twitching"""
+    tremor_band: tuple[float, float] = (8.0, 12.0)
+    """Hz"""
 
 
 REST_STIFFNESS = {
@@ -100,6 +119,18 @@ def filtered_noise(rng: np.random.Generator, samples: int, step: float, time: fl
         second = decay * second + (1 - decay) * first
         out[k] = second
     return out
+
+
+def band_noise(
+    rng: np.random.Generator, samples: int, step: float, band: tuple[float, float]
+) -> FloatArray:
+    """(samples,) stationary Gaussian noise of unit variance behind a 2nd-order Butterworth
+    band-pass (Hz).
+    """
+    sections = butter(2, band, btype="band", fs=1 / step, output="sos")
+    response = sosfilt(sections, np.eye(1, round(20 / (band[1] - band[0]) / step))[0])
+    drive = rng.standard_normal(samples + len(response) - 1)
+    return fftconvolve(drive, response / np.linalg.norm(response), "valid")
 
 
 def smooth_noise(

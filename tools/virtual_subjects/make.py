@@ -8,7 +8,6 @@ motions/README.md and at the head of each tools/posture_*.py.
 
 import sys
 from concurrent.futures import ProcessPoolExecutor
-from pathlib import Path
 
 import numpy as np
 
@@ -17,11 +16,10 @@ from tools.virtual_subjects.controller import ControllerParams
 from tools.virtual_subjects.files import write_trc, write_truth
 from tools.virtual_subjects.markers import CameraParams, attach, on_skin, recorded
 from tools.virtual_subjects.plan import Plan, hold, squats
-from tools.virtual_subjects.report import write_readme
+from tools.virtual_subjects.report import MOTIONS, write_readme
 from tools.virtual_subjects.simulation import footing, simulate
 from tools.virtual_subjects.subjects import SUBJECTS, Subject
 
-MOTIONS = Path(__file__).parents[2] / "motions"
 TRIALS = ("squat_30", "squat_60", "squats")
 SEED = 20260
 

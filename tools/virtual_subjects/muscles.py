@@ -8,6 +8,7 @@ from tools.virtual_subjects.body import Body
 from tools.virtual_subjects.controller import (
     ControllerParams,
     DelayedFeedback,
+    band_noise,
     filtered_noise,
     rest_stiffness,
 )
@@ -23,8 +24,13 @@ class Muscles:
         self._body, self._plan = body, plan
         self.stiffness, self.damping = _impedance(plan, body, params)
         """(n, c) intrinsic, N m/rad and N m s/rad"""
+        self.sole_stiffness = params.sole_stiffness * body.subject.mass / 75.0
+        """N m/rad of each foot about the vertical"""
+        self.sole_damping = params.damping_time * self.sole_stiffness
+        """N m s/rad"""
         self._noise = _motor_noise(plan, body, params, rng)
         self._felt = _sensory_noise(plan, body, params, rng)
+        self._noise += _restlessness(plan, body, params, rng)
         self._felt_rate = np.gradient(self._felt, STEP, axis=0)
         self._channels = [DelayedFeedback(params, STEP) for _ in range(2)]
         self._level = body.heading()[:, [0, 2]].T
@@ -60,15 +66,33 @@ def _motor_noise(
     plan: Plan, body: Body, params: ControllerParams, rng: np.random.Generator
 ) -> FloatArray:
     """Torques (n, c) that nobody planned, N m."""
-    steps = len(plan.q)
-    noise = np.zeros_like(plan.q)
+    noise = _growing(plan, body, params.motor_floor, params.motor_variation)
     for joint in body.muscle_joints:
-        halves = [filtered_noise(rng, steps, STEP, time) for time in params.motor_times]
-        size = params.motor_floor * body.subject.mass / 75.0 + params.motor_variation * np.abs(
-            plan.torques[:, joint]
-        )
-        noise[:, joint] = body.subject.noise * size * (halves[0] + halves[1]) / np.sqrt(2)
+        halves = [filtered_noise(rng, len(noise), STEP, time) for time in params.motor_times]
+        noise[:, joint] *= (halves[0] + halves[1]) / np.sqrt(2)
     return noise
+
+
+def _restlessness(
+    plan: Plan, body: Body, params: ControllerParams, rng: np.random.Generator
+) -> FloatArray:
+    """Torques (n, c) of twitching and trembling muscles, N m; each muscle for itself."""
+    noise = _growing(plan, body, params.unrest_floor, params.unrest_variation)
+    for joint in body.muscle_joints:
+        unrest = filtered_noise(rng, len(noise), STEP, params.unrest_time)
+        tremor = band_noise(rng, len(noise), STEP, params.tremor_band)
+        noise[:, joint] *= unrest + params.tremor * tremor
+    return noise
+
+
+def _growing(plan: Plan, body: Body, floor: float, variation: float) -> FloatArray:
+    """Standard deviation (n, c) of a noise, N m: ``floor`` at 75 kg plus ``variation`` of the
+    torque, by this person's unsteadiness; 0 where no muscle acts.
+    """
+    size = np.zeros_like(plan.q)
+    torques = np.abs(plan.torques[:, body.muscle_joints])
+    size[:, body.muscle_joints] = floor * body.subject.mass / 75.0 + variation * torques
+    return body.subject.noise * size
 
 
 def _sensory_noise(

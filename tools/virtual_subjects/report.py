@@ -7,11 +7,13 @@ from pathlib import Path
 import numpy as np
 
 from legsim.mocap import trc
+from tools.virtual_subjects import sensors
 from tools.virtual_subjects.plan import RATE
 from tools.virtual_subjects.statistics import Sway, count_squats, knee_flexion_deg, load_truth, sway
 from tools.virtual_subjects.subjects import SUBJECTS
 
 HOLDS = ("squat_30", "squat_60")
+MOTIONS = Path(__file__).parents[2] / "motions"
 TEMPLATE = Path(__file__).with_name("readme.md")
 
 
@@ -22,6 +24,7 @@ def write_readme(folder: Path) -> None:
         ("people", people_table()),
         ("sway", sway_table(folder)),
         ("squats", squat_table(folder)),
+        ("sensors", sensor_table(folder)),
     ):
         text = text.replace(f"<!-- {name} -->", "\n".join(rows))
     (folder / "README.md").write_text(text, "utf-8")
@@ -90,3 +93,13 @@ def squat_table(folder: Path) -> list[str]:
             f"{flexion.max():.0f} | {fastest:.0f} |"
         )
     return rows
+
+
+def sensor_table(folder: Path) -> list[str]:
+    """Markdown rows of what sensors on the true bones read, beside a person's who stands."""
+    columns = {"a person who stands": sensors.STANDING}
+    for trial in HOLDS:
+        paths = [folder / subject.name / f"{trial}_truth.npz" for subject in SUBJECTS]
+        read = [sensors.on_bones(load_truth(str(path))) for path in paths]
+        columns[trial] = {segment: sensors.spread(read, segment) for segment in sensors.STANDING}
+    return sensors.table(columns)

@@ -109,11 +109,17 @@ def _step(
     n = body.size
     inertia, bias = body.dynamics(q, v)
     error, jacobian = body.constraints()
-    torques = muscles.torques(k, q, v)
+    twist, turning = body.twists()
+    torques = muscles.torques(k, q, v) - muscles.sole_stiffness * turning.T @ twist
     system = np.zeros((n + len(error), n + len(error)))
     system[:n, :n] = inertia + np.diag(STEP * (muscles.damping[k] + STEP * muscles.stiffness[k]))
+    soles = muscles.sole_damping + STEP * muscles.sole_stiffness
+    system[:n, :n] += STEP * soles * turning.T @ turning
     system[:n, n:], system[n:, :n] = jacobian.T, jacobian
     # what rounding leaves of position errors is taken out by and by
     right = np.concatenate([inertia @ v + STEP * (torques - bias), -0.2 * error / STEP])
     solution = np.asarray(np.linalg.solve(system, right), float)
-    return solution[:n], -solution[n + 4 :].reshape(2, 6) / STEP
+    floor = np.zeros((2, 6))
+    floor[:, [0, 1, 2, 3, 5]] = -solution[n + 4 :].reshape(2, 5) / STEP
+    floor[:, 4] = -muscles.sole_stiffness * twist - soles * turning @ solution[:n]
+    return solution[:n], floor

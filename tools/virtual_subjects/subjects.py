@@ -235,5 +235,6 @@ SUBJECTS = (
         gain=0.85,
         noise=1.05,
         squat_depth_deg=86.0,
+        draw=2,
     ),
 )

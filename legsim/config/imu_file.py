@@ -1,0 +1,107 @@
+"""Settings of a file of real sensors: its columns and units, and how each sensor is worn."""
+
+from typing import Literal
+
+from pydantic import Field, model_validator
+
+from legsim.config.tree import ConfigSection
+
+Vector = tuple[float, float, float]
+
+
+class StartConfig(ConfigSection):
+    """Pose and velocity of a sensor at the first view: stated, or by its fiducials in the images.
+
+    A pose is position_mm with rotation or rotation_deg, world from sensor.
+    """
+
+    position_mm: Vector | None = None
+    """of the sensor's origin in the geometry's world"""
+    rotation: tuple[Vector, Vector, Vector] | None = None
+    """rows of the matrix whose columns are the sensor's axes in world"""
+    rotation_deg: Vector | None = None
+    """the same as a rotation vector"""
+    velocity_mm_s: Vector = (0.0, 0.0, 0.0)
+    known: Literal["exactly", "roughly"] = "exactly"
+    """"roughly": tilt and velocity are found such that the person stays where he stands
+
+    Position and turn about the vertical stay as given.
+    """
+    position_sd_mm: float = Field(default=0.0, ge=0)
+    """roughly: standard deviation per axis"""
+    heading_sd_deg: float = Field(default=0.0, ge=0)
+    """roughly: standard deviation of the turn about the vertical"""
+    fiducials: str = ""
+    """CSV of view,point,u,v: pixels of four metal points (origin, x, y, z) in the first views"""
+    axis_length_mm: float = Field(default=10.0, gt=0)
+    """fiducials: from the origin to each tip"""
+    detector: Literal["bounded", "unbounded"] = "bounded"
+    """fiducials: "unbounded" allows points off the detector"""
+
+    @model_validator(mode="after")
+    def _one_way(self) -> "StartConfig":
+        posed = self.position_mm is not None
+        turned = (self.rotation is not None) + (self.rotation_deg is not None)
+        if bool(self.fiducials) == posed or turned != posed:
+            raise ValueError(
+                "a start is a file of fiducials, or position_mm with one of rotation and "
+                "rotation_deg"
+            )
+        return self
+
+
+class WornSensorConfig(ConfigSection):
+    """One sensor of a file, and where it is worn."""
+
+    name: str
+    recorded_as: str = ""
+    """its name in the file; empty: the same, or the file's only sensor"""
+    segment: str = ""
+    """that carries it, as tibia_l"""
+    acceleration: tuple[str, str, str] | None = None
+    """columns of x, y, z; only for tables that do not say themselves what they hold"""
+    angular_velocity: tuple[str, str, str] | None = None
+    angular_velocity_bias_deg_per_s: Vector = (0.0, 0.0, 0.0)
+    """what its gyroscope reads at rest, in its own axes; taken off"""
+    acceleration_bias_mg: Vector = (0.0, 0.0, 0.0)
+    """what its accelerometer reads too much; taken off"""
+    rotation_deg: Vector | None = None
+    """rotation vector of the sensor's axes against the segment's, where it is known
+
+    For the comparison with markers (`legsim replay --imu`); corrections need the start instead.
+    """
+    start: StartConfig | None = None
+    """None where unknown: no method can then follow the sensor"""
+
+
+class ImuFileConfig(ConfigSection):
+    """One file of sensors of one clock."""
+
+    file: str
+    """beside this TOML, or an absolute path"""
+    clock_offset_s: float = 0.0
+    """the sensors' clock minus the views' (or the markers')"""
+    rate_hz: float | None = Field(default=None, gt=0)
+    time: str | None = None
+    """column of times"""
+    time_unit: Literal["s", "ms", "us"] = "s"
+    counter: str | None = None
+    """column of the packets' numbers"""
+    counter_period: int | None = Field(default=None, gt=1)
+    acceleration_unit: Literal["m/s2", "g", "mg"] = "m/s2"
+    angular_velocity_unit: Literal["rad/s", "deg/s"] = "rad/s"
+    sensors: tuple[WornSensorConfig, ...] = ()
+
+    @model_validator(mode="after")
+    def _all_columns_or_none(self) -> "ImuFileConfig":
+        given = [(s.acceleration is not None, s.angular_velocity is not None) for s in self.sensors]
+        if len(set(given) | {(False, False)}) > 1 and set(given) != {(True, True)}:
+            raise ValueError(
+                "name the columns acceleration and angular_velocity of every sensor, or of none"
+            )
+        return self
+
+    @property
+    def has_columns(self) -> bool:
+        """Whether the columns are named here, not by the file."""
+        return any(s.acceleration is not None for s in self.sensors)

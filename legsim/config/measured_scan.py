@@ -1,0 +1,81 @@
+"""Settings of a measured scan, SCAN.toml: what a scanner and sensors recorded.
+
+Files are named relative to the SCAN.toml.
+"""
+
+from pathlib import Path
+from typing import Literal
+
+import tomli_w
+from pydantic import Field
+
+from legsim.config.imu_file import ImuFileConfig, Vector
+from legsim.config.reconstruction import ReconstructionConfig
+from legsim.config.tree import ConfigSection, read, validated
+
+
+class JointConfig(ConfigSection):
+    """A joint, or a further point of a leg, on the sensor that carries it."""
+
+    name: str
+    """hip_l, knee_l, ankle_l, or any other name that ends in the leg's _l or _r"""
+    sensor: str
+    position_mm: Vector
+    """in the sensor's own axes, from its origin"""
+
+
+class MeasuredGridConfig(ConfigSection):
+    """The volume to reconstruct: that of another volume, or numbers."""
+
+    like: str = ""
+    """a volume whose grid to take"""
+    shape_zyx: tuple[int, int, int] | None = None
+    spacing_mm: Vector | None = None
+    """along x, y, z"""
+    center_mm: Vector | None = None
+    """None: the scan's rotation center"""
+
+
+class MeasuredMethodsConfig(ConfigSection):
+    """Options of the methods, as in a run."""
+
+    sensor: str = ""
+    """that rigid methods follow; empty: the first one with a start"""
+    scheme: Literal["accurate", "paper"] = "accurate"
+    node_mm: float = Field(default=8.0, gt=0)
+
+
+class MeasuredScanConfig(ConfigSection):
+    """A scan with all that is known of it."""
+
+    projections: str
+    """line integrals, one image per view"""
+    geometry: str
+    columns: int | None = Field(default=None, gt=0)
+    """of the detector, where the geometry does not say"""
+    rows: int | None = Field(default=None, gt=0)
+    pixel_mm: float | None = Field(default=None, gt=0)
+    view_rate_hz: float | None = Field(default=None, gt=0)
+    """views per second, where the geometry holds no times; the first view is at 0 s"""
+    view_times: str = ""
+    """text file of one time in s per view, in place of the geometry's"""
+    imu: tuple[ImuFileConfig | str, ...] = ()
+    """files of sensors, or the names of TOML files about them"""
+    joints: tuple[JointConfig, ...] = ()
+    grid: MeasuredGridConfig = MeasuredGridConfig()
+    reconstruction: ReconstructionConfig = ReconstructionConfig()
+    methods: MeasuredMethodsConfig = MeasuredMethodsConfig()
+
+
+def load(path: Path) -> MeasuredScanConfig:
+    """Reads a SCAN.toml.
+
+    Raises:
+        LegsimError: missing file, not TOML, or a key or value that is not allowed.
+    """
+    return validated(MeasuredScanConfig, read(path), path)
+
+
+def dump(scan: MeasuredScanConfig) -> str:
+    """Returns the whole tree as TOML, which :func:`load` reads back."""
+    return tomli_w.dumps(scan.model_dump(mode="json", exclude_none=True, exclude_defaults=True))

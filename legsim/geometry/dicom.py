@@ -1,0 +1,137 @@
+"""DICOM: views of a scan, by pydicom where it is installed (`pip install legsim[dicom]`)."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from legsim.core.errors import LegsimError, file_error
+from legsim.core.values import FloatArray
+
+if TYPE_CHECKING:
+    from pydicom.dataset import Dataset  # pyright: ignore[reportMissingImports]  # an extra
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DicomViews:
+    """Views of one file."""
+
+    values: NDArray
+    """(v, rows, columns); whole numbers unless the file rescales them"""
+    pixel_mm: tuple[float, float] | None
+    """(between columns, between rows) on the detector"""
+    angles_deg: FloatArray | None
+    """(v,) of the positioner about the patient"""
+    notes: tuple[str, ...] = ()
+
+
+def is_dicom(path: Path) -> bool:
+    """Whether a file has DICOM's mark after its preamble."""
+    with path.open("rb") as stream:
+        return stream.read(132)[128:] == b"DICM"
+
+
+def read_projections(path: Path) -> DicomViews:
+    """Reads the frames of a file, rescaled where it says so, with their angles.
+
+    Raises:
+        LegsimError: pydicom is missing, or a file without gray images that can be decoded.
+    """
+    pydicom = require_pydicom(path)
+    try:
+        data = pydicom.dcmread(path)
+        values = np.asarray(data.pixel_array)
+    except Exception as error:
+        # pydicom raises many kinds of errors on broken files and unknown compressions
+        line = (str(error).strip().splitlines() or [type(error).__name__])[0]
+        raise file_error(
+            path, f"holds no image that can be read ({line})", "export it without compression"
+        ) from error
+    if int(data.get("SamplesPerPixel", 1)) != 1:
+        raise file_error(path, "holds colors", "export gray images")
+    values = values[None] if values.ndim == 2 else values
+    slope, intercept = float(data.get("RescaleSlope", 1)), float(data.get("RescaleIntercept", 0))
+    notes: tuple[str, ...] = ()
+    if (slope, intercept) != (1.0, 0.0):
+        values = values * slope + intercept
+        notes = (f"values rescaled as the file says: times {slope:g} plus {intercept:g}",)
+    angles, how = _angles(data, len(values))
+    return DicomViews(values, _pixel_mm(data), angles, (*notes, *how))
+
+
+def in_order(paths: list[Path]) -> list[Path]:
+    """Files of one series by their instance numbers; names of DICOM files often say nothing.
+
+    Raises:
+        LegsimError: pydicom is missing, several series, a file without number, or one number twice.
+    """
+    pydicom = require_pydicom(paths[0])
+    numbered: dict[int, Path] = {}
+    series = set()
+    for path in paths:
+        try:
+            data = pydicom.dcmread(path, stop_before_pixels=True)
+            number = int(data.InstanceNumber)
+        except Exception as error:
+            # pydicom raises many kinds of errors on broken files
+            raise file_error(
+                path, "has no instance number that can be read", "leave it out, or number it"
+            ) from error
+        if number in numbered:
+            raise file_error(
+                path,
+                f"has the same instance number, {number}, as {numbered[number].name}",
+                "give the files of one series alone",
+            )
+        numbered[number] = path
+        series.add(str(data.get("SeriesInstanceUID", "")))
+    if len(series) > 1:
+        raise file_error(
+            paths[0].parent, f"holds {len(series)} series", "give a folder with one of them"
+        )
+    return [numbered[number] for number in sorted(numbered)]
+
+
+def require_pydicom(path: Path):
+    """The module.
+
+    Raises:
+        LegsimError: it is not installed.
+    """
+    try:
+        import pydicom  # pyright: ignore[reportMissingImports]  # an extra
+    except ModuleNotFoundError as error:
+        raise LegsimError(
+            f"{path}: DICOM needs pydicom, which is not installed; pip install 'legsim[dicom]'"
+        ) from error
+    return pydicom
+
+
+def _pixel_mm(data: "Dataset") -> tuple[float, float] | None:
+    """(between columns, between rows): the detector's; DICOM states rows first."""
+    stated = data.get("ImagerPixelSpacing")
+    return None if stated is None else (float(stated[1]), float(stated[0]))
+
+
+def _angles(data: "Dataset", views: int) -> tuple[FloatArray | None, tuple[str, ...]]:
+    """((v,) positioner's primary angles in degrees, notes).
+
+    The increments of a moving positioner are counted from the first frame by some programs and
+    from the frame before by others: equal ones are steps.
+    """
+    start = data.get("PositionerPrimaryAngle")
+    if start is None:
+        return None, ()
+    stated = data.get("PositionerPrimaryAngleIncrement")
+    if stated is None:
+        return (np.array([float(start)]), ()) if views == 1 else (None, ())
+    increments = np.atleast_1d(np.asarray(stated, float))
+    if len(increments) != views:
+        return None, (f"{len(increments)} angle increments for {views} frames are not used",)
+    steps = views > 2 and np.ptp(increments[1:]) < 0.5 * abs(increments[1:].mean())
+    angles = float(start) + (np.cumsum(increments) if steps else increments)
+    counted = "from frame to frame" if steps else "from the first frame"
+    note = f"angles from {angles[0]:.1f} to {angles[-1]:.1f} deg (increments {counted})"
+    return angles, (note,)

@@ -1,0 +1,120 @@
+"""A scan from two files: its projections in any format, and its geometry in any format."""
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from legsim.core.errors import LegsimError
+from legsim.geometry import files, projection_images
+from legsim.geometry.cone_beam import ConeBeamGeometry, Projections
+from legsim.geometry.counts import Counts
+from legsim.geometry.projection_images import ProjectionImages, RawLayout
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ScanFiles:
+    """Projections with their geometry, and what a user may not expect of them."""
+
+    projections: Projections
+    notes: tuple[str, ...] = ()
+
+    @property
+    def geometry(self) -> ConeBeamGeometry:
+        """Of the projections."""
+        return self.projections.geometry
+
+
+def read_scan(
+    projections: Path | str,
+    geometry: Path | str,
+    *,
+    counts: Counts | None = None,
+    raw: RawLayout | None = None,
+    pixel_mm: float | tuple[float, float] | None = None,
+    origin_mm: tuple[float, float] | None = None,
+    turn_rows: bool = False,
+    line_integrals: bool = False,
+    format: str | None = None,
+    up: str = "y",
+) -> ScanFiles:
+    """Reads a scan. The size of the detector is that of the images.
+
+    Args:
+        projections: as of :func:`legsim.geometry.projection_images.read_images`.
+        geometry: as of :func:`legsim.geometry.files.read_geometry`.
+        counts: how counts become line integrals; None: the images hold line integrals.
+        raw: layout of projections without a header.
+        pixel_mm: pixel size, where neither file says it; (between columns, between rows) if two.
+        origin_mm: center of the first pixel on the detector, for RTK's geometries, where the
+            images do not say it. Default: the detector is centered.
+        turn_rows: takes the images' rows from the last to the first.
+        line_integrals: the images hold line integrals, whatever their values look like.
+        format, up: of the geometry.
+
+    Raises:
+        LegsimError: as of the two readers; or an origin with a geometry that places its pixels
+            itself.
+    """
+    images = projection_images.read_images(projections, raw=raw)
+    _, rows, columns = images.values.shape
+    described = files.read_geometry(
+        geometry,
+        columns=columns,
+        rows=rows,
+        pixel_mm=pixel_mm,
+        header_pixel_mm=images.pixel_mm,
+        format=format,
+        up=up,
+    )
+    placed, notes = described.geometry, list(described.notes)
+    if described.format == "rtk":
+        placed, more = _placed(placed, images, origin_mm, turn_rows)
+        notes += more
+    elif origin_mm is not None:
+        raise LegsimError(
+            f"an origin places pixels for RTK's geometries only, {geometry} is of the format "
+            f"{described.format}; leave it out"
+        )
+    made, more = projection_images.projections_of(
+        projections,
+        images,
+        placed,
+        counts,
+        turn_rows=turn_rows,
+        line_integrals=line_integrals,
+    )
+    return ScanFiles(made, (*notes, *more))
+
+
+def _placed(
+    geometry: ConeBeamGeometry,
+    images: ProjectionImages,
+    origin_mm: tuple[float, float] | None,
+    turn_rows: bool,
+) -> tuple[ConeBeamGeometry, list[str]]:
+    """(a geometry of a centered detector for pixels that start at the images' origin, notes).
+
+    RTK's numbers are in mm on the detector, and the images' origin says where pixels are.
+    """
+    rows, columns = geometry.shape_vu
+    pitch = np.array([geometry.pixel_pitch, geometry.row_pitch()]) * 1e3
+    centered = -0.5 * (np.array([columns, rows]) - 1) * pitch
+    origin = images.origin_mm if origin_mm is None else origin_mm
+    if origin is None:
+        return geometry, ["the images do not say where they start: the detector is centered"]
+    notes = []
+    shift = np.eye(3)
+    shift[:2, 2] = (centered - np.array(origin)) / pitch
+    if turn_rows:
+        # the images' last row becomes the first: what lay above the middle now lies below
+        shift[1, 2] *= -1
+    off = np.abs(shift[:2, 2]) / np.array([columns, rows])
+    if off.max() > 0.25:
+        notes.append(
+            f"the images start at ({origin[0]:g}, {origin[1]:g}) mm, {100 * off.max():.0f} % of "
+            "their size from where a centered detector does: if their header is wrong, give the "
+            "origin"
+        )
+    matrices = shift @ geometry.matrices
+    return replace(geometry, matrices=matrices), notes

@@ -1,0 +1,252 @@
+"""Measured sensors beside predicted ones: the lag of their clocks, the mounting, and what is left.
+
+The lag is where the rates of both agree best under any rotation: the sum of the singular values of
+their cross-covariance, which no mounting changes. The mounting takes the mean specific force, which
+is gravity in a person who stands or squats, onto the predicted one; the turn about it is that in
+which the rates agree best.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.interpolate import make_interp_spline
+from scipy.signal import butter, correlate, sosfiltfilt
+
+from legsim.core import transforms
+from legsim.core.constants import STANDARD_GRAVITY
+from legsim.core.errors import LegsimError
+from legsim.core.values import FloatArray
+from legsim.imu.recording import ImuRecording
+
+BANDS_HZ = ((0.2, 6.0), (6.0, 12.0), (12.0, 40.0))
+"""movement; tissue and tremor; tissue and noise"""
+
+REACH = 1.0
+"""s, the largest lag that is searched"""
+
+_SHORTEST = 3.0
+"""s of overlap"""
+
+_TRUSTED = 0.4
+"""correlation of the rates below which a lag or a turn is not known"""
+
+_ROUNDS, _SETTLED = 30, 2e-5
+"""of the search for the lag, which is settled when a round changes it by less, in s"""
+
+_HIGHEST = 0.45
+"""of the sampling rate: above it a band is not measured"""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BandAgreement:
+    """RMS of the vector in one band, and how alike both are."""
+
+    quantity: str
+    """"rate" (deg/s) or "force" (mg)"""
+    band_hz: tuple[float, float]
+    measured: float
+    predicted: float
+    difference: float
+    """RMS of the difference after lag and mounting"""
+    correlation: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SensorComparison:
+    """One measured sensor beside the predicted one."""
+
+    predicted: ImuRecording
+    measured: ImuRecording
+    """by the predicted one's clock, in its frame"""
+    lag: float
+    """s, the sensor's clock minus the markers', beyond the offset that was known"""
+    predicted_from_measured: FloatArray
+    """(3, 3) from the sensor's own axes to the predicted sensor's"""
+    correlation: float
+    """of the rates in the lowest band at that lag, in the best rotation"""
+    bands: tuple[BandAgreement, ...]
+    mean_rate: FloatArray
+    """(3,) rad/s, mean of measured minus predicted in the sensor's axes: the gyroscope's bias"""
+
+    @property
+    def trusted(self) -> bool:
+        """Whether the rates agree enough for lag and turn to be known."""
+        return self.correlation >= _TRUSTED
+
+
+def compare(
+    predicted: ImuRecording,
+    measured: ImuRecording,
+    *,
+    rotation: FloatArray | None = None,
+    reach: float = REACH,
+) -> SensorComparison:
+    """Sets a measured sensor beside the predicted one of the same place.
+
+    Args:
+        predicted: as the markers have it, by their clock.
+        measured: by its own clock; a known offset is taken off already.
+        rotation: (3, 3) predicted_from_measured where the mounting is known; None estimates it.
+        reach: s, the largest lag of the clocks that is searched.
+
+    Raises:
+        LegsimError: recordings that overlap by less than 3 s.
+    """
+    step = 1 / min(predicted.rate_hz, measured.rate_hz)
+    lag, correlation = find_lag(predicted, measured, step=step, reach=reach)
+    on_time = measured.shifted(-lag)
+    if rotation is None:
+        rotation = find_mounting(predicted, on_time, step=step)
+    turned = ImuRecording(
+        measured.name,
+        on_time.times,
+        on_time.angular_velocity @ rotation.T,
+        on_time.specific_force @ rotation.T,
+        measured.notes,
+    )
+    bands = tuple(
+        agreement
+        for quantity in ("rate", "force")
+        for band in BANDS_HZ
+        if (agreement := _agreement(predicted, turned, quantity, band)) is not None
+    )
+    times = _overlap(predicted, turned, step)
+    ours, theirs = (_at(r, times, "rate").mean(0) for r in (predicted, turned))
+    bias = rotation.T @ (theirs - ours)
+    return SensorComparison(predicted, turned, lag, rotation, correlation, bands, bias)
+
+
+def find_lag(
+    predicted: ImuRecording, measured: ImuRecording, *, step: float, reach: float = REACH
+) -> tuple[float, float]:
+    """Lag (s) of the measured clock at which the rates agree best, and their correlation.
+
+    Repeated on what both share at the lag found so far: the ends of the shared time are alike in
+    both only where that is right.
+
+    Raises:
+        LegsimError: an overlap of less than 3 s.
+    """
+    lag, correlation = 0.0, 0.0
+    for _ in range(_ROUNDS):
+        more, correlation = _lag_once(predicted, measured.shifted(-lag), step, reach)
+        lag += more
+        if abs(more) < _SETTLED:
+            break
+    return lag, correlation
+
+
+def _lag_once(
+    predicted: ImuRecording, measured: ImuRecording, step: float, reach: float
+) -> tuple[float, float]:
+    """Lag (s) and correlation on the time that both share now."""
+    times = _overlap(predicted, measured, step)
+    ours, theirs = (_in_band(r, times, BANDS_HZ[0], "rate") for r in (predicted, measured))
+    span = min(int(np.ceil(reach / step)), len(times) // 2)
+    shared = np.stack(
+        [[correlate(theirs[:, j], ours[:, i], mode="same") for j in range(3)] for i in range(3)]
+    )
+    middle = len(times) // 2
+    near = np.moveaxis(shared[..., middle - span : middle + span + 1], -1, 0)
+    scores = _best_agreement(near) / np.sqrt((ours**2).sum() * (theirs**2).sum())
+    k = int(np.argmax(scores))
+    lag = float(k - span)
+    if 0 < k < len(scores) - 1:  # the top of the parabola through three neighbors
+        before, at, after = scores[k - 1 : k + 2]
+        lag += 0.5 * (before - after) / (before - 2 * at + after)
+    return lag * step, float(scores[k])
+
+
+def _best_agreement(covariances: FloatArray) -> FloatArray:
+    """Largest trace (n,) of R C over all rotations R, for (n, 3, 3)."""
+    left, values, right = np.linalg.svd(covariances)
+    values[:, 2] *= np.sign(np.linalg.det(left @ right))
+    return values.sum(-1)
+
+
+def find_mounting(predicted: ImuRecording, measured: ImuRecording, *, step: float) -> FloatArray:
+    """Rotation (3, 3) predicted_from_measured by gravity, and by the rates about it.
+
+    Raises:
+        LegsimError: an overlap of less than 3 s.
+    """
+    times = _overlap(predicted, measured, step)
+    up, seen = (_unit(_at(r, times, "force").mean(0)) for r in (predicted, measured))
+    level = _smallest_turn(seen, up)
+    ours, theirs = (_in_band(r, times, BANDS_HZ[0], "rate") for r in (predicted, measured))
+    theirs = theirs @ level.T
+    flat_ours, flat_theirs = (v - np.outer(v @ up, up) for v in (ours, theirs))
+    angle = np.arctan2(
+        (np.cross(flat_theirs, flat_ours) @ up).sum(), (flat_theirs * flat_ours).sum()
+    )
+    return transforms.axis_rotation(up, np.array(angle)) @ level
+
+
+def _smallest_turn(start: FloatArray, end: FloatArray) -> FloatArray:
+    """The rotation (3, 3) of unit vectors ``start`` to ``end`` by the smallest angle."""
+    axis = np.cross(start, end)
+    sine, cosine = float(np.linalg.norm(axis)), float(start @ end)
+    if sine < 1e-9:  # opposite or equal: any axis across
+        axis = np.cross(start, np.eye(3)[int(np.argmin(np.abs(start)))])
+    return transforms.axis_rotation(axis, np.array(np.arctan2(sine, cosine)))
+
+
+def _unit(vector: FloatArray) -> FloatArray:
+    return vector / np.linalg.norm(vector)
+
+
+def _overlap(a: ImuRecording, b: ImuRecording, step: float) -> FloatArray:
+    first, last = max(a.times[0], b.times[0]), min(a.times[-1], b.times[-1])
+    if last - first < _SHORTEST:
+        raise LegsimError(
+            f"sensor {b.name} recorded {b.times[0]:g} to {b.times[-1]:g} s, the markers "
+            f"{a.times[0]:g} to {a.times[-1]:g} s: they share less than {_SHORTEST:g} s; give "
+            "clock_offset_s (the sensor's clock minus the markers') in a TOML about its file"
+        )
+    return first + step * np.arange(int((last - first) / step + 1e-6) + 1)
+
+
+def _values(recording: ImuRecording, quantity: str) -> FloatArray:
+    return recording.angular_velocity if quantity == "rate" else recording.specific_force
+
+
+def _at(recording: ImuRecording, times: FloatArray, quantity: str) -> FloatArray:
+    inside = np.clip(times, recording.times[0], recording.times[-1])
+    return make_interp_spline(recording.times, _values(recording, quantity), k=3)(inside)
+
+
+def _in_band(
+    recording: ImuRecording, times: FloatArray, band: tuple[float, float], quantity: str
+) -> FloatArray:
+    """Values (n, 3) at even times through a zero-phase Butterworth band-pass of second order."""
+    rate_hz = 1 / float(np.median(np.diff(times)))
+    high = min(band[1], _HIGHEST * rate_hz)
+    sections = butter(2, [band[0], high], "bandpass", fs=rate_hz, output="sos")
+    # mirrored over three periods at each end: scipy's short odd padding lets a movement that begins
+    # at an end ring through the filter, by a third of what a standing person does in 11 s
+    pad = min(len(times) - 1, int(3 * rate_hz / band[0]))
+    values = _at(recording, times, quantity)
+    return sosfiltfilt(sections, values - values.mean(0), axis=0, padtype="even", padlen=pad)
+
+
+def _agreement(
+    predicted: ImuRecording, measured: ImuRecording, quantity: str, band: tuple[float, float]
+) -> BandAgreement | None:
+    """The numbers of one band; None where either samples too slowly for it."""
+    slower = min(predicted.rate_hz, measured.rate_hz)
+    if band[0] >= _HIGHEST * slower:
+        return None
+    times = _overlap(predicted, measured, 1 / slower)
+    ours, theirs = (_in_band(r, times, band, quantity) for r in (predicted, measured))
+    unit = np.degrees(1.0) if quantity == "rate" else 1e3 / STANDARD_GRAVITY
+    power = np.sqrt((ours**2).sum() * (theirs**2).sum())
+    return BandAgreement(
+        quantity,
+        band,
+        *(float(unit) * _rms(v) for v in (theirs, ours, theirs - ours)),
+        correlation=float((ours * theirs).sum() / power) if power > 0 else 0.0,
+    )
+
+
+def _rms(vectors: FloatArray) -> float:
+    return float(np.sqrt((vectors**2).sum(-1).mean()))

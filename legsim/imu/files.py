@@ -1,0 +1,269 @@
+"""Files of sensors: legsim's own imu.csv, text exports of Xsens, and OpenSim's storage."""
+
+import csv
+import io
+import re
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from legsim.core import files
+from legsim.core.errors import file_error
+from legsim.core.values import FloatArray
+from legsim.imu import tables
+from legsim.imu.recording import ImuRecording
+from legsim.imu.signals import ImuSignals
+from legsim.imu.tables import (
+    AccelerationUnit,
+    AngularVelocityUnit,
+    SensorColumns,
+    TableLayout,
+    Units,
+)
+
+_IMU_COLUMNS = ("ax_m_s2", "ay_m_s2", "az_m_s2", "gx_rad_s", "gy_rad_s", "gz_rad_s")
+
+_XSENS = (("Acc_X", "Acc_Y", "Acc_Z"), ("Gyr_X", "Gyr_Y", "Gyr_Z"))
+_XSENS_COUNTER = "PacketCounter"
+_XSENS_PERIOD = 1 << 16
+
+_STO_FORCE = ("linear_acceleration", "linearaccelerations", "accelerometer_signal", "accel")
+_STO_RATE = ("angular_velocity", "angularvelocity", "gyroscope_signal", "gyro")
+
+
+def save_imu(path: Path, signals: ImuSignals) -> None:
+    """Writes ``time_s, <sensor>_ax_m_s2 … <sensor>_gz_rad_s``.
+
+    These are specific force and angular velocity in the sensor frame. Numbers have their shortest
+    exact text.
+    """
+    header = [
+        "time_s",
+        *(f"{name}_{column}" for name in signals.sensor_names for column in _IMU_COLUMNS),
+    ]
+    values = np.concatenate([signals.specific_force, signals.angular_velocity], -1).reshape(
+        len(signals.times), -1
+    )
+    stream = io.StringIO()
+    writer = csv.writer(stream, lineterminator="\n")
+    writer.writerow(header)
+    writer.writerows(
+        [repr(v) for v in row] for row in np.column_stack([signals.times, values]).tolist()
+    )
+    files.write_text(path, stream.getvalue())
+
+
+def _numbers(path: Path, line: int, row: list[str], count: int) -> list[float]:
+    try:
+        numbers = [float(cell) for cell in row]
+    except ValueError as error:
+        raise file_error(path, str(error), "repair the line", place=f"line {line}") from error
+    if len(numbers) != count:
+        problem = f"holds {len(numbers)} numbers instead of {count}"
+        raise file_error(path, problem, "repair the line", place=f"line {line}")
+    return numbers
+
+
+def load_imu(path: Path) -> ImuSignals:
+    """Reads the file that :func:`save_imu` writes, to the last bit."""
+    try:
+        header, *table = csv.reader(files.read(path, "IMU"), strict=True)
+    except csv.Error as error:
+        raise file_error(path, f"is not an IMU table ({error})", "make it again") from error
+    rows = [_numbers(path, k, row, len(header)) for k, row in enumerate(table, 2) if row]
+    names = _own_names(header)
+    if names is None or not rows:
+        raise file_error(
+            path,
+            "is not an IMU table",
+            f"expected the columns time_s, <sensor>_{_IMU_COLUMNS[0]} … "
+            f"<sensor>_{_IMU_COLUMNS[-1]}",
+            place="line 1",
+        )
+    values = np.array(rows, float)
+    signals = values[:, 1:].reshape(len(values), len(names), 2, 3)
+    return ImuSignals(values[:, 0], names, signals[:, :, 1], signals[:, :, 0])
+
+
+def save_rest(path: Path, signals: ImuSignals) -> None:
+    """Writes ``sensor, ax_m_s2, ay_m_s2, az_m_s2``: the mean specific force of the rest."""
+    stream = io.StringIO()
+    writer = csv.writer(stream, lineterminator="\n")
+    writer.writerow(["sensor", *_IMU_COLUMNS[:3]])
+    rest = np.empty((0, 3)) if signals.rest_force is None else signals.rest_force
+    for name, force in zip(signals.sensor_names, rest, strict=True):
+        writer.writerow([name, *(repr(float(v)) for v in force)])
+    files.write_text(path, stream.getvalue())
+
+
+def load_rest(path: Path, names: Sequence[str]) -> FloatArray:
+    """Reads the (k, 3) m/s^2 that :func:`save_rest` writes, in the order of ``names``."""
+    with path.open(encoding="utf-8", newline="") as stream:
+        rows = {row[0]: row[1:] for row in list(csv.reader(stream))[1:]}
+    if not set(names) <= rows.keys():
+        raise file_error(path, "lacks a sensor", "run again; the file is written by the run")
+    return np.array([rows[name] for name in names], float)
+
+
+def _own_names(header: list[str]) -> tuple[str, ...] | None:
+    """Sensors of the header of an imu.csv; None for another header."""
+    suffix = f"_{_IMU_COLUMNS[0]}"
+    names = tuple(column.removesuffix(suffix) for column in header[1::6])
+    expected = ["time_s", *(f"{name}_{column}" for name in names for column in _IMU_COLUMNS)]
+    return names if names and header == expected else None
+
+
+def load_recordings(
+    path: Path | str,
+    *,
+    rate_hz: float | None = None,
+    acceleration_unit: AccelerationUnit = "m/s2",
+    angular_velocity_unit: AngularVelocityUnit = "rad/s",
+) -> tuple[ImuRecording, ...]:
+    """Reads the sensors of a file that says itself what its columns are.
+
+    These are legsim's imu.csv, text exports of Xsens MT Manager (PacketCounter, Acc_X …, Gyr_X …;
+    m/s^2 and rad/s) and OpenSim's .sto of vectors. Other tables need a layout
+    (:func:`legsim.imu.tables.load`).
+
+    Args:
+        path: the file. An Xsens file's sensor is named after the file.
+        rate_hz: for an Xsens file without a line "Update Rate".
+        acceleration_unit: of an Xsens file or a .sto that was written in another one.
+        angular_velocity_unit: the same.
+
+    Raises:
+        LegsimError: another kind of file; what :func:`legsim.imu.tables.load` raises.
+    """
+    path = Path(path)
+    units: Units = (acceleration_unit, angular_velocity_unit)
+    if path.suffix.lower() == ".sto":
+        return _load_sto(path, units)
+    lines = files.read(path, "table")
+    names = _own_names(tables.cells_of(lines[0], ","))
+    if names is not None:
+        sensors = tuple(
+            SensorColumns(
+                name,
+                (f"{name}_ax_m_s2", f"{name}_ay_m_s2", f"{name}_az_m_s2"),
+                (f"{name}_gx_rad_s", f"{name}_gy_rad_s", f"{name}_gz_rad_s"),
+            )
+            for name in names
+        )
+        return tables.load(path, TableLayout(sensors, time="time_s"))
+    if any(_XSENS_COUNTER in line and _XSENS[0][0] in line for line in lines[:50]):
+        return tables.load(path, _xsens_layout(path, lines, rate_hz, units))
+    raise file_error(
+        path,
+        "is no imu.csv of legsim, no text export of Xsens and no .sto",
+        "describe its columns in a small TOML and give that (docs/formats.md, Sensors)",
+        place="line 1",
+    )
+
+
+def _xsens_layout(path: Path, lines: list[str], rate_hz: float | None, units: Units) -> TableLayout:
+    said = re.search(r"(?im)^\W*update rate:\s*([\d.]+)\s*hz", "\n".join(lines[:50]))
+    rate = rate_hz or (float(said[1]) if said else None)
+    if rate is None:
+        raise file_error(
+            path,
+            'has no line "Update Rate"',
+            "give rate_hz in a TOML that names this file, or export it with its header",
+        )
+    return TableLayout(
+        (SensorColumns(path.stem, *_XSENS),),
+        *units,
+        rate_hz=rate,
+        counter=_XSENS_COUNTER,
+        counter_period=_XSENS_PERIOD,
+    )
+
+
+def _load_sto(path: Path, units: Units) -> tuple[ImuRecording, ...]:
+    """Reads OpenSim's tables of vectors: one file of both kinds, or one beside the other."""
+    columns = _sto_columns(path)
+    if not {"force", "rate"} <= {kind for _, kind in columns}:
+        partner = _sto_partner(path)
+        columns |= _sto_columns(partner)
+    names = [name for name, kind in columns if kind == "force" and (name, "rate") in columns]
+    if not names:
+        raise file_error(
+            path,
+            "has no sensor with acceleration and angular velocity",
+            "name columns <sensor>|linear_acceleration and <sensor>|angular_velocity, or files "
+            "_linearAccelerations.sto and _angularVelocity.sto",
+        )
+    made = []
+    for name in names:
+        (times, force), (other, rate) = columns[name, "force"], columns[name, "rate"]
+        if not np.array_equal(times, other):
+            raise file_error(
+                path, f"sensor {name!r} has other times in its two files", "export both together"
+            )
+        made.append(tables.recording_of(path, name, times, *tables.in_si(rate, force, units)))
+    return tuple(made)
+
+
+def _sto_partner(path: Path) -> Path:
+    """File of the other quantity, as OpenSim's readers of sensors name them."""
+    pairs = (("linearaccelerations", "angularVelocity"), ("angularvelocity", "linearAccelerations"))
+    for ending, other in pairs:
+        stem = path.stem
+        if stem.lower().endswith(ending):
+            partner = path.with_name(f"{stem[: -len(ending)]}{other}{path.suffix}")
+            if partner.is_file():
+                return partner
+            raise file_error(
+                path, f"holds one of two quantities, and {partner.name} is not beside it",
+                "put the other file there",
+            )  # fmt: skip
+    raise file_error(
+        path,
+        "does not say whether its vectors are accelerations or angular velocities",
+        "name it …_linearAccelerations.sto or …_angularVelocity.sto as OpenSim does",
+    )
+
+
+def _sto_columns(path: Path) -> dict[tuple[str, str], tuple[FloatArray, FloatArray]]:
+    """(times (n,), vectors (n, 3)) by sensor and kind, "force" or "rate"."""
+    lines = files.read(path, "storage")
+    end = next((k for k, line in enumerate(lines) if line.strip().lower() == "endheader"), None)
+    head = "\n".join(lines[:end])
+    if end is None or not re.search(r"(?i)datatype\s*=\s*vec3", head):
+        kind = re.search(r"(?i)datatype\s*=\s*(\w+)", head)
+        raise file_error(
+            path,
+            f"holds DataType={kind[1]}" if kind else "has no DataType=Vec3 above endheader",
+            "give accelerations and angular velocities, as vectors of three numbers",
+            place="header",
+        )
+    rows = [line.split("\t") for line in lines[end + 1 :] if line.strip()]
+    times, cells = [], []
+    for number, row in enumerate(rows[1:], end + 3):
+        try:
+            times.append(float(row[0]))
+            cells.append([[float(x) for x in cell.split(",")] for cell in row[1:]])
+            if len(row) != len(rows[0]) or any(len(vector) != 3 for vector in cells[-1]):
+                raise ValueError(f"{len(row)} cells")
+        except ValueError as error:
+            raise file_error(
+                path, f"is no row of vectors ({error})", "correct it", place=f"line {number}"
+            ) from None
+    values = np.array(cells).reshape(len(times), -1, 3)
+    found = {}
+    for k, label in enumerate(rows[0][1:] if rows else []):
+        name, kind = _sto_label(label, path.stem)
+        if kind:
+            found[name, kind] = (np.array(times), values[:, k])
+    return found
+
+
+def _sto_label(label: str, stem: str) -> tuple[str, str]:
+    """(sensor, "force" or "rate") of a column, by its own ending or the file's; "" for others."""
+    name, separator, quantity = label.strip().rpartition("|")
+    if not separator:
+        name, quantity = label.strip(), stem
+    quantity = quantity.lower()
+    kind = "force" if quantity.endswith(_STO_FORCE) else "rate" * quantity.endswith(_STO_RATE)
+    return name.rsplit("/", 1)[-1].removesuffix("_imu"), kind

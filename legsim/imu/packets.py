@@ -1,0 +1,48 @@
+"""Times of samples from the counter that sensors send with each packet."""
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from legsim.core.errors import LegsimError
+from legsim.core.values import FloatArray, frozen
+
+_PERIODS = (1 << 8, 1 << 12, 1 << 16, 1 << 24, 1 << 32)
+"""counts after which counters start at 0 again: 8, 12, 16, 24 and 32 bits"""
+
+
+def unwrapped(counter: ArrayLike, period: int | None = None) -> FloatArray:
+    """Packets (n,) since the first one; numbers that are left out are packets that were lost.
+
+    Args:
+        counter: (n,) whole numbers as sent, which start at 0 again after some count.
+        period: that count; None takes the smallest of 2^8, 2^12, 2^16, 2^24 and 2^32 that holds
+            all numbers.
+
+    Raises:
+        LegsimError: numbers that are not whole, a packet that is there twice or out of order.
+    """
+    counts = frozen("packet counter", counter, (None,))
+    if not (np.isfinite(counts).all() and (counts == np.rint(counts)).all() and counts.min() >= 0):
+        raise LegsimError("the packet counter holds values that are no whole numbers from 0")
+    steps = np.diff(counts)
+    if (steps < 0).any():
+        wraps_at = period or next((p for p in _PERIODS if p > counts.max()), None)
+        if wraps_at is None or counts.max() >= wraps_at:
+            raise LegsimError(
+                f"the packet counter reaches {counts.max():.0f}, beyond its period of {wraps_at}; "
+                "correct counter_period"
+            )
+        steps = np.mod(steps, wraps_at)
+        back = np.flatnonzero(steps > wraps_at / 2)
+        if back.size:
+            raise LegsimError(
+                f"packet {counts[back[0] + 1]:.0f} (sample {back[0] + 1}) comes after packet "
+                f"{counts[back[0]]:.0f}; sort the samples, or state counter_period"
+            )
+    twice = np.flatnonzero(steps == 0)
+    if twice.size:
+        raise LegsimError(
+            f"packet {counts[twice[0]]:.0f} is there twice (samples {twice[0]} and "
+            f"{twice[0] + 1}); keep one of them"
+        )
+    return np.concatenate([[0.0], np.cumsum(steps)])

@@ -1,0 +1,245 @@
+"""What one real sensor recorded, checked for units that cannot be, and several as one set."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.interpolate import make_interp_spline
+from scipy.signal import butter, sosfiltfilt
+
+from legsim.core.constants import STANDARD_GRAVITY
+from legsim.core.errors import LegsimError
+from legsim.core.values import FloatArray, frozen, increasing_times
+from legsim.imu.signals import ImuSignals
+
+_RATES_HZ = (10.0, 20e3)
+"""sampling rates that sensors on a body have"""
+
+_AT_REST = (0.75 * STANDARD_GRAVITY, 1.35 * STANDARD_GRAVITY)
+"""median magnitude of the specific force of a person who stands, squats or walks"""
+
+_FASTEST = np.radians(2000.0)
+"""rad/s, the widest range of common gyroscopes"""
+
+_TILTING_HZ = 0.6
+"""below it a leg about its ankle tilts more against gravity than it accelerates"""
+
+_CLEARLY = 0.6
+"""correlation of gravity's turning in accelerometer and gyroscope above which their ratio counts"""
+
+_LONG_GAP = 0.1
+"""s; motion of 6 Hz cannot be interpolated over more"""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ImuRecording:
+    """Signals of one sensor, by its own clock, in its own frame."""
+
+    name: str
+    times: FloatArray
+    """(n,) s, by the sensor's clock; gaps are left out"""
+    angular_velocity: FloatArray
+    """(n, 3) rad/s"""
+    specific_force: FloatArray
+    """(n, 3) m/s^2, +9.80665 upwards at rest"""
+    notes: tuple[str, ...] = field(default=())
+    """what was found in the file: lost packets, gaps"""
+
+    def __post_init__(self) -> None:
+        times = increasing_times(f"times of sensor {self.name!r}", self.times)
+        object.__setattr__(self, "times", times)
+        for name in ("angular_velocity", "specific_force"):
+            values = frozen(f"{name} of sensor {self.name!r}", getattr(self, name), (len(times), 3))
+            if not np.isfinite(values).all():
+                row = int(np.argmin(np.isfinite(values).all(-1)))
+                raise LegsimError(
+                    f"{name} of sensor {self.name!r} is not a number at {times[row]:g} s; leave "
+                    "that sample out"
+                )
+            object.__setattr__(self, name, values)
+
+    def __repr__(self) -> str:
+        seconds = self.times[-1] - self.times[0]
+        return (
+            f"ImuRecording({self.name}: {len(self.times)} samples over {seconds:.4g} s, "
+            f"{self.rate_hz:.4g} Hz)"
+        )
+
+    @property
+    def rate_hz(self) -> float:
+        """Samples per second, by the median step."""
+        return 1.0 / float(np.median(np.diff(self.times)))
+
+    def named(self, name: str) -> "ImuRecording":
+        """The same recording under another name."""
+        return replace(self, name=name)
+
+    def without_bias(self, rate: ArrayLike, force: ArrayLike) -> "ImuRecording":
+        """The same samples less what the instruments read too much: (3,) rad/s and (3,) m/s^2."""
+        return replace(
+            self,
+            angular_velocity=self.angular_velocity - np.asarray(rate, float),
+            specific_force=self.specific_force - np.asarray(force, float),
+        )
+
+    def shifted(self, seconds: float) -> "ImuRecording":
+        """The same samples, ``seconds`` later."""
+        return replace(self, times=self.times + seconds)
+
+
+def check_plausible(recording: ImuRecording) -> None:
+    """Refuses signals in other units than m/s^2, rad/s and s, as far as a body can tell.
+
+    Raises:
+        LegsimError: the line names the quantity, what it reads and the fix.
+    """
+    where = f"sensor {recording.name!r}"
+    if len(recording.times) < 16:
+        raise LegsimError(
+            f"{where} has {len(recording.times)} samples; at least 16 are needed, record longer"
+        )
+    if not _RATES_HZ[0] <= recording.rate_hz <= _RATES_HZ[1]:
+        raise LegsimError(
+            f"{where} has {recording.rate_hz:.4g} samples per second, which no such sensor takes; "
+            "state the unit of the times (s, ms or us) or the rate"
+        )
+    _check_force(where, recording.specific_force)
+    _check_rate(where, recording)
+
+
+def _check_force(where: str, force: FloatArray) -> None:
+    magnitude = float(np.median(np.linalg.norm(force, axis=-1)))
+    if _AT_REST[0] <= magnitude <= _AT_REST[1]:
+        return
+    guesses = (
+        ("g", 1.0, "state its unit as g"),
+        ("mg", 1e3, "state its unit as mg"),
+        ("m/s2 multiplied by 9.81 once more", STANDARD_GRAVITY**2, "state its unit as m/s2"),
+        ("g read as mg", STANDARD_GRAVITY * 1e-3, "state its unit as g"),
+    )
+    for unit, at_rest, fix in guesses:
+        if 0.75 * at_rest <= magnitude <= 1.35 * at_rest:
+            raise LegsimError(
+                f"{where}: the acceleration's magnitude is {magnitude:.4g} in the median, not "
+                f"about 9.81 m/s2: it is {unit}; {fix}"
+            )
+    gone = (
+        "gravity was removed: export the calibrated acceleration with gravity in it"
+        if magnitude < 0.5 * STANDARD_GRAVITY
+        else "check unit and columns of the acceleration"
+    )
+    raise LegsimError(
+        f"{where}: the acceleration's magnitude is {magnitude:.4g} in the median, not about 9.81 "
+        f"m/s2; {gone}"
+    )
+
+
+def _check_rate(where: str, recording: ImuRecording) -> None:
+    rate = recording.angular_velocity
+    if not np.ptp(rate, axis=0).any():
+        raise LegsimError(f"{where}: the gyroscope reads one value throughout; check its columns")
+    fastest = float(np.linalg.norm(rate, axis=-1).max())
+    if fastest > _FASTEST:
+        raise LegsimError(
+            f"{where}: the angular velocity reaches {np.degrees(fastest):.4g} deg/s, beyond the "
+            "2000 deg/s of such sensors; state its unit as deg/s, or check its columns"
+        )
+    scale, correlation = gyroscope_scale(recording)
+    if correlation > _CLEARLY and not 0.1 < scale < 10:
+        unit = "rad/s" if scale > 10 else "deg/s"
+        raise LegsimError(
+            f"{where}: the accelerometer sees gravity turn {scale:.3g} times as fast as the "
+            f"gyroscope does; state the unit of the angular velocity as {unit}"
+        )
+
+
+def gyroscope_scale(recording: ImuRecording) -> tuple[float, float]:
+    """How fast gravity turns in the accelerometer over how fast it does by the gyroscope.
+
+    Slow turns of a leg tilt it more than they accelerate it: f' = -w x f. Returns the ratio, 1 for
+    signals in SI, and the correlation of the two sides, low where the sensor hardly tilts.
+    """
+    rate_hz = recording.rate_hz
+    times = np.arange(recording.times[0], recording.times[-1], 1 / rate_hz)
+    if len(times) < 64 or rate_hz < 4 * _TILTING_HZ:
+        return 1.0, 0.0
+    low = butter(2, [0.1, _TILTING_HZ], "bandpass", fs=rate_hz, output="sos")
+    rate, force = (
+        np.stack([np.interp(times, recording.times, values[:, k]) for k in range(3)], -1)
+        for values in (recording.angular_velocity, recording.specific_force)
+    )
+    gyroscope = sosfiltfilt(low, -np.cumsum(np.cross(rate, force), axis=0) / rate_hz, axis=0)
+    seen = sosfiltfilt(low, force, axis=0)
+    power, shared = float((gyroscope**2).sum()), float((gyroscope * seen).sum())
+    both = np.sqrt(power * float((seen**2).sum()))
+    return (shared / power, shared / both) if both > 0 else (1.0, 0.0)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class JoinedSignals:
+    """Several recordings as one set, with notes for the report."""
+
+    signals: ImuSignals
+    notes: tuple[str, ...]
+
+
+def join(recordings: Sequence[ImuRecording]) -> JoinedSignals:
+    """Joins recordings of one clock; samples are kept as they are where all have the same times.
+
+    Otherwise all are put on the times of the fastest, within what all cover, by cubic splines.
+
+    Raises:
+        LegsimError: no recording, names that repeat, recordings that do not overlap.
+    """
+    if not recordings:
+        raise LegsimError("there is no sensor to join; give at least one recording")
+    names = tuple(r.name for r in recordings)
+    fastest = max(recordings, key=lambda r: r.rate_hz)
+    if all(np.array_equal(r.times, fastest.times) for r in recordings):
+        times, notes = fastest.times, ()
+        sampled = [(r.angular_velocity, r.specific_force) for r in recordings]
+    else:
+        times = _shared_times(recordings, fastest)
+        sampled = [
+            tuple(_at(r, values, times) for values in (r.angular_velocity, r.specific_force))
+            for r in recordings
+        ]
+        notes = (
+            f"Sensors {', '.join(names)} sample at different times: put on those of "
+            f"{fastest.name} by cubic splines, {times[0]:g} to {times[-1]:g} s.",
+        )
+    rate, force = (np.stack([one[k] for one in sampled], 1) for k in range(2))
+    signals = ImuSignals(times, names, rate, force)
+    return JoinedSignals(signals, (*(n for r in recordings for n in r.notes), *notes))
+
+
+def _shared_times(recordings: Sequence[ImuRecording], fastest: ImuRecording) -> FloatArray:
+    first, last = max(r.times[0] for r in recordings), min(r.times[-1] for r in recordings)
+    times = fastest.times[(fastest.times >= first) & (fastest.times <= last)]
+    if len(times) < 16:
+        spans = ", ".join(f"{r.name} {r.times[0]:g} to {r.times[-1]:g} s" for r in recordings)
+        raise LegsimError(
+            f"the sensors do not overlap in time: {spans}; give each clock's offset "
+            "(clock_offset_s)"
+        )
+    return times
+
+
+def _at(recording: ImuRecording, values: FloatArray, times: FloatArray) -> FloatArray:
+    return make_interp_spline(recording.times, values, k=3)(times)
+
+
+def gap_note(name: str, times: FloatArray) -> tuple[str, ...]:
+    """Describes gaps in a sensor's times; nothing where there is none."""
+    steps = np.diff(times)
+    step = float(np.median(steps))
+    lost = np.rint(steps / step).astype(int) - 1
+    if not lost.any():
+        return ()
+    longest = int(np.argmax(steps))
+    advice = "; nothing is known of the motion within it" if steps[longest] > _LONG_GAP else ""
+    return (
+        f"Sensor {name}: {int(lost.sum())} of {len(times) + int(lost.sum())} samples are missing, "
+        f"the longest gap is {1e3 * steps[longest]:.0f} ms at {times[longest]:.3f} s{advice}.",
+    )

@@ -1,0 +1,162 @@
+"""Tables of the sensor catalogue: what is stated of each sensor, and what its errors cost."""
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from typing import Literal
+
+import numpy as np
+
+from legsim.imu.budget import BUDGET_TERMS, START_TILT, BudgetConditions, BudgetLine, PoseError
+from legsim.imu.catalogue import KEYS, CataloguedSensor, DataSheetValue
+from legsim.imu.errors import TERMS
+from legsim.report.page import Table
+
+UNKNOWN = "?"
+
+NOTE = (
+    f"{UNKNOWN}: the sensor's file has no value, of gyroscope or accelerometer where a number "
+    "stands before it; what is missing is not in the sum."
+)
+
+
+@dataclass(frozen=True, slots=True)
+class SensorBudget:
+    """A sensor and what its errors cost."""
+
+    key: str
+    """its name in settings"""
+    sensor: CataloguedSensor
+    lines: tuple[BudgetLine, ...]
+
+    def of(self, term: str) -> PoseError:
+        """Error of a term, gyroscope and accelerometer together."""
+        return PoseError.together([line.error for line in self.lines if line.term == term])
+
+    @property
+    def total(self) -> PoseError:
+        """Error of all terms together."""
+        return PoseError.together([line.error for line in self.lines])
+
+
+def catalogue_table(
+    budgets: Sequence[SensorBudget], what: Literal["translation", "rotation"]
+) -> Table:
+    """One row per sensor, one column per term: root mean square over the scan, in mm or degrees."""
+    unit, factor = ("mm", 1e3) if what == "translation" else ("degrees", float(np.degrees(1)))
+    terms = (*BUDGET_TERMS, START_TILT)
+    rows = []
+    for budget in budgets:
+        cells = [
+            _with_missing(budget, term, factor * getattr(budget.of(term), what)) for term in terms
+        ]
+        rows.append((budget.key, *cells, size(factor * getattr(budget.total, what))))
+    columns = ("sensor", *(term.replace("-", " ") for term in terms), "all")
+    caption = f"{what.capitalize()} error of dead reckoning ({unit}, root mean square over a scan)"
+    return Table(caption, columns, tuple(rows), NOTE)
+
+
+def _with_missing(budget: SensorBudget, term: str, value: float) -> str:
+    lacking = {v.triad for v in budget.sensor.values if v.value is None and _term_of(v) == term}
+    there = {t for t in KEYS if any(field in TERMS.get(term, ()) for field, _ in KEYS[t].values())}
+    if lacking and lacking == there:
+        return UNKNOWN
+    return size(value) + (f" {UNKNOWN}" if lacking else "")
+
+
+def _term_of(value: DataSheetValue) -> str | None:
+    field = KEYS[value.triad].get(value.key, ("", 1.0))[0]
+    return next((term for term, fields in TERMS.items() if field in fields), None)
+
+
+def budget_table(budget: SensorBudget) -> Table:
+    """One row per term and triad of one sensor, the greatest first."""
+    lines = sorted(budget.lines, key=lambda line: -line.error.translation)
+    rows = [(line.term, line.triad or "start", *_cells(line.error)) for line in lines]
+    rows.append(("all", "", *_cells(budget.total)))
+    columns = ("term", "of", "mm", "degrees", "mm at the end", "degrees at the end")
+    return Table(
+        f"Dead reckoning with the {budget.sensor.name}, root mean square over a scan",
+        columns,
+        tuple(rows),
+    )
+
+
+def _cells(error: PoseError) -> tuple[str, ...]:
+    return (
+        size(1e3 * error.translation),
+        size(float(np.degrees(error.rotation))),
+        size(1e3 * error.translation_at_end),
+        size(float(np.degrees(error.rotation_at_end))),
+    )
+
+
+def values_table(sensor: CataloguedSensor) -> Table:
+    """Every number of a sensor's file with its source, or why there is none."""
+    rows = [
+        (
+            f"{value.triad}.{value.key}",
+            UNKNOWN if value.value is None else f"{value.value:g}",
+            value.source,
+        )
+        for value in sensor.values
+    ]
+    return Table(
+        f"{sensor.maker} {sensor.name}: {sensor.about}", ("key", "value", "source"), tuple(rows)
+    )
+
+
+def records(budgets: Sequence[SensorBudget]) -> list[dict[str, str | float]]:
+    """Every line of the budgets in full precision, in SI units."""
+    return [
+        {
+            "sensor": budget.key,
+            "term": line.term,
+            "of": line.triad or "start",
+            **{f"{name}_{_UNITS[name]}": value for name, value in asdict(line.error).items()},
+        }
+        for budget in budgets
+        for line in budget.lines
+    ]
+
+
+_UNITS = {
+    "translation": "m",
+    "rotation": "rad",
+    "translation_at_end": "m",
+    "rotation_at_end": "rad",
+}
+
+
+def conditions_sentence(
+    given: BudgetConditions, *, seconds: float, rate_hz: float, sway: float
+) -> str:
+    """Describes what a budget is of; ``sway`` is in rad."""
+    calibrated = {
+        "none": (
+            f"no calibration before it, a start that is off by {np.degrees(given.start_tilt):g} "
+            "degrees about each horizontal axis"
+        ),
+        "rest": (
+            f"a rest of {given.calibration.seconds:g} s before it, which removes the gyroscope's "
+            "bias and levels the start"
+        ),
+        "six-positions": (
+            f"six positions of {given.calibration.seconds:g} s before it, which calibrate the "
+            "accelerometer, and a rest as long, which removes the gyroscope's bias and levels the "
+            "start"
+        ),
+    }[given.calibration.kind]
+    return (
+        f"A scan of {seconds:g} s at {rate_hz:g} samples per second, a sway of "
+        f"{np.degrees(sway):g} degrees, {given.temperature_change:g} K off the temperature of the "
+        f"calibration; {calibrated}."
+    )
+
+
+def size(value: float) -> str:
+    """Three digits of a number of any size; what rounding leaves of zero is zero."""
+    if value >= 1000:
+        return f"{value:.0f}"
+    if value < 1e-9:
+        return "0"
+    return f"{value:.3g}" if value >= 1e-4 else f"{value:.0e}"

@@ -1,0 +1,294 @@
+"""A measured scan from its SCAN.toml: the input of every method, without any truth."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from legsim.config import measured_scan
+from legsim.config.imu_file import ImuFileConfig, StartConfig
+from legsim.config.measured_scan import JointConfig, MeasuredGridConfig, MeasuredScanConfig
+from legsim.core import transforms
+from legsim.core.errors import LegsimError, file_error
+from legsim.correction import initialization
+from legsim.correction.control_points import AttachedPoint
+from legsim.correction.fiducials import FIDUCIAL_NAMES, Fiducials
+from legsim.correction.method import Scan
+from legsim.correction.standing_start import standing_start
+from legsim.geometry import image_files
+from legsim.geometry.cone_beam import ConeBeamGeometry
+from legsim.geometry.volume import VolumeGrid
+from legsim.imu import plausibility, recording, tables
+from legsim.imu.recording import JoinedSignals
+from legsim.imu.signals import ImuSignals, SensorStart
+from legsim.imu.strapdown import Scheme
+from legsim.run import imu_files, projection_files
+from legsim.run.imu_files import WornSensor
+
+_JOINTS = ("hip", "knee", "ankle")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MeasuredScan:
+    """A scan as a scanner and sensors recorded it."""
+
+    settings: MeasuredScanConfig
+    seen: Scan
+    """input of methods; its sensors are those with a start"""
+    grid: VolumeGrid
+    segments: dict[str, str]
+    """that carry the sensors, by their names; empty where unknown"""
+    left_out: tuple[str, ...]
+    """sensors without a start"""
+    inputs: tuple[Path, ...]
+    """all files that were read"""
+    notes: tuple[str, ...]
+    """what was found in them, for the report"""
+
+    def __repr__(self) -> str:
+        return f"MeasuredScan({self.seen!r}, {self.grid!r})"
+
+
+def load_measured_scan(path: Path | str) -> MeasuredScan:
+    """Reads a SCAN.toml and all files that it names.
+
+    Raises:
+        LegsimError: a file or value that cannot be used; the line names it and the fix.
+    """
+    path = Path(path)
+    return assemble(measured_scan.load(path), path.parent, path)
+
+
+def assemble(
+    settings: MeasuredScanConfig, folder: Path, described_by: Path | None = None
+) -> MeasuredScan:
+    """Reads all files that ``settings`` name, relative to ``folder``.
+
+    Errors are as those of :func:`load_measured_scan`.
+    """
+    where = str(described_by or "scan")
+    images, geometry_file = folder / settings.projections, folder / settings.geometry
+    sensors, sensor_files = _sensors(settings, folder)
+    geometry = _geometry(settings, folder, needs_times=bool(sensors))
+    started = [s for s in sensors if s.worn.start is not None]
+    joined = _joined(started, geometry)
+    found = [_start(s, joined.signals, geometry, settings.methods.scheme) for s in started]
+    starts = tuple(start for start, _ in found)
+    joints = _joints(settings.joints, joined.signals.sensor_names, where)
+    projections = image_files.load_projections(images, geometry)
+    more = [folder / name for name in (settings.view_times, settings.grid.like) if name]
+    more += [
+        s.folder / s.worn.start.fiducials
+        for s in started
+        if s.worn.start is not None and s.worn.start.fiducials
+    ]
+    more += [described_by] if described_by else []
+    return MeasuredScan(
+        settings,
+        Scan(projections, joined.signals, starts, joints),
+        grid_of(settings.grid, geometry, folder, where),
+        {s.recording.name: s.worn.segment for s in sensors},
+        tuple(s.recording.name for s in sensors if s.worn.start is None),
+        (images, geometry_file, *sensor_files, *more),
+        (
+            *joined.notes,
+            *(f"In doubt: {line}." for line in plausibility.objections(joined.signals)),
+            *(note for _, notes in found for note in notes),
+        ),
+    )
+
+
+def _geometry(settings: MeasuredScanConfig, folder: Path, *, needs_times: bool) -> ConeBeamGeometry:
+    path = folder / settings.geometry
+    geometry = projection_files.load_geometry(
+        folder / settings.projections,
+        path,
+        columns=settings.columns,
+        rows=settings.rows,
+        pixel_mm=settings.pixel_mm,
+    )
+    times_file = folder / settings.view_times if settings.view_times else None
+    timed = projection_files.with_times(geometry, path, settings.view_rate_hz, times_file)
+    if timed is None and needs_times:
+        raise file_error(
+            path,
+            "does not say when its views were taken",
+            "give view_rate_hz, or view_times, a file of one time in s per view",
+        )
+    return timed or geometry
+
+
+def _sensors(settings: MeasuredScanConfig, folder: Path) -> tuple[list[WornSensor], list[Path]]:
+    """All sensors, and the files that were read for them."""
+    found: list[WornSensor] = []
+    read: list[Path] = []
+    for entry in settings.imu:
+        if isinstance(entry, ImuFileConfig):
+            found += imu_files.load_configured(entry, folder)
+            read.append(folder / entry.file)
+        else:
+            worn = imu_files.load(folder / entry)
+            found += worn
+            read += [folder / entry, *(one.file for one in worn)]
+    return found, list(dict.fromkeys(read))
+
+
+def _joined(sensors: Sequence[WornSensor], geometry: ConeBeamGeometry) -> JoinedSignals:
+    """The signals of all sensors by the views' clock; none where no sensor has a start."""
+    if not sensors:
+        none = np.zeros((len(geometry), 0, 3))
+        return JoinedSignals(ImuSignals(geometry.times, (), none, none), ())
+    joined = recording.join([s.recording for s in sensors])
+    views, times = geometry.times, joined.signals.times
+    if views[0] < times[0] - 1e-9 or views[-1] > times[-1] + 1e-9:
+        names = ", ".join(joined.signals.sensor_names)
+        raise LegsimError(
+            f"the views are from {views[0]:g} to {views[-1]:g} s, sensors {names} recorded "
+            f"{times[0]:g} to {times[-1]:g} s by the views' clock; give clock_offset_s (sensors' "
+            "clock minus the views')"
+        )
+    return joined
+
+
+def _start(
+    sensor: WornSensor, signals: ImuSignals, geometry: ConeBeamGeometry, scheme: Scheme
+) -> tuple[SensorStart, tuple[str, ...]]:
+    """Pose and velocity of a sensor at the first view, and sentences on how they are known."""
+    name, given = sensor.recording.name, sensor.worn.start
+    assert given is not None  # only sensors with one are asked for
+    try:
+        if given.fiducials:
+            pixels = load_fiducials(sensor.folder / given.fiducials)
+            fiducials = Fiducials(1e-3 * given.axis_length_mm)
+            found = initialization.start_from_fiducials(
+                signals,
+                name,
+                geometry,
+                pixels,
+                fiducials,
+                scheme=scheme,
+                detector=given.detector,
+            )
+            return found.start, (initialization.conditioning(name, found),)
+        pose = _pose(given)
+        if given.known == "exactly":
+            return SensorStart(pose, 1e-3 * np.array(given.velocity_mm_s)), ()
+        stands = standing_start(signals, name, pose, geometry.times, scheme=scheme)
+    except LegsimError as error:
+        raise LegsimError(f"start of sensor {name}: {error}") from error
+    return stands.start, _on_standing(name, given, stands.tilted, stands.vertical_acceleration)
+
+
+def _on_standing(name: str, given: StartConfig, tilted: float, vertical: float) -> tuple[str, ...]:
+    heading = np.radians(given.heading_sd_deg)
+    return (
+        f"Sensor {name} starts such that its person stays in place over the scan: turned by "
+        f"{np.degrees(tilted):.2f} deg against the given pose; {vertical / 9.80665e-3:.1f} mg are "
+        "left along the vertical, an error of the accelerometer.",
+        f"Sensor {name}: its turn about the vertical is known to {given.heading_sd_deg:g} deg, "
+        f"which turns all horizontal motion by as much ({100 * heading:.1f} % of it), its place to "
+        f"{given.position_sd_mm:g} mm, which moves what is turned by 1 deg by "
+        f"{given.position_sd_mm * np.radians(1):.2g} mm.",
+    )
+
+
+def _pose(given: StartConfig) -> np.ndarray:
+    """World_from_sensor (4, 4) of a stated pose."""
+    if given.rotation is not None:
+        rotation = np.array(given.rotation)
+    else:
+        rotation = transforms.rotation_from_vector(np.radians(given.rotation_deg or (0, 0, 0)))
+    return transforms.rigid(rotation, 1e-3 * np.array(given.position_mm))
+
+
+def load_fiducials(path: Path) -> np.ndarray:
+    """Reads pixels (k, 4, 2) of a CSV ``view,point,u,v``: four points in each of the first views.
+
+    Points are origin, x, y and z; views count from 0.
+
+    Raises:
+        LegsimError: missing columns, points or views.
+    """
+    rows = tables.read_rows(path, ("view", "point", "u", "v"))
+    seen: dict[tuple[int, str], tuple[float, float]] = {}
+    for number, (view, point, u, v) in rows:
+        try:
+            key, pixel = (int(view), point.lower()), (float(u), float(v))
+        except ValueError:
+            raise file_error(
+                path, f"{view}, {u} or {v} is not a number", "correct it", place=f"line {number}"
+            ) from None
+        if point.lower() not in FIDUCIAL_NAMES or key in seen:
+            raise file_error(
+                path,
+                f"point {point!r} of view {view} is unknown or there twice",
+                f"name the points {', '.join(FIDUCIAL_NAMES)}",
+                place=f"line {number}",
+            )
+        seen[key] = pixel
+    count = 1 + max(view for view, _ in seen)
+    missing = [(k, name) for k in range(count) for name in FIDUCIAL_NAMES if (k, name) not in seen]
+    if missing:
+        raise file_error(
+            path,
+            f"lacks point {missing[0][1]!r} of view {missing[0][0]}",
+            "give all four points of consecutive views from 0",
+        )
+    return np.array([[seen[k, name] for name in FIDUCIAL_NAMES] for k in range(count)])
+
+
+def _joints(
+    given: Sequence[JointConfig], sensors: Sequence[str], where: str
+) -> tuple[tuple[AttachedPoint, ...], ...]:
+    """Points of each leg, hip, knee and ankle first, as the non-rigid methods take them."""
+    known = {joint.name: joint for joint in given}
+    if len(known) < len(given):
+        raise LegsimError(f"{where}: a joint is there twice; keep one of each name")
+    for joint in given:
+        if joint.sensor not in sensors:
+            have = ", ".join(sensors) or "none"
+            raise LegsimError(
+                f"{where} (joints): {joint.name} is on {joint.sensor!r}, which has no start; "
+                f"sensors with one: {have}"
+            )
+    legs = []
+    for side in dict.fromkeys(joint.name[-1:] for joint in given):
+        own = [f"{joint}_{side}" for joint in _JOINTS]
+        lacking = [name for name in own if name not in known]
+        if lacking:
+            raise LegsimError(
+                f"{where} (joints): {lacking[0]} is missing; a leg needs {', '.join(own)}"
+            )
+        names = own + [n for n in known if n.endswith(f"_{side}") and n not in own]
+        points = [(known[n].sensor, 1e-3 * np.array(known[n].position_mm)) for n in names]
+        legs.append(tuple(AttachedPoint(sensor, place) for sensor, place in points))
+    return tuple(legs)
+
+
+def grid_of(
+    given: MeasuredGridConfig, geometry: ConeBeamGeometry, folder: Path, where: str
+) -> VolumeGrid:
+    """The grid of the volumes.
+
+    Raises:
+        LegsimError: neither a volume nor shape and spacing are given, or both.
+    """
+    numbers = (given.shape_zyx, given.spacing_mm, given.center_mm)
+    if given.like:
+        if any(n is not None for n in numbers):
+            raise LegsimError(f"{where} (grid): like already says the grid; leave out the numbers")
+        return image_files.read_header(folder / given.like).grid()
+    if given.shape_zyx is None or given.spacing_mm is None:
+        raise LegsimError(
+            f"{where} (grid): which grid? give like = a volume, or shape_zyx and spacing_mm"
+        )
+    center = (
+        geometry.rotation_center() if given.center_mm is None else 1e-3 * np.array(given.center_mm)
+    )
+    x, y, z = given.spacing_mm
+    return VolumeGrid(
+        given.shape_zyx,
+        (1e-3 * x, 1e-3 * y, 1e-3 * z),
+        (float(center[0]), float(center[1]), float(center[2])),
+    )

@@ -1,0 +1,79 @@
+"""`legsim convert` of volumes: formats, DICOM series, and what is refused."""
+
+import numpy as np
+import pytest
+import SimpleITK as sitk
+
+from legsim.cli import main as cli_main
+from legsim.cli import volume_stages
+from legsim.core.errors import LegsimError
+from legsim.geometry import image_files
+from legsim.geometry.volume import Volume, VolumeGrid
+from legsim.phantom import materials
+
+
+@pytest.fixture
+def volume(tmp_path, rng):
+    grid = VolumeGrid((5, 7, 6), (0.7e-3, 0.9e-3, 1.1e-3), (0.1, 0.45, -0.083))
+    made = Volume(grid, rng.uniform(0, 60, grid.shape_zyx).astype(np.float32))
+    image_files.save_volume(tmp_path / "v.mha", made)
+    return made
+
+
+def run(capsys, *arguments):
+    with pytest.raises(SystemExit) as caught:
+        cli_main.main([str(argument) for argument in arguments])
+    output = capsys.readouterr()
+    return caught.value.code, " ".join((output.out + output.err).split())
+
+
+def test_a_volume_without_directions_gets_them(tmp_path, volume, capsys):
+    """A patient's image along ITK's axes, which looks like one without directions."""
+    image = sitk.DICOMOrient(sitk.ReadImage(str(tmp_path / "v.mha")), "LPS")
+    sitk.WriteImage(image, str(tmp_path / "lps.nrrd"))
+    code, shown = run(
+        capsys, "convert", tmp_path / "lps.nrrd", "--axes", "lps", "--out", tmp_path / "w.nii.gz"
+    )
+    assert code == 0
+    assert "6x7x5 voxels (x, y, z)" in shown
+    again = image_files.load_volume(tmp_path / "w.nii.gz")
+    assert again.grid.alike(volume.grid)
+    np.testing.assert_allclose(again.attenuation, volume.attenuation, rtol=1e-6)
+
+
+def test_a_folder_gets_a_series_in_hounsfield_units(tmp_path, volume, capsys):
+    pytest.importorskip("pydicom")
+    code, shown = run(capsys, "convert", tmp_path / "v.mha", "--out", tmp_path / "ct")
+    assert code == 0
+    assert "(at 60 keV)" in shown
+    assert "7 axial slices" in shown
+    reader = sitk.ImageSeriesReader()
+    reader.SetFileNames(reader.GetGDCMSeriesFileNames(str(tmp_path / "ct")))
+    found = sitk.GetArrayFromImage(reader.Execute())
+    expected = 1000 * (volume.attenuation / materials.attenuation("water", 60.0) - 1)
+    np.testing.assert_allclose(found, expected[::-1, :, ::-1].transpose(1, 2, 0), atol=0.51)
+    code, shown = run(
+        capsys, "convert", tmp_path / "v.mha", "--water-per-mm", "0.02", "--out", tmp_path / "ct2"
+    )
+    assert (code, "water at 0.02/mm (as given)" in shown) == (0, True)
+
+
+@pytest.mark.parametrize(
+    ("options", "out", "message"),
+    [
+        ({"energy_kev": 50.0}, "w.nii", "of DICOM series only"),
+        ({}, "w.png", "not written in this format"),
+        ({"energy_kev": 50.0, "water_per_mm": 0.02}, "ct", "give one"),
+    ],
+)
+def test_options_and_formats_that_cannot_be_are_refused(tmp_path, volume, options, out, message):
+    with pytest.raises(LegsimError, match=message):
+        volume_stages.convert_volume(tmp_path / "v.mha", tmp_path / out, **options)
+
+
+def test_options_of_recordings_do_not_apply(tmp_path, volume, capsys):
+    code, shown = run(capsys, "convert", tmp_path / "v.mha", "--unit", "mm", "--out", "w.nii")
+    assert (code, "a volume, to which --unit cannot apply" in shown) == (1, True)
+    (tmp_path / "a.csv").write_text("time_s,knee_angle_r_rad\n0,0.1\n0.1,0.2\n")
+    code, shown = run(capsys, "convert", tmp_path / "a.csv", "--axes", "lps", "--out", "b.mot")
+    assert (code, "a recording, to which --axes cannot apply" in shown) == (1, True)

@@ -1,0 +1,171 @@
+"""Projections of other programs: the same views from every format, and what is refused."""
+
+import numpy as np
+import pytest
+import SimpleITK as sitk
+import tifffile
+
+from legsim.core.errors import LegsimError
+from legsim.geometry import image_files, projection_images
+from legsim.geometry.projection_images import RawLayout, read_images, read_projections
+from tests.geometry.test_files import circular
+
+SHAPE = (5, 48, 62)
+
+
+def counted(rng) -> np.ndarray:
+    return rng.integers(100, 60000, SHAPE).astype(np.uint16)
+
+
+def as_mha(path, values):
+    image = sitk.GetImageFromArray(values)
+    image.SetSpacing((0.4, 0.3, 1.0))
+    image.SetOrigin((-3.0, -2.0, 0.0))
+    sitk.WriteImage(image, str(path / "p.mha"))
+    return path / "p.mha"
+
+
+def as_folder(path, values):
+    for k, view in enumerate(values):
+        tifffile.imwrite(path / f"view_{8 + k}.tif", view)
+    return path
+
+
+def as_pattern(path, values):
+    (path / "readme.tif").write_text("no view")
+    return as_folder(path, values) / "view_*.tif"
+
+
+def as_stack(path, values):
+    tifffile.imwrite(path / "p.tiff", values)
+    return path / "p.tiff"
+
+
+def as_npy(path, values):
+    np.save(path / "p.npy", values)
+    return path / "p.npy"
+
+
+def as_png(path, values):
+    for k, view in enumerate(values):
+        sitk.WriteImage(sitk.GetImageFromArray(view), str(path / f"view_{k}.png"))
+    return path
+
+
+@pytest.mark.parametrize("write", [as_mha, as_folder, as_pattern, as_stack, as_npy, as_png])
+def test_every_format_gives_the_same_views(tmp_path, rng, write):
+    values = counted(rng)
+    found = read_images(write(tmp_path, values))
+    np.testing.assert_array_equal(found.values, values)
+    assert found.values.dtype == np.uint16
+    stated = write is as_mha
+    assert found.pixel_mm == (pytest.approx((0.4, 0.3)) if stated else None)
+    assert found.origin_mm == (pytest.approx((-3.0, -2.0)) if stated else None)
+
+
+@pytest.mark.parametrize(
+    "layout", ["U16:62x48x5", "u16be:62x48x5:12", "F32:62x48x5:7", "I32LE:62x48x5"]
+)
+def test_raw_numbers_by_their_layout(tmp_path, rng, layout):
+    raw = RawLayout.parsed(layout)
+    values = counted(rng) // 2
+    content = b"x" * raw.offset + values.astype(raw.dtype).tobytes()
+    (tmp_path / "p.raw").write_bytes(content)
+    np.testing.assert_array_equal(read_images(tmp_path / "p.raw", raw=raw).values, values)
+    (tmp_path / "p.raw").write_bytes(content + b"y")
+    with pytest.raises(LegsimError, match="bytes, but 62x48x5 numbers"):
+        read_images(tmp_path / "p.raw", raw=raw)
+    with pytest.raises(LegsimError, match="say their layout"):
+        read_images(tmp_path / "p.raw")
+
+
+@pytest.mark.parametrize(
+    "text", ["U16", "U12:1x1x1", "F8:1x1x1", "U16:0x1x1", "U16:1x1", "U16:1x1x1:-2"]
+)
+def test_no_layout_is_refused(text):
+    with pytest.raises(LegsimError, match="is no layout; give type"):
+        RawLayout.parsed(text)
+
+
+def test_a_header_without_spacing_says_none(tmp_path, rng):
+    path = as_mha(tmp_path, counted(rng))
+    content = path.read_bytes()
+    lines = [
+        line for line in content.split(b"\n", 11) if not line.startswith((b"ElementSp", b"Offset"))
+    ]
+    path.write_bytes(b"\n".join(lines))
+    found = read_images(path)
+    assert (found.pixel_mm, found.origin_mm) == (None, None)
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("a.his", "rtkprojections"),
+        ("a.vff", "export the views"),
+        ("a.h5", "save the views as"),
+        ("a.raw", "--raw"),
+    ],
+)
+def test_formats_of_vendors_are_refused_with_what_to_do(tmp_path, name, message):
+    (tmp_path / name).write_bytes(b"0" * 200)
+    with pytest.raises(LegsimError, match=message):
+        read_images(tmp_path / name)
+
+
+def test_files_of_other_sizes_are_named(tmp_path, rng):
+    as_folder(tmp_path, counted(rng))
+    tifffile.imwrite(tmp_path / "view_10.tif", np.zeros((4, 4), np.uint16))
+    with pytest.raises(LegsimError, match=r"view_10\.tif: has \(4, 4\) columns and rows"):
+        read_images(tmp_path)
+
+
+def test_counts_become_line_integrals_by_what_is_given(tmp_path):
+    geometry = circular()
+    expected = np.zeros(SHAPE, np.float32)
+    expected[:, 10:30, 20:40] = 1.5
+    as_folder(tmp_path, np.rint(5e4 * np.exp(-expected)).astype(np.uint16))
+    pattern = tmp_path / "view_*.tif"
+    with pytest.raises(LegsimError, match=r"view_\*\.tif: holds whole numbers"):
+        read_projections(pattern, geometry)
+    tifffile.imwrite(
+        tmp_path / "flat.tif", np.full((3, 48, 62), 5e4, np.float32), photometric="minisblack"
+    )
+    np.save(tmp_path / "bad.npy", np.eye(48, 62, dtype=bool))
+    for given in (
+        {"i0": 5e4},
+        {"air": "0:10,0:48"},
+        {"flat": tmp_path / "flat.tif", "bad": tmp_path / "bad.npy"},
+    ):
+        counts = projection_images.read_counts(**given)
+        projections, notes = read_projections(pattern, geometry, counts=counts)
+        away = np.abs(projections.line_integrals - expected)
+        assert np.sort(away, axis=None)[:-200].max() < 1e-4
+        assert ("bad" in given) == bool(notes)
+    turned, _ = read_projections(pattern, geometry, counts=counts, turn_rows=True)
+    np.testing.assert_array_equal(turned.line_integrals, projections.line_integrals[:, ::-1])
+    assert projection_images.read_counts() is None
+
+
+def test_whole_numbers_are_line_integrals_only_on_request(tmp_path):
+    path = as_npy(tmp_path, np.full(SHAPE, 25, np.int16))
+    with pytest.raises(LegsimError, match="holds whole numbers"):
+        read_projections(path, circular())
+    projections, _ = read_projections(path, circular(), line_integrals=True)
+    assert (projections.line_integrals == 25).all()
+    with pytest.raises(LegsimError, match="say one of the two"):
+        counts = projection_images.read_counts(i0=30.0)
+        read_projections(path, circular(), counts=counts, line_integrals=True)
+    sitk.WriteImage(sitk.GetImageFromArray(np.ones(SHAPE, np.int16)), str(tmp_path / "p.mha"))
+    with pytest.raises(LegsimError, match="holds whole numbers"):
+        image_files.load_projections(tmp_path / "p.mha", circular())
+
+
+def test_other_sizes_than_the_geometrys_and_odd_numbers_are_refused(tmp_path):
+    path = as_npy(tmp_path, np.zeros((5, 48, 61), np.float32))
+    with pytest.raises(LegsimError, match=r"holds \(61, 48, 5\) columns, rows and views"):
+        read_projections(path, circular())
+    values = np.zeros(SHAPE, np.float32)
+    values[3, 2, 1] = np.nan
+    with pytest.raises(LegsimError, match=r"\(view 3\): holds values that are not finite"):
+        read_projections(as_npy(tmp_path, values), circular())

@@ -1,0 +1,82 @@
+"""A scan from two files: whose pixel size counts, and where RTK's geometry puts the pixels."""
+
+import numpy as np
+import pytest
+import SimpleITK as sitk
+
+from legsim.core.errors import LegsimError
+from legsim.geometry import files
+from legsim.geometry.scan_files import read_scan
+from tests.geometry.test_files import circular
+
+
+@pytest.fixture
+def images(tmp_path, rng):
+    np.save(tmp_path / "p.npy", rng.uniform(0, 3, (5, 48, 62)).astype(np.float32))
+    return tmp_path / "p.npy"
+
+
+@pytest.mark.parametrize(
+    ("format", "given"),
+    [
+        ("legsim", {}),
+        ("rtk", {}),
+        ("matrices", {"pixel_mm": 0.616}),
+        ("astra", {}),
+        ("tigre", {}),
+        ("conrad", {}),
+        ("projtable", {"pixel_mm": 0.616}),
+    ],
+)
+def test_every_geometry_places_the_images(tmp_path, images, format, given):
+    path = tmp_path / f"g{files.FORMATS[format][0]}"
+    files.save_geometry(path, circular(), format=format)
+    scan = read_scan(images, path, **given)
+    point = np.array([[0.01, 0.02, -0.03]])
+    expected = circular().project(point)[0]
+    np.testing.assert_allclose(scan.geometry.project(point)[0], expected, atol=1e-6)
+    np.testing.assert_array_equal(scan.projections.line_integrals, np.load(images))
+    assert scan.geometry.pixel_pitch == pytest.approx(0.616e-3)
+
+
+def test_rtks_pixels_start_at_the_origin(tmp_path, images):
+    files.save_geometry(tmp_path / "g.xml", circular())
+    centered = read_scan(images, tmp_path / "g.xml")
+    assert "do not say where they start" in centered.notes[0]
+    origin = (-30.5 * 0.616 + 1.232, -23.5 * 0.616)
+    shifted = read_scan(images, tmp_path / "g.xml", origin_mm=origin)
+    moved = (
+        shifted.geometry.project(np.zeros((1, 3)))[0]
+        - centered.geometry.project(np.zeros((1, 3)))[0]
+    )
+    np.testing.assert_allclose(moved[:, 0], np.tile([-2.0, 0.0], (5, 1)), atol=1e-9)
+    assert not shifted.notes
+    corner = read_scan(images, tmp_path / "g.xml", origin_mm=(0.0, 0.0))
+    assert "49 % of their size from where a centered detector does" in corner.notes[0]
+
+
+def test_an_origin_is_refused_where_matrices_place_the_pixels(tmp_path, images):
+    files.save_geometry(tmp_path / "g.json", circular())
+    with pytest.raises(LegsimError, match="an origin places pixels for RTK's geometries only"):
+        read_scan(images, tmp_path / "g.json", origin_mm=(0.0, 0.0))
+
+
+def test_a_headers_spacing_does_not_overrule_the_geometry(tmp_path, images):
+    """Many programs write 1 mm where they know nothing."""
+    sitk.WriteImage(sitk.GetImageFromArray(np.load(images)), str(tmp_path / "p.mha"))
+    files.save_geometry(tmp_path / "g.json", circular())
+    scan = read_scan(tmp_path / "p.mha", tmp_path / "g.json")
+    assert scan.geometry.pixel_pitch == pytest.approx(0.616e-3)
+    with pytest.raises(LegsimError, match=r"says pixels of 0\.616 mm, not 1"):
+        read_scan(tmp_path / "p.mha", tmp_path / "g.json", pixel_mm=1.0)
+
+
+def test_pixels_that_nobody_knows_are_asked_for(tmp_path, images):
+    files.save_geometry(tmp_path / "g.xml", circular())
+    text = (tmp_path / "g.xml").read_text()
+    (tmp_path / "g.xml").write_text(
+        "\n".join(line for line in text.splitlines() if "legsim" not in line)
+    )
+    with pytest.raises(LegsimError, match="does not say how large the detector and its pixels are"):
+        read_scan(images, tmp_path / "g.xml")
+    assert read_scan(images, tmp_path / "g.xml", pixel_mm=0.616).geometry.shape_vu == (48, 62)

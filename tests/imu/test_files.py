@@ -1,0 +1,163 @@
+"""Files of sensors give what the sensors recorded, in SI."""
+
+import numpy as np
+import pytest
+
+from legsim.core.errors import LegsimError
+from legsim.imu.files import load_imu, load_recordings, load_rest, save_imu, save_rest
+from legsim.imu.signals import ImuSignals
+from tests.examples.sensors import still
+
+XSENS = """// Start Time: Unknown
+// Update Rate: 100.0Hz
+// Firmware Version: 4.3.4
+PacketCounter,SampleTimeFine,Acc_X,Acc_Y,Acc_Z,Gyr_X,Gyr_Y,Gyr_Z
+"""
+
+
+def xsens(path, recording, counter):
+    """An export of Xsens with these packet numbers."""
+    rows = np.column_stack([recording.specific_force, recording.angular_velocity]).tolist()
+    lines = [f"{c:.0f},,{','.join(map(repr, row))}" for c, row in zip(counter, rows, strict=True)]
+    path.write_text(XSENS + "\n".join(lines) + "\n")
+    return path
+
+
+def test_imu_signals_survive_the_file_to_the_last_bit(tmp_path, rng):
+    signals = ImuSignals(
+        np.sort(rng.random(20)),
+        ("shank_l", "thigh_l"),
+        rng.normal(size=(20, 2, 3)),
+        rng.normal(size=(20, 2, 3)),
+    )
+    save_imu(tmp_path / "imu.csv", signals)
+    loaded = load_imu(tmp_path / "imu.csv")
+    assert loaded.sensor_names == signals.sensor_names
+    for name in ("times", "angular_velocity", "specific_force"):
+        np.testing.assert_array_equal(getattr(loaded, name), getattr(signals, name))
+
+
+def test_imu_table_has_the_columns_that_were_promised(tmp_path):
+    signals = ImuSignals(np.arange(2.0), ("s",), np.zeros((2, 1, 3)), np.ones((2, 1, 3)))
+    save_imu(tmp_path / "imu.csv", signals)
+    first, second, _ = (tmp_path / "imu.csv").read_text().splitlines()
+    assert first == "time_s,s_ax_m_s2,s_ay_m_s2,s_az_m_s2,s_gx_rad_s,s_gy_rad_s,s_gz_rad_s"
+    assert second == "0.0,1.0,1.0,1.0,0.0,0.0,0.0"
+
+
+def test_an_exported_imu_csv_is_read_back_to_the_last_bit(tmp_path):
+    one = still(count=50, rate_hz=120.0)
+    signals = ImuSignals(
+        one.times, ("a_b",), one.angular_velocity[:, None], one.specific_force[:, None]
+    )
+    save_imu(tmp_path / "imu.csv", signals)
+    (read,) = load_recordings(tmp_path / "imu.csv")
+    assert read.name == "a_b"
+    np.testing.assert_array_equal(read.times, signals.times)
+    np.testing.assert_array_equal(read.angular_velocity, one.angular_velocity)
+    np.testing.assert_array_equal(read.specific_force, one.specific_force)
+
+
+def test_lost_packets_of_a_counter_that_wraps_leave_a_gap(tmp_path):
+    one = still(count=60)
+    sent = np.delete(np.arange(65520, 65520 + 63), [20, 21, 22]) % 65536  # around the wrap too
+    (read,) = load_recordings(xsens(tmp_path / "shank.txt", one, sent))
+    assert read.name == "shank"
+    np.testing.assert_allclose(read.times[[0, 19, 20, -1]], [0, 0.19, 0.23, 0.62], atol=1e-12)
+    np.testing.assert_array_equal(read.specific_force, one.specific_force)
+    assert "3 of 63 samples are missing, the longest gap is 40 ms at 0.190 s" in read.notes[0]
+
+
+def test_the_real_sensors_are_read(shared_data):
+    (read,) = load_recordings(shared_data / "imu/standing_shank_l.txt")
+    assert len(read.times) == 1100
+    assert read.rate_hz == pytest.approx(100)
+    assert np.linalg.norm(read.specific_force, axis=-1).mean() == pytest.approx(9.885, abs=2e-3)
+    assert read.notes == ()
+
+
+@pytest.mark.parametrize(
+    ("unit", "factor", "said"), [("g", 1 / 9.80665, "state its unit as g"), ("", 0.01, "gravity")]
+)
+def test_an_acceleration_in_another_unit_is_refused_with_the_fix(tmp_path, unit, factor, said):
+    one = still(count=60)
+    wrong = type(one)(one.name, one.times, one.angular_velocity, factor * one.specific_force)
+    with pytest.raises(LegsimError, match=rf"shank.txt: sensor 'shank'.* not about 9.81.*{said}"):
+        load_recordings(xsens(tmp_path / "shank.txt", wrong, np.arange(60)))
+
+
+def test_a_stated_unit_is_converted(tmp_path):
+    one = still(count=60)
+    other = type(one)(
+        one.name, one.times, np.degrees(one.angular_velocity), one.specific_force / 9.80665
+    )
+    path = xsens(tmp_path / "shank.txt", other, np.arange(60))
+    (read,) = load_recordings(path, acceleration_unit="g", angular_velocity_unit="deg/s")
+    np.testing.assert_allclose(read.specific_force, one.specific_force, rtol=1e-14)
+    np.testing.assert_allclose(read.angular_velocity, one.angular_velocity, rtol=1e-14)
+
+
+def sto(path, recording, which):
+    """A table of vectors as OpenSim's readers of sensors write it."""
+    values = recording.specific_force if which == "force" else recording.angular_velocity
+    rows = [
+        f"{t!r}\t{','.join(map(repr, row))}"
+        for t, row in zip(recording.times.tolist(), values.tolist(), strict=True)
+    ]
+    head = "DataRate=100.0\nDataType=Vec3\nversion=3\nendheader\ntime\ttibia_l_imu\n"
+    path.write_text(head + "\n".join(rows) + "\n")
+
+
+def test_opensims_two_tables_of_vectors_are_one_sensor(tmp_path):
+    one = still(count=40)
+    sto(tmp_path / "trial_linearAccelerations.sto", one, "force")
+    with pytest.raises(LegsimError, match=r"trial_angularVelocity.sto is not beside it"):
+        load_recordings(tmp_path / "trial_linearAccelerations.sto")
+    sto(tmp_path / "trial_angularVelocity.sto", one, "rate")
+    for name in ("linearAccelerations", "angularVelocity"):
+        (read,) = load_recordings(tmp_path / f"trial_{name}.sto")
+        assert read.name == "tibia_l"
+        np.testing.assert_array_equal(read.specific_force, one.specific_force)
+        np.testing.assert_array_equal(read.angular_velocity, one.angular_velocity)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("a,b\n1,2\n", "describe its columns in a small TOML"),
+        ("// x\nPacketCounter,Acc_X,Acc_Y,Acc_Z,Gyr_X,Gyr_Y,Gyr_Z\n1,1,1,1,1,1,1\n", "rate_hz"),
+        ("// Update Rate: 9Hz\nPacketCounter,Acc_X,Acc_Y\n1,1,1\n", "'Acc_Z'.*has PacketCounter"),
+    ],
+)
+def test_what_a_file_lacks_is_named(tmp_path, text, said):
+    (tmp_path / "x.txt").write_text(text)
+    with pytest.raises(LegsimError, match=said):
+        load_recordings(tmp_path / "x.txt")
+
+
+def test_a_table_of_orientations_is_refused(tmp_path):
+    (tmp_path / "x_orientations.sto").write_text("DataType=Quaternion\nendheader\ntime\ta\n")
+    with pytest.raises(LegsimError, match=r"DataType=Quaternion; give accelerations"):
+        load_recordings(tmp_path / "x_orientations.sto")
+
+
+def test_the_real_gyroscope_in_the_wrong_unit_is_refused(shared_data):
+    path = shared_data / "imu/standing_shank_l.txt"
+    with pytest.raises(LegsimError, match=r"gravity turn .* as fast .* as rad/s"):
+        load_recordings(path, angular_velocity_unit="deg/s")
+
+
+def test_lost_samples_and_names_with_commas_survive_the_file(tmp_path, rng):
+    rate, force = rng.normal(size=(2, 5, 2, 3))
+    rate[2, 0], force[2, 0] = np.nan, np.nan
+    rest = rng.normal(size=(2, 3))
+    signals = ImuSignals(np.arange(5.0), ("a/b, c", "ü"), rate, force, rest_force=rest)
+    save_imu(tmp_path / "imu.csv", signals)
+    save_rest(tmp_path / "rest.csv", signals)
+    loaded = load_imu(tmp_path / "imu.csv")
+    assert loaded.sensor_names == signals.sensor_names
+    np.testing.assert_array_equal(loaded.specific_force, force)
+    np.testing.assert_array_equal(loaded.samples("a/b, c")[0], [0, 1, 3, 4])
+    np.testing.assert_array_equal(load_rest(tmp_path / "rest.csv", ("ü", "a/b, c")), rest[::-1])
+    with pytest.raises(LegsimError, match="lacks a sensor"):
+        load_rest(tmp_path / "rest.csv", ("other",))

@@ -1,0 +1,33 @@
+"""Packets are counted across the wrap of their counter."""
+
+import numpy as np
+import pytest
+
+from legsim.core.errors import LegsimError
+from legsim.imu.packets import unwrapped
+
+
+@pytest.mark.parametrize("period", [256, 65536])
+def test_any_losses_are_found_across_many_wraps(rng, period):
+    sent = np.cumsum(rng.integers(1, period // 3, size=400))
+    np.testing.assert_array_equal(unwrapped(sent % period, period), sent - sent[0])
+
+
+def test_the_period_is_found():
+    sent = np.arange(65500, 65600)
+    np.testing.assert_array_equal(unwrapped(sent % 65536), np.arange(100))
+    np.testing.assert_array_equal(unwrapped(np.arange(200, 300) % 256), np.arange(100))
+
+
+@pytest.mark.parametrize(
+    ("counter", "said"),
+    [
+        ([1, 2, 2, 3], "packet 2 is there twice .samples 1 and 2."),
+        ([1, 3, 2, 4], "packet 2 .sample 2. comes after packet 3"),
+        ([1, 2.5], "no whole numbers"),
+        ([70000, 1], "70000, beyond its period of 65536"),
+    ],
+)
+def test_what_is_no_count_is_refused(counter, said):
+    with pytest.raises(LegsimError, match=said):
+        unwrapped(counter, 65536)

@@ -1,0 +1,89 @@
+"""Units that cannot be are refused; recordings of one clock become one set."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from legsim.core.errors import LegsimError
+from legsim.imu.recording import ImuRecording, check_plausible, gyroscope_scale, join
+from tests.examples.sensors import still, swaying
+
+
+def test_gravity_turns_as_fast_in_both_instruments_of_a_sensor_in_si():
+    scale, correlation = gyroscope_scale(swaying())
+    assert scale == pytest.approx(1, abs=0.02)  # small angles, and the filter's ends
+    assert correlation > 0.98
+    check_plausible(swaying())
+
+
+@pytest.mark.parametrize(
+    ("factor", "said"),
+    [(np.pi / 180, "as rad/s"), (180 / np.pi, "as deg/s")],
+    ids=["radians read as degrees", "degrees read as radians"],
+)
+def test_a_gyroscope_in_the_other_unit_is_refused_by_how_gravity_turns(factor, said):
+    one = swaying()
+    with pytest.raises(LegsimError, match=f"gravity turn .*{said}"):
+        check_plausible(replace(one, angular_velocity=factor * one.angular_velocity))
+
+
+def test_a_rate_beyond_all_gyroscopes_is_refused():
+    one = still()
+    with pytest.raises(LegsimError, match=r"2000 deg/s"):
+        check_plausible(replace(one, angular_velocity=one.angular_velocity + 40.0))
+
+
+@pytest.mark.parametrize("factor", [1e3, 1e-3])
+def test_times_in_another_unit_are_refused(factor):
+    one = still()
+    with pytest.raises(LegsimError, match=r"samples per second.*unit of the times"):
+        check_plausible(replace(one, times=factor * one.times))
+
+
+def test_a_dead_gyroscope_is_refused():
+    one = still()
+    with pytest.raises(LegsimError, match=r"reads one value"):
+        check_plausible(replace(one, angular_velocity=np.zeros_like(one.angular_velocity)))
+
+
+def test_numbers_that_are_not_finite_are_refused():
+    one = still()
+    broken = one.specific_force.copy()
+    broken[7, 1] = np.nan
+    with pytest.raises(LegsimError, match=r"specific_force of sensor 'shank'.* 0.07 s"):
+        replace(one, specific_force=broken)
+
+
+def test_recordings_of_equal_times_are_joined_to_the_last_bit():
+    one, other = still(seed=1), still(seed=2).named("thigh")
+    joined = join([one, other])
+    assert joined.signals.sensor_names == ("shank", "thigh")
+    np.testing.assert_array_equal(joined.signals.sensor("thigh")[1], other.specific_force)
+    assert joined.notes == ()
+
+
+def test_recordings_of_two_rates_meet_where_both_are():
+    slow, fast = swaying(rate_hz=60.0), swaying(rate_hz=100.0).named("thigh").shifted(0.5)
+    joined = join([slow, fast])
+    times = joined.signals.times
+    assert (times[0], times[-1]) == (0.5, pytest.approx(slow.times[-1], abs=0.01))
+    exact = np.stack([np.interp(times, slow.times, v) for v in slow.specific_force.T], -1)
+    assert np.abs(joined.signals.sensor("shank")[1] - exact).max() < 1e-3
+    assert "those of thigh by cubic splines" in joined.notes[0]
+
+
+def test_clocks_that_never_meet_are_refused():
+    with pytest.raises(LegsimError, match=r"do not overlap.*clock_offset_s"):
+        join([still(), still().named("b").shifted(1e9)])
+
+
+def test_no_recording_is_no_set():
+    with pytest.raises(LegsimError, match=r"at least one"):
+        join([])
+
+
+def test_a_recording_says_what_it_is():
+    assert repr(still()) == "ImuRecording(shank: 100 samples over 0.99 s, 100 Hz)"
+    with pytest.raises(LegsimError, match=r"increase"):
+        ImuRecording("a", np.zeros(2), np.zeros((2, 3)), np.zeros((2, 3)))

@@ -1,0 +1,126 @@
+"""Real sensors find their predicted ones, and what is found can be used."""
+
+import csv
+import io
+
+import numpy as np
+import pytest
+
+from legsim import config
+from legsim.core import transforms
+from legsim.core.errors import LegsimError
+from legsim.imu.files import save_imu
+from legsim.imu.sensors import Sensor, default_sensors
+from legsim.imu.signals import ImuSignals
+from legsim.run import imu_comparison
+from legsim.run import replay as run_replay
+from tests.examples.sensors import swaying
+
+TURN = [0.4, -0.3, 0.2]
+TILT = [0.0, 0.1, 0.0]
+
+
+def predicted() -> ImuSignals:
+    """Two predicted sensors, the shank's not along its segment."""
+    one = swaying()
+    shank, thigh = default_sensors()
+    shank = Sensor.placed(shank.name, shank.segment, 0.14, rotation_vector=TILT)
+    both = (np.stack([v, v], 1) for v in (one.angular_velocity, one.specific_force))
+    return ImuSignals(one.times, (shank.name, thigh.name), *both, sensors=(shank, thigh))
+
+
+def write(folder, name="left_shank_l", lag=0.037):
+    """A measured sensor, mounted by TURN against the predicted one and 37 ms late."""
+    one, axes = swaying(), transforms.rotation_from_vector(TURN)
+    path = folder / f"{name}.csv"
+    rate, force = (v @ axes for v in (one.angular_velocity, one.specific_force))
+    save_imu(path, ImuSignals(one.times + lag, (name,), rate[:, None], force[:, None]))
+    return path
+
+
+def test_the_mounting_on_the_segment_and_the_lag_are_found(tmp_path):
+    worn = imu_comparison.of_argument(str(write(tmp_path)))
+    (found,) = imu_comparison.compare(worn, predicted(), 0.0)
+    assert found.sensor.name == "shank_l"
+    expected = transforms.rotation_from_vector(TILT) @ transforms.rotation_from_vector(TURN)
+    back = found.segment_from_sensor @ expected.T
+    assert np.degrees(transforms.rotation_angle(back)) < 0.3
+    assert "its clock reads 37 ms more than the markers'" in found.lines()[0]
+    assert "by gravity" in found.lines()[0]
+
+
+def test_what_was_found_and_given_back_leaves_no_lag(tmp_path):
+    """The rotation vector of one comparison is that of imu.sensors in the next."""
+    path = write(tmp_path)
+    (found,) = imu_comparison.compare(imu_comparison.of_argument(str(path)), predicted(), 0.0)
+    (tmp_path / "known.toml").write_text(
+        f'file = "{path.name}"\nclock_offset_s = 0.037\n[[sensors]]\nname = "left_shank_l"\n'
+        f'segment = "tibia_l"\nrotation_deg = {list(found.rotation_deg())}\n'
+    )
+    worn = imu_comparison.of_argument(str(tmp_path / "known.toml"))
+    (again,) = imu_comparison.compare(worn, predicted(), 0.0)
+    assert abs(again.found.lag) < 1e-3
+    assert again.mounting_given
+    assert again.found.bands[0].correlation > 0.999
+
+
+def test_the_clock_of_predicted_signals_is_taken_off(tmp_path):
+    shifted = predicted()
+    shifted = ImuSignals(
+        shifted.times + 0.5, shifted.sensor_names, shifted.angular_velocity,
+        shifted.specific_force, shifted.sensors,
+    )  # fmt: skip
+    worn = imu_comparison.of_argument(str(write(tmp_path)))
+    (found,) = imu_comparison.compare(worn, shifted, 0.5)
+    assert found.found.lag == pytest.approx(0.037, abs=2e-3)
+
+
+def test_a_segment_names_the_place_of_any_file(tmp_path):
+    path = write(tmp_path, "logger7")
+    worn = imu_comparison.of_argument(f"femur_l={path}")
+    (found,) = imu_comparison.compare(worn, predicted(), 0.0)
+    assert found.sensor.name == "thigh_l"
+    with pytest.raises(LegsimError, match=r"sensor logger7: the name 'logger7' is that of 0"):
+        imu_comparison.compare(imu_comparison.of_argument(str(path)), predicted(), 0.0)
+    with pytest.raises(LegsimError, match=r"segment 'tibia_r' is that of 0 .*SEGMENT=FILE"):
+        imu_comparison.compare(imu_comparison.of_argument(f"tibia_r={path}"), predicted(), 0.0)
+
+
+def test_the_table_has_a_row_per_sensor_quantity_and_band(tmp_path):
+    worn = imu_comparison.of_argument(str(write(tmp_path)))
+    text = imu_comparison.table(imu_comparison.compare(worn, predicted(), 0.0))
+    rows = list(csv.DictReader(io.StringIO(text)))
+    assert [(r["quantity"], r["band_low_hz"]) for r in rows] == [
+        *(("rate", b) for b in ("0.2", "6", "12")),
+        *(("force", b) for b in ("0.2", "6", "12")),
+    ]
+    assert float(rows[0]["lag_ms"]) == pytest.approx(37, abs=2)
+    assert (rows[0]["unit"], rows[3]["unit"]) == ("deg/s", "mg")
+
+
+@pytest.mark.end_to_end
+def test_real_sensors_are_set_beside_the_markers_of_the_same_seconds(shared_data, tmp_path):
+    """A person who stands: the clocks differ by 0.01 to 0.03 s, as was found by other means."""
+    markers = shared_data / "cases/19_branch_jump"
+    settings = config.load_settings(
+        overrides=(
+            f"motion.file={markers / 'standing_11s.trc'}",
+            f"motion.marker_map={markers / 'seven.toml'}",
+        )
+    )
+    measured = [str(shared_data / f"imu/standing_{name}_l.txt") for name in ("shank", "thigh")]
+    result = run_replay.replay(
+        settings, tmp_path, filtered=False, image=None,
+        on_progress=lambda *_: None, measured=measured,
+    )  # fmt: skip
+    with (tmp_path / imu_comparison.FILE).open() as stream:
+        rows = {(r["sensor"], r["quantity"], r["band_low_hz"]): r for r in csv.DictReader(stream)}
+    for name, rate, force in (("shank", 0.55, 2.2), ("thigh", 1.09, 6.0)):
+        slow = rows[f"standing_{name}_l", "rate", "0.2"]
+        assert 10 <= float(slow["lag_ms"]) <= 30
+        assert float(slow["measured_rms"]) == pytest.approx(rate, abs=0.01)
+        assert float(slow["correlation"]) > 0.5
+        heavy = rows[f"standing_{name}_l", "force", "0.2"]
+        assert float(heavy["measured_rms"]) == pytest.approx(force, abs=0.1)
+    assert any("standing_thigh_l on femur_l" in line for line in result.lines())
+    assert "Measured sensors" in (tmp_path / "report.html").read_text()

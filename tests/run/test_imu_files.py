@@ -1,0 +1,117 @@
+"""Files of sensors with a TOML about them."""
+
+import numpy as np
+import pytest
+
+import legsim as ls
+from legsim.core.errors import LegsimError
+from legsim.imu.files import save_imu
+from legsim.imu.signals import ImuSignals
+from legsim.run import imu_files
+from tests.examples.sensors import still
+
+
+def write(folder, toml, one=None):
+    """A table of one sensor in g and deg/s, and the TOML about it."""
+    one = one or still(count=60)
+    rows = np.column_stack([one.specific_force / 9.80665, np.degrees(one.angular_velocity)])
+    lines = [",".join(map(repr, row)) for row in rows.tolist()]
+    (folder / "raw.csv").write_text("\n".join(["ax,ay,az,gx,gy,gz", *lines]) + "\n")
+    (folder / "shank.toml").write_text(toml)
+    return folder / "shank.toml"
+
+
+TABLE = """
+file = "raw.csv"
+rate_hz = 100
+clock_offset_s = 2.5
+acceleration_unit = "g"
+angular_velocity_unit = "deg/s"
+
+[[sensors]]
+name = "shank_l"
+segment = "tibia_l"
+acceleration = ["ax", "ay", "az"]
+angular_velocity = ["gx", "gy", "gz"]
+"""
+
+
+def test_a_table_is_read_through_its_toml(tmp_path):
+    one = still(count=60)
+    signals = ls.read_imu(write(tmp_path, TABLE, one))
+    assert signals.sensor_names == ("shank_l",)
+    np.testing.assert_allclose(signals.times, one.times - 2.5, atol=1e-14)
+    np.testing.assert_allclose(signals.sensor("shank_l")[1], one.specific_force, rtol=1e-14)
+    (sensor,) = imu_files.load(tmp_path / "shank.toml")
+    assert sensor.worn.segment == "tibia_l"
+
+
+def test_a_known_file_needs_no_toml_and_can_be_renamed_by_one(tmp_path):
+    one = still(count=60)
+    signals = ImuSignals(
+        one.times, ("s1",), one.angular_velocity[:, None], one.specific_force[:, None]
+    )
+    save_imu(tmp_path / "imu.csv", signals)
+    read = ls.read_imu(tmp_path / "imu.csv")
+    np.testing.assert_array_equal(read.specific_force, signals.specific_force)
+    (tmp_path / "a.toml").write_text('file = "imu.csv"\n[[sensors]]\nname = "shank_l"\n')
+    assert ls.read_imu(tmp_path / "a.toml").sensor_names == ("shank_l",)
+
+
+def test_lost_packets_are_a_warning(tmp_path):
+    one = still(count=60)
+    kept = np.delete(np.arange(60), [30, 31])
+    save_imu(
+        tmp_path / "imu.csv",
+        ImuSignals(
+            one.times[kept],
+            ("s1",),
+            one.angular_velocity[kept, None],
+            one.specific_force[kept, None],
+        ),
+    )
+    with pytest.warns(UserWarning, match=r"2 of 60 samples are missing"):
+        ls.read_imu(tmp_path / "imu.csv")
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (('"g"', '"kg"'), "acceleration_unit"),
+        (("rate_hz = 100", ""), "raw.csv: a table of sensors has times"),
+        (('"ax"', '"AX"'), "raw.csv .line 1.: has no line with the column 'AX'"),
+        (('angular_velocity = ["gx", "gy", "gz"]', ""), "of every sensor, or of none"),
+        (('name = "shank_l"', 'nam = "shank_l"'), "unknown key; valid here: name, recorded_as"),
+    ],
+)
+def test_what_is_wrong_in_the_toml_is_named(tmp_path, change, said):
+    with pytest.raises(LegsimError, match=said):
+        ls.read_imu(write(tmp_path, TABLE.replace(*change)))
+
+
+def test_an_unknown_sensor_is_named_beside_those_of_the_file(tmp_path):
+    one = still(count=60)
+    both = (one.angular_velocity, one.specific_force)
+    save_imu(
+        tmp_path / "imu.csv",
+        ImuSignals(one.times, ("s1", "s2"), *(np.stack([v, v], 1) for v in both)),
+    )
+    (tmp_path / "a.toml").write_text('file = "imu.csv"\n[[sensors]]\nname = "shank_l"\n')
+    with pytest.raises(LegsimError, match=r"no sensor 'shank_l'; name one of s1, s2"):
+        ls.read_imu(tmp_path / "a.toml")
+
+
+def test_known_biases_are_taken_off(tmp_path):
+    one = still(count=60)
+    more = (
+        TABLE + "angular_velocity_bias_deg_per_s = [1.0, -2.0, 0.5]\n"
+        "acceleration_bias_mg = [10.0, 0.0, -5.0]\n"
+    )
+    signals = ls.read_imu(write(tmp_path, more, one))
+    rate, force = signals.sensor("shank_l")
+    np.testing.assert_allclose(
+        one.angular_velocity - rate, np.tile(np.radians([1.0, -2.0, 0.5]), (60, 1)), atol=1e-14
+    )
+    np.testing.assert_allclose(
+        one.specific_force - force, np.tile([0.0980665, 0, -0.04903325], (60, 1)), atol=1e-14
+    )

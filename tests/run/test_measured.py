@@ -1,0 +1,125 @@
+"""A measured scan is read from files of any make, and what it lacks is named."""
+
+import numpy as np
+import pytest
+
+import legsim as ls
+from legsim.core import transforms
+from legsim.core.errors import LegsimError
+from legsim.correction.fiducials import FIDUCIAL_NAMES, Fiducials, project_fiducials
+from legsim.geometry.volume import VolumeGrid
+from tests.examples import measured
+from tests.examples.measured import POSE, SCAN
+
+START = SCAN[SCAN.index("[imu.sensors.start]") : SCAN.index("[grid]")]
+JOINTS = """
+[[joints]]
+name = "knee_l"
+sensor = "shank_l"
+position_mm = [1.0, 2.0, 3.0]
+
+[[joints]]
+name = "hip_l"
+sensor = "shank_l"
+position_mm = [0.0, 400.0, 0.0]
+
+[[joints]]
+name = "ankle_l"
+sensor = "shank_l"
+position_mm = [0.0, -300.0, 0.0]
+
+[grid]"""
+
+
+def test_a_scan_is_read_in_si(tmp_path):
+    scan = ls.load_measured_scan(measured.write(tmp_path))
+    np.testing.assert_allclose(scan.seen.times, measured.geometry().times, atol=1e-12)
+    ours, read = measured.geometry(), scan.seen.projections.geometry
+    points = 0.03 * np.eye(3)
+    np.testing.assert_allclose(read.project(points)[0], ours.project(points)[0], atol=1e-6)
+    np.testing.assert_array_equal(
+        scan.seen.signals.specific_force, measured.signals().specific_force
+    )
+    np.testing.assert_allclose(scan.seen.starts[0].world_from_sensor, POSE, atol=1e-12)
+    assert scan.grid == VolumeGrid((16, 12, 16), (5e-3,) * 3, tuple(read.rotation_center()))
+    assert scan.segments == {"shank_l": "tibia_l"}
+    assert [p.name for p in scan.inputs] == [
+        "projections.mha", "geometry.xml", "imu.csv", "scan.toml"
+    ]  # fmt: skip
+
+
+def test_a_clocks_offset_is_taken_off(tmp_path):
+    text = SCAN.replace('file = "imu.csv"', 'file = "imu.csv"\nclock_offset_s = -0.25')
+    text = text.replace("view_rate_hz = 5.0", 'view_times = "times.txt"')
+    (tmp_path / "times.txt").write_text(
+        "time_s\n" + "\n".join(str(1 + k / 5) for k in range(measured.VIEWS))
+    )
+    scan = ls.load_measured_scan(measured.write(tmp_path, text))
+    assert scan.seen.times[0] == 1.0
+    np.testing.assert_allclose(scan.seen.signals.times[0], 0.25)
+
+
+def test_fiducials_give_the_start(tmp_path):
+    """Pixels of a sensor that rests say its pose, to rounding."""
+    views, rows = measured.geometry(), ["view,point,u,v"]
+    for k in range(3):
+        pixels = project_fiducials(views, k, POSE, Fiducials(0.02))
+        rows += [
+            f"{k},{name},{u!r},{v!r}"
+            for name, (u, v) in zip(FIDUCIAL_NAMES, pixels.tolist(), strict=True)
+        ]
+    text = SCAN.replace(
+        START, '[imu.sensors.start]\nfiducials = "points.csv"\naxis_length_mm = 20.0\n'
+    )
+    path = measured.write(tmp_path, text)
+    (tmp_path / "points.csv").write_text("\n".join(rows) + "\n")
+    scan = ls.load_measured_scan(path)
+    found = scan.seen.starts[0].world_from_sensor
+    assert np.degrees(transforms.rotation_angle(found[:3, :3].T @ POSE[:3, :3])) < 1e-4
+    assert "a detection error of 1 px" in scan.notes[0]
+    (tmp_path / "points.csv").write_text("\n".join(rows[:-1]) + "\n")
+    with pytest.raises(LegsimError, match=r"points.csv: lacks point 'z' of view 2"):
+        ls.load_measured_scan(path)
+
+
+def test_a_rough_start_is_leveled_by_gravity(tmp_path):
+    text = SCAN.replace("rotation_deg = [-90.0", 'known = "roughly"\nrotation_deg = [-70.0')
+    scan = ls.load_measured_scan(measured.write(tmp_path, text))
+    up = scan.seen.starts[0].world_from_sensor[1, :3]
+    # the sway's own trend over 4.6 s is taken for tilt: 0.1 rad of lean at 0.3 and 0.5 Hz
+    assert np.degrees(np.arccos(min(up @ POSE[1, :3], 1))) < 6
+    assert "stays in place over the scan: turned by" in scan.notes[0]
+
+
+def test_joints_are_followed_in_the_order_of_a_leg(tmp_path):
+    scan = ls.load_measured_scan(measured.write(tmp_path, SCAN.replace("[grid]", JOINTS)))
+    (leg,) = scan.seen.joints
+    np.testing.assert_allclose(
+        [p.position_sensor for p in leg], [[0, 0.4, 0], [1e-3, 2e-3, 3e-3], [0, -0.3, 0]]
+    )
+
+
+def test_a_sensor_without_a_start_is_left_out(tmp_path):
+    scan = ls.load_measured_scan(measured.write(tmp_path, SCAN.replace(START, "")))
+    assert scan.left_out == ("shank_l",)
+    assert scan.seen.signals.sensor_names == ()
+    assert repr(scan.seen) == "Scan(24 views, sensors , joints of 0 legs)"
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("view_rate_hz = 5.0", "", "geometry.xml: does not say when its views were taken"),
+        ("view_rate_hz = 5.0", "view_rate_hz = 0.5", "views are from 0 to 46 s, sensors shank_l"),
+        ("view_rate_hz", "view_rate", "unknown key; valid here: projections"),
+        ("[grid]", "[grid]\nlike = 'x.mha'", "like already says the grid"),
+        ("shape_zyx = [16, 12, 16]", "", "which grid"),
+        ('file = "imu.csv"', 'file = "no.csv"', "no.csv: cannot be read"),
+        ("position_mm = [0.0, -20.0, 20.0]", "", "a start is a file of fiducials, or position_mm"),
+        ("[grid]", JOINTS.replace("hip_l", "hip_r"), "hip_l is missing; a leg needs hip_l, knee_l"),
+        ("[grid]", JOINTS.replace('"shank_l"', '"x"', 1), "knee_l is on 'x', which has no start"),
+    ],
+)
+def test_what_is_missing_or_wrong_is_named(tmp_path, old, new, said):
+    with pytest.raises(LegsimError, match=said):
+        ls.load_measured_scan(measured.write(tmp_path, SCAN.replace(old, new)))

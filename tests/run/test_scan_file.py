@@ -1,0 +1,69 @@
+"""A simulated scan is corrected from files as its run did, bit for bit."""
+
+import importlib.util
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import legsim as ls
+from legsim.core.errors import LegsimError
+from legsim.geometry import image_files
+from legsim.run import pipeline
+from legsim.run.scan_file import NAME
+
+pytestmark = pytest.mark.filterwarnings("ignore::legsim.reconstruction.weights.ShortScanWarning")
+METHODS = ("uncorrected", "rigid", "nonrigid-2d", "nonrigid-3d")
+
+
+@pytest.mark.end_to_end
+@pytest.mark.parametrize(
+    "more", [{}, {"points_per_segment": 1, "node_mm": 20.0}], ids=["joints", "more points"]
+)
+def test_every_volume_of_a_run_comes_back_bit_for_bit(tiny_settings, tmp_path, more):
+    used = tiny_settings.methods.model_copy(update={"run": METHODS, **more})
+    wanted = tiny_settings.model_copy(update={"methods": used})
+    run = pipeline.run_scan(wanted, tmp_path / "run", presented=False).folder
+    ls.correct(run / NAME, METHODS, tmp_path / "out")
+    for name in METHODS:
+        ours, theirs = (
+            image_files.load_volume(folder / f"volume-{name}.mha").attenuation
+            for folder in (run, tmp_path / "out")
+        )
+        np.testing.assert_array_equal(ours, theirs, err_msg=name)
+
+
+def test_a_run_knows_no_more_than_a_scanner(tiny_run, tmp_path):
+    scan = ls.load_measured_scan(tiny_run.folder / NAME)
+    assert scan.seen.signals.sensor_names == ("shank_l", "thigh_l")
+    assert len(scan.seen.joints[0]) == 3
+    with pytest.raises(LegsimError, match="only a simulated scan has"):
+        ls.correct(tiny_run.folder / NAME, ["oracle"], tmp_path)
+
+
+def test_the_documents_own_scan_is_that_of_the_run(tiny_run, tmp_path):
+    """A TIFF, RTK's geometry and tables in g by another clock hold the same scan, but its starts."""
+    script = Path(__file__).parents[2] / "docs/examples/own_scan.py"
+    spec = importlib.util.spec_from_file_location("own_scan", script)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    module.main(tiny_run.folder, tmp_path / "own")
+    ours, theirs = (
+        ls.load_measured_scan(folder / NAME) for folder in (tiny_run.folder, tmp_path / "own")
+    )
+    given, read = ours.seen.projections, theirs.seen.projections
+    np.testing.assert_array_equal(read.line_integrals, given.line_integrals)
+    center = given.geometry.rotation_center() + 0.05 * np.eye(3)
+    pixels = [p.geometry.project(center)[0] for p in (given, read)]
+    np.testing.assert_allclose(pixels[1], pixels[0], atol=1e-4)
+    np.testing.assert_allclose(theirs.seen.times, ours.seen.times, atol=1e-6)
+    np.testing.assert_allclose(
+        theirs.seen.signals.specific_force, ours.seen.signals.specific_force, atol=1e-6
+    )
+    for start, true in zip(theirs.seen.starts, ours.seen.starts, strict=True):
+        up = start.world_from_sensor[1, :3] @ true.world_from_sensor[1, :3]
+        # mm of true drift within 8 s are microradians of tilt
+        assert np.degrees(np.arccos(min(up, 1.0))) < 0.02
+        assert np.abs(start.velocity - true.velocity).max() < 0.01
