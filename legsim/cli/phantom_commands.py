@@ -32,11 +32,12 @@ def from_labels(
         typer.Option(help="Of a single leg, where the map leaves it open."),
     ] = None,
     axes: Annotated[
-        Literal["patient", "world"],
+        Literal["lps", "world"],
         typer.Option(
-            help="patient: of a scanner's image. world: of labels drawn on a volume of legsim."
+            help="Physical axes of the files: lps (left, posterior, superior), as of a scanner and "
+            "of legsim's volumes, or world."
         ),
-    ] = "patient",
+    ] = "lps",
     cortex_mm: Annotated[
         float, typer.Option(help="Cortex of bones; 0: cancellous throughout.")
     ] = 2.0,

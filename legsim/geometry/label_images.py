@@ -8,24 +8,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
 
-import lazy_loader
 import numpy as np
 
 from legsim.core.errors import file_error
 from legsim.core.values import FloatArray, frozen, frozen_owned
 from legsim.geometry import image_files
-
-if TYPE_CHECKING:
-    import SimpleITK as sitk
-else:
-    sitk = lazy_loader.load("SimpleITK")
-
-
-Axes = Literal["patient", "world"]
-
-_WORLD_FROM_LPS = np.array([[0.0, -1, 0], [0, 0, 1], [-1, 0, 0]])
+from legsim.geometry.image_files import LPS_FROM_WORLD, Axes
 
 _SPACING_MM = (0.02, 20.0)
 """least and largest voxel spacing of a segmentation; beyond, its unit is taken for mistaken"""
@@ -66,13 +55,13 @@ class LabelImage:
         return bool(apart < 0.01 * self.spacing.min())
 
 
-def load_label_image(path: Path | str, *, axes: Axes = "patient") -> LabelImage:
+def load_label_image(path: Path | str, *, axes: Axes = "lps") -> LabelImage:
     """Reads a segmentation (NIfTI, NRRD, MHA and whatever else ITK reads).
 
     Args:
         path: the file.
-        axes: "patient" for images of a scanner, whose physical axes are LPS in ITK; "world" for
-            labels drawn on a volume that legsim wrote, whose physical axes are those of world.
+        axes: what the file's physical axes are: "lps" (left, posterior, superior), as of a scanner
+            and of volumes that legsim writes, or "world".
 
     Raises:
         LegsimError: no image, not three-dimensional, more than one channel, values that are no
@@ -96,7 +85,7 @@ def load_label_image(path: Path | str, *, axes: Axes = "patient") -> LabelImage:
     if whole.min() < 0 or whole.max() == 0:
         problem = f"its values go from {whole.min()} to {whole.max()}"
         raise file_error(path, problem, "expected 0 outside and a number above 0 per structure")
-    turn = _WORLD_FROM_LPS if axes == "patient" else np.eye(3)
+    turn = LPS_FROM_WORLD.T if axes == "lps" else np.eye(3)
     matrix = np.eye(4)
     matrix[:3, :3] = 1e-3 * turn @ direction * spacing_mm
     matrix[:3, 3] = 1e-3 * turn @ origin_mm

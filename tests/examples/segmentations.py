@@ -5,12 +5,11 @@ from pathlib import Path
 import numpy as np
 import SimpleITK as sitk
 
+from legsim.geometry.image_files import LPS_FROM_WORLD
 from legsim.geometry.volume import VolumeGrid
 from legsim.opencl.device import Device
 from legsim.phantom import voxelize
 from legsim.phantom.leg_phantom import LegPhantom
-
-LPS_FROM_WORLD = np.array([[0.0, 0, -1], [-1, 0, 0], [0, 1, 0]])
 
 
 def write(path: Path, labels: np.ndarray, grid: VolumeGrid) -> Path:

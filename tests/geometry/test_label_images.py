@@ -55,7 +55,7 @@ def test_an_oblique_image_keeps_its_direction(tmp_path):
     np.testing.assert_allclose(1e3 * loaded.spacing, (1, 2, 3), atol=1e-6)
 
 
-def test_labels_of_a_volume_in_world_are_not_turned(tmp_path):
+def test_files_in_world_are_not_turned(tmp_path):
     sitk.WriteImage(image(origin=(10, 20, 30)), str(tmp_path / "a.mha"))
     found = place(load_label_image(tmp_path / "a.mha", axes="world"))
     np.testing.assert_allclose(found, (12, 22, 39), atol=1e-4)
