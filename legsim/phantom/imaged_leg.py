@@ -105,7 +105,7 @@ def content_key(path: Path | str) -> str:
     Raises:
         LegsimError: a file is missing.
     """
-    named = files.mesh_files(Path(path))
+    named = files.named_meshes(Path(path))
     try:
         return core_files.key_of(*(core_files.sha256(name) for name in (Path(path), *named)))
     except OSError as error:

@@ -298,12 +298,28 @@ def test_source_inside_the_phantom_is_refused(device):
         projector.project(Phantom((sphere("a", 0.3, geometry.sources()[0]),)), geometry, device)
 
 
-def test_what_lies_behind_the_source_is_refused(device):
-    geometry = circular()
+def test_what_reaches_behind_the_source_is_refused_where_rays_may_meet_it(device):
+    box = part("a", trimesh.creation.box((0.3, 0.3, 2.5)), 10.0)
+    with pytest.raises(LegsimError, match=r"view 0: the source is inside"):
+        projector.project(Phantom((box,)), circular(), device)
+    aside = part(
+        "a", trimesh.creation.box((1.0, 1.0, 2.5)), 10.0, transforms.rigid(np.eye(3), [0.6, 0, 0])
+    )
     with pytest.raises(LegsimError, match=r"view 0: part 'a' reaches the plane of the source"):
-        projector.project(
-            Phantom((sphere("a", 0.1, 1.5 * geometry.sources()[0]),)), geometry, device
-        )
+        projector.project(Phantom((aside,)), circular(), device)
+
+
+@pytest.mark.parametrize("place", [(0.0, 0.0, 1.5), (0.0, 1.4, 0.0)], ids=["behind", "above"])
+def test_parts_behind_the_source_that_no_ray_meets_are_no_obstacle(device, place):
+    """A part behind the source of the first view alone, and one that reaches behind all, above."""
+    size = (0.2, 0.2, 0.2) if place[2] else (2.0, 0.2, 2.0)
+    other = part("b", trimesh.creation.box(size), 10.0, transforms.rigid(np.eye(3), place))
+    ball = sphere("a", 0.05, (0, 0, 0))
+    geometry = circular()[:2] if place[2] else circular()
+    together = projector.project(Phantom((ball, other)), geometry, device).line_integrals
+    alone = projector.project(Phantom((ball,)), geometry, device).line_integrals
+    np.testing.assert_allclose(together, alone, atol=1e-5)
+    assert together.max() > 0
 
 
 def test_an_open_surface_is_refused_with_the_number_of_open_edges(device):
