@@ -159,7 +159,15 @@ def _content(path: Path) -> _Content:
         ) from error
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise file_error(path, f"is not TOML ({error})", "fix that place") from error
-from legsim.phantom import landmarks, materials, mesh_files, surfaces
+    unknown = sorted(set(content) - {"part", "repair", "overlaps", "landmarks"})
+    if unknown:
+        known = (
+            "known: repair, overlaps, [landmarks.l], [landmarks.r] and a list of [[part]] tables"
+        )
+        raise file_error(path, f"unknown key {unknown[0]!r}", known)
+    overlaps = content.get("overlaps", "reported")
+    if overlaps not in ("reported", "intended"):
+        raise file_error(path, f"overlaps = {overlaps!r}", "known: reported, intended")
     tables = content.get("part")
     if (
         not isinstance(tables, list)
@@ -171,7 +179,11 @@ from legsim.phantom import landmarks, materials, mesh_files, surfaces
         )
     for k, table in enumerate(tables):
         _check_table(path, f"part {k + 1}", table)
-from legsim.phantom import landmarks, materials, mesh_files, surfaces
+    whole = content.get("repair", False)
+    if not isinstance(whole, bool):
+        raise file_error(path, f"repair = {whole!r} is of the wrong type", "give true or false")
+    tables = [{**table, "repair": table.get("repair", whole)} for table in tables]
+    return _Content(tables, overlaps, landmarks.read(path, content.get("landmarks", {})))
 
 
 def _check_table(path: Path, place: str, table: dict[str, Any]) -> None:
