@@ -43,7 +43,7 @@ _FEWEST_VIEWS = 3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Standing:
+class StandingPrior:
     """Nobody who stands leaves: points at the knee stay within a few millimeters."""
 
     points: FloatArray
@@ -58,7 +58,7 @@ class Standing:
         return float(np.sqrt(self.samples / (views * len(self.points)))) / self.spread
 
     @classmethod
-    def at(cls, knee: FloatArray, spread: float = 2e-3) -> "Standing":
+    def at(cls, knee: FloatArray, spread: float = 2e-3) -> "StandingPrior":
         """Four points of a lower leg around and below a knee."""
         arms = [[0.0, -20.0, 0.0], [0.0, -80.0, 0.0], [30.0, -40.0, 0.0], [0.0, -40.0, 30.0]]
         return cls(np.asarray(knee) + 1e-3 * np.array(arms), spread)
@@ -137,6 +137,35 @@ class SmoothedPath:
         """Standard deviation (v,) in mm of where a point (3,) is carried, all axes together."""
         return 1e3 * np.sqrt(np.trace(self.covariance_at(point), axis1=-2, axis2=-1))
 
+    def seen_motion(self, geometry: ConeBeamGeometry, points: FloatArray) -> tuple[float, float]:
+        """What images see of the motion of points (p, 3), and its standard deviation: RMS, px.
+
+        A constant similarity of the scene and what it looks like, a step along the source's path
+        with another size, changes no image: both numbers are after the best one.
+        """
+        motion = self.path.motion()
+        at = transforms.apply(motion, points)
+        pixel, by_point = _projected(geometry.matrices, at)
+        seen = pixel - geometry.project(points)[0]
+        by_errors = (by_point @ self.path.of_points(points)).reshape(seen.size, -1)
+        arms = at - points.mean(0)
+        similar = np.concatenate(
+            [
+                -transforms.cross_matrix(arms),
+                np.broadcast_to(np.eye(3), (*at.shape, 3)),
+                arms[..., None],
+            ],
+            -1,
+        )
+        basis, _ = np.linalg.qr((by_point @ similar).reshape(seen.size, 7))
+        kept = seen.reshape(-1) - basis @ (basis.T @ seen.reshape(-1))
+        by_errors = by_errors - basis @ (basis.T @ by_errors)
+        variance = float(
+            np.einsum("rn,nm,rm->", by_errors, self.covariance, by_errors, optimize=True)
+        )
+        count = seen.size / 2
+        return float(np.sqrt(kept @ kept / count)), float(np.sqrt(variance / count))
+
     def errors_deg(self) -> FloatArray:
         """Standard deviation (v,) in degrees of the rotation, all axes together."""
         return np.degrees(np.sqrt(np.trace(self.turn_covariance(), axis1=-2, axis2=-1)))
@@ -186,7 +215,7 @@ class _Problem:
     """All measurements of one sensor."""
 
     state: ErrorState
-    standing: Standing | None = None
+    standing: StandingPrior | None = None
     geometry: ConeBeamGeometry | None = None
     beads: BeadShadows | None = None
     fiducials: FiducialShadows | None = None
@@ -254,13 +283,17 @@ def _missed(
     geometry: ConeBeamGeometry | None, at: FloatArray, pixels: FloatArray, error_px: float
 ) -> _Shadows:
     """How far points (v, p, 3) are projected from their shadows (v, p, 2)."""
-    matrices = _of(geometry).matrices
+    pixel, by_point = _projected(_of(geometry).matrices, at)
+    miss = (pixel - pixels) / error_px
+    return _Shadows(np.nan_to_num(miss), by_point / error_px, _weights(miss))
+
+
+def _projected(matrices: FloatArray, at: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Pixels (v, p, 2) of points (v, p, 3), and their derivatives (v, p, 2, 3) in px/m."""
     homogeneous = at @ np.swapaxes(matrices[:, :, :3], -1, -2) + matrices[:, None, :, 3]
     depth, pixel = homogeneous[..., 2:], homogeneous[..., :2] / homogeneous[..., 2:]
     rows = matrices[:, None, :, :3]
-    by_point = (rows[..., :2, :] - pixel[..., None] * rows[..., 2:, :]) / depth[..., None]
-    miss = (pixel - pixels) / error_px
-    return _Shadows(np.nan_to_num(miss), by_point / error_px, _weights(miss))
+    return pixel, (rows[..., :2, :] - pixel[..., None] * rows[..., 2:, :]) / depth[..., None]
 
 
 def _weights(miss: FloatArray) -> FloatArray:
@@ -284,7 +317,7 @@ def _of(geometry: ConeBeamGeometry | None) -> ConeBeamGeometry:
 def smooth(
     state: ErrorState,
     *,
-    standing: Standing | None = None,
+    standing: StandingPrior | None = None,
     geometry: ConeBeamGeometry | None = None,
     beads: BeadShadows | None = None,
     fiducials: FiducialShadows | None = None,
@@ -311,7 +344,7 @@ def smooth(
         plain = _Problem(state, standing)
         return _result(plain, *_descended(plain, state.first_guess(), plain.first_places))
     # someone who stays in place brings the path near enough for shadows to be linear in its errors
-    near = standing or Standing.at(_of(geometry).rotation_center(), _NEAR)
+    near = standing or StandingPrior.at(_of(geometry).rotation_center(), _NEAR)
     plain = _Problem(state, near)
     errors, places, _ = _descended(plain, state.first_guess(), plain.first_places)
     used = None

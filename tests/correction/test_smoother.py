@@ -12,7 +12,7 @@ from legsim.core.values import FloatArray
 from legsim.correction import smoother
 from legsim.correction.error_state import ErrorState, error_state
 from legsim.correction.rough_start import StartErrors, rough
-from legsim.correction.smoother import BeadShadows, FiducialShadows, SmoothedPath, Standing
+from legsim.correction.smoother import BeadShadows, FiducialShadows, SmoothedPath, StandingPrior
 from legsim.geometry.cone_beam import ConeBeamGeometry
 from legsim.imu.errors import SensorErrors, TriadErrors
 from legsim.imu.readout import read_out
@@ -117,14 +117,14 @@ def test_normalized_errors_have_unit_variance(by: str):
         assert found.settled
         places.append(normalized(missed(found)[-1], found.covariance_at(KNEE)[-1]))
         turns.append(normalized(turned(found)[-1], found.turn_covariance()[-1]))
-    low, high = chi2.ppf([0.001, 0.999], 3 * draws)
+    low, high = (float(chi2.ppf(share, 3 * draws)) for share in (0.001, 0.999))
     assert low < sum(places) < high
     assert low < sum(turns) < high
 
 
 def test_more_measurements_leave_less_error(rng: np.random.Generator):
     state = sensed(rng)
-    beads, standing = bead_shadows(0.3, rng), Standing.at(KNEE)
+    beads, standing = bead_shadows(0.3, rng), StandingPrior.at(KNEE)
     alone = smoother.smooth(state, standing=standing)
     aided = smoother.smooth(state, standing=standing, geometry=GEOMETRY, beads=beads)
     assert np.sqrt((missed(aided) ** 2).mean()) < 0.5 * np.sqrt((missed(alone) ** 2).mean())
@@ -139,7 +139,7 @@ def test_a_standing_person_brings_centimeters_back_to_millimeters(rng: np.random
         (drifted := state.poses(np.zeros(state.size))) @ transforms.inverse(drifted[0]), KNEE[None]
     )
     assert np.abs(astray - KNEE).max() > 0.1
-    found = smoother.smooth(state, standing=Standing.at(KNEE))
+    found = smoother.smooth(state, standing=StandingPrior.at(KNEE))
     assert np.abs(missed(found)).max() < 0.005
     assert np.isnan(found.residual_px)
 
@@ -152,7 +152,7 @@ def test_wrong_shadows_do_not_pull(rng: np.random.Generator):
     pixels[5::12, 1] = np.nan
     with_right, with_wrong = (
         smoother.smooth(
-            state, standing=Standing.at(KNEE), geometry=GEOMETRY, beads=BeadShadows(p, 0.3)
+            state, standing=StandingPrior.at(KNEE), geometry=GEOMETRY, beads=BeadShadows(p, 0.3)
         )
         for p in (right.pixels, pixels)
     )
@@ -180,7 +180,7 @@ def test_a_bead_seen_in_two_views_is_left_out(rng: np.random.Generator):
     state, both = sensed(None), bead_shadows(0.3, rng)
     pixels = np.array(both.pixels)
     pixels[2:, 1] = np.nan
-    standing = Standing.at(KNEE)
+    standing = StandingPrior.at(KNEE)
     one, alone = (
         smoother.smooth(state, standing=standing, geometry=GEOMETRY, beads=BeadShadows(p, 0.3))
         for p in (pixels, pixels[:, :1])
