@@ -54,6 +54,23 @@ class BeadsConfig(ConfigSection):
     """standard deviation per axis of the positions from which the search starts"""
 
 
+class FusedConfig(ConfigSection):
+    """What the methods standing and fused-beads go by, beside sensor and start."""
+
+    beads: int = Field(default=2, ge=1, le=4)
+    """number of beads on the skin of the segment that carries the sensor; in no reconstruction"""
+    bead_mm: float = Field(default=2.0, gt=0)
+    """their diameter, tantalum"""
+    found: Literal["images", "exact"] = "images"
+    """"images" renders the beads and tracks their shadows; "exact" projects their true places"""
+    error_px: float = Field(default=0.2, ge=0)
+    """standard deviation along u and v added to exact places"""
+    spread_mm: float = Field(default=2.0, gt=0)
+    """RMS of each coordinate by which a knee is expected to move in a scan"""
+    clock_ms: float = Field(default=10.0, ge=0)
+    """standard deviation of the offset between the clocks of sensors and scanner"""
+
+
 class MethodsConfig(ConfigSection):
     """Which corrections are compared, and their inputs."""
 
@@ -79,3 +96,4 @@ class MethodsConfig(ConfigSection):
     fiducials: FiducialsConfig = FiducialsConfig()
     rough: RoughConfig = RoughConfig()
     beads: BeadsConfig = BeadsConfig()
+    fused: FusedConfig = FusedConfig()

@@ -55,7 +55,7 @@ class Beads:
     @classmethod
     def on_one_side(cls, count: int = 2, *, below: bool = True, radius: float = 1e-3) -> "Beads":
         """Beads on one segment alone: below the knee, or above it, and off the joint's folds."""
-        near, far = (-0.020, -0.070) if below else (0.020, 0.070)
+        near, far = (-0.035, -0.060) if below else (0.035, 0.060)
         return cls(count, radius, heights=(far, near))
 
 

@@ -186,3 +186,18 @@ def test_a_bead_seen_in_two_views_is_left_out(rng: np.random.Generator):
         for p in (pixels, pixels[:, :1])
     )
     np.testing.assert_allclose(one.path.poses, alone.path.poses, atol=1e-12)
+
+
+def test_images_see_no_similarity_of_a_motion(rng: np.random.Generator):
+    """A step along the source's path with another size is no motion that they see; what beads
+    leave open is mostly that.
+    """
+    state, beads = sensed(rng), bead_shadows(0.3, rng)
+    found = smoother.smooth(state, standing=StandingPrior.at(KNEE), geometry=GEOMETRY, beads=beads)
+    points = StandingPrior.at(KNEE).points
+    seen_px, error_px = found.seen_motion(GEOMETRY, points)
+    plain = GEOMETRY.project(transforms.apply(found.path.motion(), points))[0]
+    moved_px = np.sqrt(((plain - GEOMETRY.project(points)[0]) ** 2).sum(-1).mean())
+    assert 0 < seen_px < moved_px
+    pitch_mm = 1.232 * 0.78 / 1.198
+    assert error_px * pitch_mm < 0.3 * np.sqrt((found.errors_mm(KNEE) ** 2).mean())

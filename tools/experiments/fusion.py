@@ -156,7 +156,8 @@ def main(
                 began = time.perf_counter()
                 found = method(scan)
                 seconds = time.perf_counter() - began
-                motion = found.motion or RigidMotion.identity(scan.times)
+                none = RigidMotion.identity(scan.times)
+                motion = found.motion if isinstance(found.motion, RigidMotion) else none
                 table.setdefault(name, []).append((*row(motion, setup, paths), seconds))
                 if notes:
                     typer.echo(f"{name}: {' '.join(found.notes)}", err=True)
