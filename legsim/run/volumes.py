@@ -1,10 +1,12 @@
 """Every method's volume of a simulated scan: which methods can run, and their inputs."""
 
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
 
 from legsim.config import RunConfig
+from legsim.core.constants import STANDARD_GRAVITY
 from legsim.core.errors import LegsimError
 from legsim.core.files import key_of
 from legsim.correction import bead_scan
@@ -154,9 +156,15 @@ def _method_inputs(stage: StageContext, scan: SimulatedScan, grid: VolumeGrid) -
 
 def _priors(settings: RunConfig) -> SensorPriors:
     """What is known beforehand of a sensor: its data sheet, and how the start was found."""
+    errors = run_sensors.prior_errors(settings.imu, view_rate_hz=settings.scan.rate_hz)
+    start = stages.start_errors(settings.methods)
+    if settings.imu.noise.calibration != "none":
+        # a start that was leveled at rest is tilted by the accelerometer's bias
+        leveled = errors.accelerometer.turn_on_bias / STANDARD_GRAVITY
+        start = replace(start, tilt=max(start.tilt, leveled))
     return SensorPriors(
-        run_sensors.prior_errors(settings.imu, view_rate_hz=settings.scan.rate_hz),
-        stages.start_errors(settings.methods),
+        errors,
+        start,
         1e-3 * settings.methods.fused.spread_mm,
         1e-3 * settings.methods.fused.clock_ms,
     )

@@ -5,7 +5,7 @@ One sensor on the shank with the errors of one that can be bought, a rough start
 skin below the knee whose shadows are projected exactly and then missed by some noise; no image is
 made. The truth is the tibia's. Columns: RMS distance of the tibia's projections after the constant
 similarity that fits best, which is what blurs a volume; the same without it; millimeters; degrees;
-seconds.
+seconds of processor time.
 """
 
 import time
@@ -144,7 +144,7 @@ def main(
     notes: bool = False,
 ) -> None:
     """Prints one row per scan and method: mean and greatest over the seeds."""
-    typer.echo("| scan | method | px after similarity | px | mm | deg | s |\n|" + "---|" * 7)
+    typer.echo("| scan | method | px after similarity | px | mm | deg | CPU s |\n|" + "---|" * 7)
     for file in files.split():
         settings, setup = placed(file, sensor)
         errors = run_sensors.prior_errors(settings.imu, view_rate_hz=settings.scan.rate_hz)
@@ -153,9 +153,9 @@ def main(
         for seed in range(seeds):
             scan = scanned(settings, setup, seed)
             for name, method in methods(setup, SensorPriors(errors), error_px, seed).items():
-                began = time.perf_counter()
+                began = time.process_time()
                 found = method(scan)
-                seconds = time.perf_counter() - began
+                seconds = time.process_time() - began
                 none = RigidMotion.identity(scan.times)
                 motion = found.motion if isinstance(found.motion, RigidMotion) else none
                 table.setdefault(name, []).append((*row(motion, setup, paths), seconds))
