@@ -1,8 +1,9 @@
 PYTHON ?= python3
 BIN := .venv/bin
 OUT ?= demo
+DEVICE ?= gpu
 
-.PHONY: demo test quick setup check format clean
+.PHONY: demo test quick gpu setup check format clean
 
 demo: setup
 	$(BIN)/legsim run --preset demo --out $(OUT)
@@ -13,6 +14,14 @@ test: setup check
 # without whole runs and clusters: under two minutes on two cores
 quick: setup
 	$(BIN)/python -m pytest -n 2 --dist worksteal -m "not end_to_end"
+
+# kernel tests and benchmarks on a GPU, or on DEVICE: part of a device's name
+gpu: setup
+	$(BIN)/python -m tools.benchmarks device $(DEVICE)
+	LEGSIM_DEVICE="$(DEVICE)" $(BIN)/python -m pytest -m "not end_to_end" tests/opencl tests/phantom \
+		tests/scan tests/deformation tests/reconstruction tests/correction tests/simulation
+	LEGSIM_DEVICE="$(DEVICE)" $(BIN)/python -m tools.benchmarks project
+	LEGSIM_DEVICE="$(DEVICE)" $(BIN)/python -m tools.benchmarks fdk
 
 setup: .venv/.installed
 

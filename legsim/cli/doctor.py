@@ -12,7 +12,7 @@ from packaging.requirements import Requirement
 
 from legsim.core import resources
 from legsim.core.errors import LegsimError
-from legsim.opencl import discovery
+from legsim.opencl import discovery, runtimes
 
 _NEEDED_MEMORY = 8 * 2**30
 
@@ -98,7 +98,8 @@ def _devices() -> list[Finding]:
                 "opencl",
                 False,
                 "no device works",
-                "pip install intel-opencl-rt intel-cmplr-lib-rt (x86-64) or "
+                runtimes.fault()
+                or "pip install intel-opencl-rt intel-cmplr-lib-rt (x86-64) or "
                 "pocl-binary-distribution",
             )
         )

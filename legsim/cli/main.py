@@ -108,6 +108,10 @@ def _explain(error: Exception) -> str | None:
         return (
             f"{error.filename or ''}: {error.strerror or error}; check the path and its permissions"
         )
+    if type(error).__module__.startswith("pyopencl"):
+        from legsim.opencl import failures
+
+        return failures.explain(error, "in use")
     if isinstance(error, MemoryError):
         return "the memory is full; use a smaller preset or grid (legsim doctor reports the memory)"
     return None

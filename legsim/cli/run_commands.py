@@ -123,17 +123,19 @@ def replay(
     from legsim.core import files
     from legsim.run.replay import replay as replay_recording
 
-    overrides = [f"motion.file={motion}", *(settings or ())]
-    overrides += [f"motion.model={model}"] if model else []
-    overrides += [f"motion.scale_file={scale_file}"] if scale_file else []
-    overrides += [f"motion.ik.tasks_file={tasks}"] if tasks else []
+    # a path is taken as it is: as an override, a file called 1 would be a number
+    options = {"model": model, "scale_file": scale_file}
+    given: dict[str, object] = {key: str(path) for key, path in options.items() if path}
+    if tasks:
+        given["ik"] = {"tasks_file": str(tasks)}
     if filter_hz is not None:
-        overrides.append(f"motion.filter_hz={filter_hz}")
-    settings_tree = config.load_settings(overrides=tuple(overrides))
-    named = paths_in([settings_tree.model_dump()])
+        given["filter_hz"] = filter_hz
+    trees = [config.parse_override(text, config.RunConfig) for text in settings or ()]
+    asked = config.from_trees("paper", {"motion": {"file": str(motion)}}, *trees, {"motion": given})
+    named = paths_in([asked.model_dump()])
     with files.reading(named), progress.of_stages(console.err) as on_progress:
         result = replay_recording(
-            settings_tree,
+            asked,
             out,
             filtered=filter_hz is not None,
             image=image,

@@ -52,7 +52,7 @@ class VibrationConfig(ConfigSection):
 class SensorConfig(ConfigSection):
     """One inertial sensor on a segment."""
 
-    name: str
+    name: str = Field(pattern=r"^[^\x00-\x1f\x7f]*\S[^\x00-\x1f\x7f]*$")
     segment: str
     distance_mm: float
     """from the segment's proximal joint (its origin) down the segment"""

@@ -52,6 +52,12 @@ class BeadsConfig(ConfigSection):
     """farthest above and below the knee"""
     guess_error_mm: float = Field(default=2.0, ge=0)
     """standard deviation per axis of the positions from which the search starts"""
+    reference: Literal["mean", "bundle"] = "bundle"
+    """what each view's pose is fitted to
+
+    "mean": the beads' static mean positions, as published; "bundle": positions estimated together
+    with the poses.
+    """
 
 
 class FusedConfig(ConfigSection):

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 import tomli_w
-from pydantic import model_validator
+from pydantic import Field, model_validator
 
 from legsim.config.imu import ImuConfig
 from legsim.config.methods import MethodsConfig
@@ -30,7 +30,7 @@ class RunConfig(ConfigSection):
     reconstruction: ReconstructionConfig = ReconstructionConfig()
     methods: MethodsConfig = MethodsConfig()
     evaluation: EvaluationConfig = EvaluationConfig()
-    seed: int = 0
+    seed: int = Field(default=0, ge=0)
 
     @model_validator(mode="before")
     @classmethod
@@ -74,7 +74,7 @@ PRESETS: dict[str, dict[str, dict[str, Any]]] = {
 
 
 def load_settings(
-    path: Path | None = None, *, preset: str = "paper", overrides: tuple[str, ...] = ()
+    path: Path | str | None = None, *, preset: str = "paper", overrides: tuple[str, ...] = ()
 ) -> RunConfig:
     """Reads the preset, overlaid by the TOML file, overlaid by ``section.key=value`` overrides.
 
@@ -84,9 +84,13 @@ def load_settings(
         LegsimError: unknown preset, missing file, not TOML, or a key or value that is not allowed;
             the line names the key.
     """
-    trees = [] if path is None else [read(path)]
+    where = None if path is None else Path(path)
+    trees = [] if where is None else [read(where)]
     return from_trees(
-        preset, *trees, *(parse_override(override) for override in overrides), where=path
+        preset,
+        *trees,
+        *(parse_override(override, RunConfig) for override in overrides),
+        where=where,
     )
 
 

@@ -60,8 +60,12 @@ def read(path: Path) -> dict[str, Any]:
         raise file_error(path, f"is not TOML: {error}", "fix that place") from None
 
 
-def parse_override(text: str) -> dict[str, Any]:
-    """Parses ``section.key=value`` as a tree."""
+def parse_override(text: str, model: type[ConfigSection] | None = None) -> dict[str, Any]:
+    """Parses ``section.key=value`` as a tree.
+
+    The value is in TOML's notation, or bare text; where ``model`` takes a text there, ``1`` and
+    ``2024-01-01`` are texts.
+    """
     key, separator, value = text.partition("=")
     parts = key.strip().split(".")
     if not separator or not all(parts):
@@ -70,9 +74,24 @@ def parse_override(text: str) -> dict[str, Any]:
         parsed: Any = tomllib.loads(f"v = {value.strip()}")["v"]
     except tomllib.TOMLDecodeError:
         parsed = value.strip()
+    if not isinstance(parsed, str) and model is not None and _takes_text(model, parts):
+        parsed = value.strip()
+    tree: Any = parsed
     for part in reversed(parts):
-        parsed = {part: parsed}
-    return parsed
+        tree = {part: tree}
+    return tree
+
+
+def _takes_text(model: type[ConfigSection], parts: list[str]) -> bool:
+    """Whether the key of that path is a text and nothing else."""
+    section = model
+    for part in parts[:-1]:
+        field = section.model_fields.get(part)
+        section = None if field is None else next(_sections_in(field.annotation), None)
+        if section is None:
+            return False
+    field = section.model_fields.get(parts[-1])
+    return field is not None and field.annotation is str
 
 
 def merged(base: dict[str, Any], over: dict[str, Any]) -> dict[str, Any]:

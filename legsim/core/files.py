@@ -52,23 +52,29 @@ def read(path: Path, kind: str) -> list[str]:
         data = path.read_bytes()
     except OSError as error:
         raise file_error(path, f"cannot be read ({error.strerror})", "check the path") from error
-    if not data.strip():
+    if not _text(data).strip():
         raise file_error(path, "the file is empty", "export it again")
-    if data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
-        # "Unicode text" of spreadsheets; half a character at the end is the last line's, which its
-        # reader will miss
-        return _split(data.decode("utf-16", errors="ignore"))
-    if b"\0" in data:
+    if b"\0" in data and not data.startswith(_UTF16):
         raise file_error(
             path,
             f"holds binary data, not the text of a {kind} file",
             "check the file's type, or export it again",
         )
+    return _split(_text(data))
+
+
+_UTF16 = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
+"""how "Unicode text" of spreadsheets begins"""
+
+
+def _text(data: bytes) -> str:
+    if data.startswith(_UTF16):
+        # half a character at the end is the last line's, which its reader will miss
+        return data.decode("utf-16", errors="ignore")
     try:
-        text = data.decode("utf-8-sig")
+        return data.decode("utf-8-sig")
     except UnicodeDecodeError:
-        text = data.decode("latin-1")
-    return _split(text)
+        return data.decode("latin-1")
 
 
 def _split(text: str) -> list[str]:

@@ -2,15 +2,23 @@
 
 This is the marker-based standard. After Choi et al., "Fiducial marker-based correction for
 involuntary motion in weight-bearing C-arm CT scanning of knees", Part I 2013, II 2014: beads are
-found in every projection, their 3D places and a rigid pose of them in every view minimize the
+found in every projection, and a rigid pose of their reference places in every view minimizes the
 distance between found and projected beads. Where a pose is free in every view, a scan that moves
-with it cannot be distinguished from one of another size. The smallest motion that explains the
-shadows is taken (a weak prior on every view's motion), which leaves a scale error of a few
-thousandths. The skin's own motion remains in the reprojection error.
+with it cannot be distinguished from one of another size. What fixes place and size is the choice of
+the reference:
+
+- "mean", as published: the static mean places, nearest to the rays of all views, as if nothing had
+  moved.
+- "bundle": places and poses together minimize the distance (bundle adjustment). The smallest motion
+  that explains the shadows is taken (a weak prior on every view's motion), which leaves a scale
+  error of a few thousandths.
+
+The skin's own motion remains in the reprojection error.
 """
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -21,6 +29,9 @@ from legsim.core.values import FloatArray, frozen
 from legsim.correction import blob_detection
 from legsim.deformation.models import RigidMotion
 from legsim.geometry.cone_beam import ConeBeamGeometry, Projections
+
+Reference = Literal["mean", "bundle"]
+"""what the poses are fitted to, see above"""
 
 FEWEST = 4
 """beads that a view needs: three determine a pose, a fourth shows whether one is wrong"""
@@ -131,28 +142,33 @@ class BeadMotion:
         object.__setattr__(self, "used", frozen("BeadMotion.used", self.used, shape, np.bool_))
 
 
-def estimate(geometry: ConeBeamGeometry, pixels: ArrayLike) -> BeadMotion:
+def estimate(
+    geometry: ConeBeamGeometry, pixels: ArrayLike, *, reference: Reference = "bundle"
+) -> BeadMotion:
     """Estimates the beads' positions and rigid motion from shadows (v, b, 2), NaN where unseen.
 
-    Bundle adjustment with rejection of outliers.
+    Outliers are rejected with either reference.
 
     Raises:
-        LegsimError: a view with fewer than four beads that are seen elsewhere too, or the shadows
-            fit no rigid motion.
+        LegsimError: a view with fewer than four beads that are seen elsewhere too, the shadows fit
+            no rigid motion, or an unknown reference.
     """
     pixels = frozen("bead pixels", pixels, (len(geometry), None, 2))
+    if reference not in ("mean", "bundle"):
+        raise LegsimError(f"beads: the reference is {reference!r}; give mean or bundle")
+    fitted = _adjusted if reference == "bundle" else _fitted_to_mean
     used = np.asarray(np.isfinite(pixels).all(-1))
     used = used & (used.sum(0) >= max(2, len(geometry) // 10))
     _require_enough(used)
     seen, weights = used, used.astype(float)
     positions, motion = (
-        _triangulated(geometry, pixels, used),
+        _triangulated(geometry, pixels, used.astype(float)),
         RigidMotion.identity(geometry.times).moved_from_reference,
     )
     # first with weights that wrong shadows lose step by step (Cauchy's), then with the accepted
     # ones only
     for doubting in [True] * _DOUBTING_ROUNDS + [False] * 2:
-        positions, motion = _adjusted(geometry, pixels, weights, positions, motion)
+        positions, motion = fitted(geometry, pixels, weights, positions, motion)
         miss = np.linalg.norm(pixels - _projected(geometry, motion, positions), axis=-1)
         typical = max(float(np.median(miss[used])), _LEAST_TYPICAL_PX)
         used = np.asarray(seen & (miss <= _OUTLIER * typical), bool)
@@ -162,7 +178,7 @@ def estimate(geometry: ConeBeamGeometry, pixels: ArrayLike) -> BeadMotion:
             else used.astype(float)
         )
     _require_enough(used)
-    positions, motion = _adjusted(geometry, pixels, used.astype(float), positions, motion)
+    positions, motion = fitted(geometry, pixels, used.astype(float), positions, motion)
     miss = np.linalg.norm(pixels - _projected(geometry, motion, positions), axis=-1)
     residual = float(np.sqrt(np.mean(miss[used] ** 2)))
     placed = transforms.apply(motion[0], np.where(seen.any(0)[:, None], positions, np.nan))
@@ -185,15 +201,44 @@ def poses(geometry: ConeBeamGeometry, pixels: ArrayLike, positions: ArrayLike) -
     )
     used = np.asarray(np.isfinite(pixels).all(-1))
     _require_enough(used)
-    motion = RigidMotion.identity(geometry.times).moved_from_reference
+    still = RigidMotion.identity(geometry.times).moved_from_reference
+    return RigidMotion(
+        geometry.times, _posed(geometry, pixels, used.astype(float), positions, still)
+    )
+
+
+def _posed(
+    geometry: ConeBeamGeometry,
+    pixels: FloatArray,
+    weights: FloatArray,
+    positions: FloatArray,
+    motion: FloatArray,
+) -> FloatArray:
+    """Poses (v, 4, 4) of least reprojection error of known positions, from ``motion`` on."""
     for _ in range(_ROUNDS):
-        miss, by_pose, _ = _linearized(geometry, pixels, used.astype(float), positions, motion)
+        miss, by_pose, _ = _linearized(geometry, pixels, weights, positions, motion)
         normal = np.einsum("vbki,vbkj->vij", by_pose, by_pose)
         step = np.linalg.solve(normal, np.einsum("vbki,vbk->vi", by_pose, miss)[..., None])[..., 0]
         motion = _stepped(motion, step, positions.mean(0))
         if np.abs(step).max() < 1e-13:
             break
-    return RigidMotion(geometry.times, motion)
+    return motion
+
+
+def _fitted_to_mean(
+    geometry: ConeBeamGeometry,
+    pixels: FloatArray,
+    weights: FloatArray,
+    positions: FloatArray,
+    motion: FloatArray,
+) -> tuple[FloatArray, FloatArray]:
+    """Static mean positions of the weighted shadows, and the poses of these.
+
+    A bead without any weight stays at its ``positions``.
+    """
+    shares = weights.sum(0)[:, None]
+    means = np.where(shares > 0, _triangulated(geometry, pixels, weights), positions)
+    return means, _posed(geometry, pixels, weights, means, motion)
 
 
 def _require_enough(used: NDArray[np.bool_]) -> None:
@@ -207,20 +252,21 @@ def _require_enough(used: NDArray[np.bool_]) -> None:
 
 
 def _triangulated(
-    geometry: ConeBeamGeometry, pixels: FloatArray, used: NDArray[np.bool_]
+    geometry: ConeBeamGeometry, pixels: FloatArray, weights: FloatArray
 ) -> FloatArray:
-    """Triangulates points (b, 3) nearest to the rays through their shadows.
+    """Triangulates points (b, 3) nearest to the rays through their shadows, weighted (v, b).
 
-    It assumes that nothing moved.
+    It assumes that nothing moved. Squared distances to the rays are summed over the views.
     """
     sources = geometry.sources()
     positions = np.zeros((pixels.shape[1], 3))
-    for bead in np.flatnonzero(used.any(0)):
-        views = np.flatnonzero(used[:, bead])
+    for bead in np.flatnonzero(weights.any(0)):
+        views = np.flatnonzero(weights[:, bead])
         homogeneous = np.concatenate([pixels[views, bead], np.ones((len(views), 1))], -1)
         rays = np.linalg.solve(geometry.matrices[views, :, :3], homogeneous[..., None])[..., 0]
         rays /= np.linalg.norm(rays, axis=-1, keepdims=True)
         across = np.eye(3) - rays[:, :, None] * rays[:, None, :]
+        across *= weights[views, bead, None, None]
         positions[bead] = np.linalg.solve(
             across.sum(0), np.einsum("vij,vj->i", across, sources[views])
         )

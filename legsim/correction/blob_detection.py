@@ -4,13 +4,13 @@ They are metal beads on skin or in a sensor. A bead's shadow is round and its ba
 plane over a few pixels, so that the center of a Gaussian fitted together with a plane is the center
 of the shadow for any profile: to 0.02 pixel for radii from 2 pixels on, to 0.06 for 1.2 pixels (a
 millimeter bead at the paper's resolution), where single pixels sample the shadow coarsely.
-Perspective shifts it by less than 0.001.
+Perspective shifts it by less than 0.001. All shadows of an image are fitted at once; height and
+plane, in which the fit is linear, are eliminated (variable projection after Kaufman, BIT 15, 1975).
 """
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from scipy import ndimage
-from scipy.optimize import least_squares
 
 from legsim.core.errors import LegsimError
 from legsim.core.values import Float32Array, FloatArray
@@ -22,7 +22,22 @@ _WIDTH_OF_RADIUS = 0.5
 
 _WINDOW_OF_RADIUS = 2.5
 
+_FEWEST_PIXELS = 12
+
+_NARROWEST = 0.31
+"""pixels, least width of a Gaussian
+
+Four pixels around a small shadow's center fit the better, the narrower and higher the Gaussian is:
+pixels do not resolve its width, and without a limit the fit has no end.
+"""
+
 _ROUNDS = 60
+
+_SETTLED = 1e-4
+"""pixels by which the last step of a fit moves the center"""
+
+_HIGHEST = 50.0
+"""exponent beyond which a Gaussian is cut off, against overflow of shapes that are no bead"""
 
 
 def locate(
@@ -53,10 +68,18 @@ def locate(
             f"beads need a positive radius, search and contrast; got {radius_px:g} px, "
             f"{search_px:g} px, {least_contrast:g}"
         )
-    expected = np.asarray(expected, float)
-    return np.array(
-        [_nearest(image, at, radius_px, search_px, least_contrast) for at in expected]
-    ).reshape(-1, 2)
+    expected = np.asarray(expected, float).reshape(-1, 2)
+    centers = np.full(expected.shape, np.nan)
+    reach = search_px + radius_px
+    within = (expected > -reach) & (expected < np.array(image.shape[::-1]) - 1 + reach)
+    at = expected[within.all(-1)]
+    if len(at) == 0:
+        return centers
+    starts, any_near = _roundest(image, at, radius_px, search_px)
+    found = _fitted(image, starts, radius_px, least_contrast)
+    near = any_near & (np.linalg.norm(found - at, axis=-1) <= reach)
+    centers[within.all(-1)] = np.where(near[:, None], found, np.nan)
+    return centers
 
 
 def shadow_radii(geometry: ConeBeamGeometry, centers: ArrayLike, radius: float) -> FloatArray:
@@ -67,63 +90,150 @@ def shadow_radii(geometry: ConeBeamGeometry, centers: ArrayLike, radius: float) 
     return radius * geometry.focal_lengths()[:, None] / geometry.project(centers)[1]
 
 
-def _nearest(
-    image: Float32Array, at: FloatArray, radius: float, search: float, least_contrast: float
-) -> FloatArray:
-    """Center (2,) of the strongest shadow within ``search`` of ``at``, or NaN."""
-    nothing = np.full(2, np.nan)
-    margin = int(np.ceil(search + 2 * _WINDOW_OF_RADIUS * radius))
-    if not np.isfinite(at).all():
-        return nothing
-    corner = np.maximum(np.round(at).astype(int) - margin, 0)
-    part = np.asarray(
-        image[corner[1] : round(at[1]) + margin + 1, corner[0] : round(at[0]) + margin + 1], float
+def _roundest(
+    image: Float32Array, at: FloatArray, radius: float, search: float
+) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
+    """Pixels (n, 2) within ``search`` of ``at`` that look most like a shadow (u, v).
+
+    The negative Laplacian of the Gaussian-smoothed image decides; beyond the border the image
+    repeats it. The second value says whether the image has any pixel so near.
+    """
+    sigma = _WIDTH_OF_RADIUS * radius
+    inner = int(np.ceil(search)) + 1
+    outer = inner + int(np.ceil(4 * sigma)) + 1
+    middle = np.round(at).astype(np.intp)
+    rows, columns = (middle[:, k, None] + np.arange(-outer, outer + 1) for k in (1, 0))
+    part = image[
+        np.clip(rows, 0, image.shape[0] - 1)[:, :, None],
+        np.clip(columns, 0, image.shape[1] - 1)[:, None, :],
+    ].astype(float)
+    smooth, curved = (
+        ndimage.gaussian_filter1d(np.eye(2 * outer + 1), sigma, axis=0, order=order)[
+            outer - inner : outer + inner + 1
+        ]
+        for order in (0, 2)
     )
-    if min(part.shape, default=0) < 3:
-        return nothing
-    v, u = np.mgrid[: part.shape[0], : part.shape[1]]
-    near = (u + corner[0] - at[0]) ** 2 + (v + corner[1] - at[1]) ** 2 <= search**2
-    roundness = -ndimage.gaussian_laplace(part, _WIDTH_OF_RADIUS * radius, mode="nearest")
-    if not near.any():
-        return nothing
-    row, column = divmod(int(np.argmax(np.where(near, roundness, -np.inf))), part.shape[1])
-    center = _fitted(part, np.array([column, row], float), radius, least_contrast)
-    return center + corner if np.hypot(*(center + corner - at)) <= search + radius else nothing
+    roundness = -(smooth @ part @ curved.T + curved @ part @ smooth.T)
+    kept = slice(outer - inner, outer + inner + 1)
+    v, u = rows[:, kept, None], columns[:, None, kept]
+    allowed = (u - at[:, 0, None, None]) ** 2 + (v - at[:, 1, None, None]) ** 2 <= search**2
+    allowed &= (v >= 0) & (v < image.shape[0]) & (u >= 0) & (u < image.shape[1])
+    best = np.where(allowed, roundness, -np.inf).reshape(len(at), -1).argmax(-1)
+    row, column = np.divmod(best, 2 * inner + 1)
+    return middle - inner + np.stack([column, row], -1), allowed.any((1, 2))
 
 
 def _fitted(
-    part: FloatArray, start: FloatArray, radius: float, least_contrast: float
+    image: Float32Array, starts: NDArray[np.intp], radius: float, least_contrast: float
 ) -> FloatArray:
-    """Center (2,) of a Gaussian on a plane by least squares, or NaN where the fit is no bead."""
-    v, u = np.mgrid[: part.shape[0], : part.shape[1]]
-    inside = (u - start[0]) ** 2 + (v - start[1]) ** 2 <= (_WINDOW_OF_RADIUS * radius + 1) ** 2
-    du, dv, values = u[inside] - start[0], v[inside] - start[1], part[inside]
-    if len(values) < 12:
-        return np.full(2, np.nan)
-    edge = du**2 + dv**2 > (1.2 * radius + 0.5) ** 2
-    base = float(np.median(values[edge])) if edge.any() else float(values.min())
+    """Centers (n, 2) of Gaussians on planes by least squares, from pixels ``starts`` (n, 2).
 
-    def residual(x: FloatArray) -> FloatArray:
-        height, cu, cv, width, offset, slope_u, slope_v = x
-        bump = height * np.exp(-((du - cu) ** 2 + (dv - cv) ** 2) / (2 * width**2))
-        return bump + offset + slope_u * du + slope_v * dv - values
-
-    first = [
-        max(float(values.max()) - base, least_contrast),
-        0,
-        0,
-        _WIDTH_OF_RADIUS * radius + 0.3,
-        base,
-        0,
-        0,
-    ]
-    fit = least_squares(
-        residual, first, x_scale=[first[0], 1, 1, 1, first[0], first[0], first[0]], max_nfev=_ROUNDS
+    NaN where the fit is no bead.
+    """
+    half = int(_WINDOW_OF_RADIUS * radius + 1)
+    v, u = np.mgrid[-half : half + 1, -half : half + 1].reshape(2, -1)
+    circle = u**2 + v**2 <= (_WINDOW_OF_RADIUS * radius + 1) ** 2
+    offsets = np.stack([u[circle], v[circle]], -1)
+    columns, rows = (starts[:, k, None] + offsets[:, k] for k in (0, 1))
+    seen = (rows >= 0) & (rows < image.shape[0]) & (columns >= 0) & (columns < image.shape[1])
+    values = image[
+        np.clip(rows, 0, image.shape[0] - 1), np.clip(columns, 0, image.shape[1] - 1)
+    ].astype(float)
+    center, width, height = np.zeros((len(starts), 2)), np.zeros(len(starts)), np.zeros(len(starts))
+    enough = seen.sum(-1) >= _FEWEST_PIXELS
+    center[enough], width[enough], height[enough] = _bumps(
+        offsets, values[enough], seen[enough], radius
     )
-    height, cu, cv, width = fit.x[:4]
     is_bead = (
-        height >= least_contrast
-        and np.hypot(cu, cv) <= radius + 1
-        and 0.2 * radius <= abs(width) <= 2 * radius + 1
+        enough
+        & (height >= least_contrast)
+        & (np.linalg.norm(center, axis=-1) <= radius + 1)
+        & (width >= 0.2 * radius)
+        & (width <= 2 * radius + 1)
     )
-    return start + np.array([cu, cv]) if is_bead else np.full(2, np.nan)
+    return np.where(is_bead[:, None], starts + center, np.nan)
+
+
+def _bumps(
+    offsets: NDArray[np.int_], values: FloatArray, seen: NDArray[np.bool_], radius: float
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Centers (n, 2), widths (n,) and heights (n,) of Gaussians on planes of least squared error.
+
+    ``values`` (n, k) at ``offsets`` (k, 2) count where they are ``seen``. Levenberg and Marquardt's
+    rule for all at once, each with a damping of its own. A Gaussian is exp(b x - q x^2), so that
+    shapes that fit a few pixels equally well lie on a straight line.
+    """
+    limits = 0.5 / (3 * radius + 1.5) ** 2, 0.5 / _NARROWEST**2
+    shape = np.tile([0, 0, 0.5 / (_WIDTH_OF_RADIUS * radius + 0.3) ** 2], (len(values), 1))
+    shape[:, 2] = np.clip(shape[:, 2], limits[0], limits[1])
+    damping, active = np.full(len(shape), 1e-3), np.arange(len(shape))
+    residual, slopes, height = _without_plane(offsets, values, seen, shape)
+    for _ in range(_ROUNDS):
+        if len(active) == 0:
+            break
+        tried = shape[active] + _step(
+            residual[active], slopes[active], shape[active, 2], limits, damping[active]
+        )
+        tried[:, 2] = np.clip(tried[:, 2], limits[0], limits[1])
+        made = _without_plane(offsets, values[active], seen[active], tried)
+        better = (made[0] ** 2).sum(-1) <= (residual[active] ** 2).sum(-1)
+        change = np.abs(_centers(tried) - _centers(shape[active])).max(-1)
+        taken = active[better]
+        shape[taken], residual[taken] = tried[better], made[0][better]
+        slopes[taken], height[taken] = made[1][better], made[2][better]
+        damping[active] = np.maximum(damping[active] * np.where(better, 0.1, 10.0), 1e-9)
+        active = active[(change > _SETTLED) & (damping[active] < 1e6)]
+    peak = np.exp(np.minimum((shape[:, :2] ** 2).sum(-1) / (4 * shape[:, 2]), _HIGHEST))
+    return _centers(shape), np.sqrt(0.5 / shape[:, 2]), height * peak
+
+
+def _centers(shape: FloatArray) -> FloatArray:
+    return shape[:, :2] / (2 * shape[:, 2:])
+
+
+def _step(
+    residual: FloatArray,
+    slopes: FloatArray,
+    sharpness: FloatArray,
+    limits: tuple[float, float],
+    damping: FloatArray,
+) -> FloatArray:
+    """Changes of the shapes (n, 3), shortened to end where the sharpness reaches a limit.
+
+    A sharpness at its limit stays there if it is drawn beyond.
+    """
+    normal = np.swapaxes(slopes, -1, -2) @ slopes
+    pull = np.einsum("nki,nk->ni", slopes, residual)
+    beyond = ((sharpness <= limits[0]) & (pull[:, 2] < 0)) | (
+        (sharpness >= limits[1]) & (pull[:, 2] > 0)
+    )
+    normal[beyond, 2, :2] = normal[beyond, :2, 2] = pull[beyond, 2] = 0
+    diagonal = np.einsum("nii->ni", normal)
+    # no slope at all, where a bump has no height: no step
+    diagonal += damping[:, None] * diagonal + 1e-12 * diagonal.max(-1, keepdims=True)
+    diagonal += np.finfo(float).tiny
+    step = np.linalg.solve(normal, pull[..., None])[..., 0]
+    allowed = np.clip(sharpness + step[:, 2], limits[0], limits[1]) - sharpness
+    share = np.divide(allowed, step[:, 2], out=np.ones_like(allowed), where=allowed != step[:, 2])
+    return step * np.where(share > 0, share, 1.0)[:, None]
+
+
+def _without_plane(
+    offsets: NDArray[np.int_], values: FloatArray, seen: NDArray[np.bool_], shape: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Residuals (n, k), their slopes (n, k, 3) by shape, and heights (n,) at the offset 0.
+
+    Height and plane are those of least squared error for each shape. Slopes are of the bump, less
+    what height and plane make up for.
+    """
+    terms = np.concatenate([offsets, -(offsets**2).sum(-1, keepdims=True)], -1).astype(float)
+    bump = seen * np.exp(np.minimum(shape @ terms.T, _HIGHEST))
+    plane = np.concatenate([np.ones((len(offsets), 1)), offsets], -1)
+    linear = np.concatenate([seen[..., None] * plane, bump[..., None]], -1)
+    basis, triangle = np.linalg.qr(linear)
+    counted: FloatArray = np.where(seen, values, 0.0)[..., None]
+    share, corner = (np.swapaxes(basis, -1, -2) @ counted)[:, 3, 0], triangle[:, 3, 3]
+    height = np.divide(share, corner, out=np.zeros_like(corner), where=corner != 0)
+    both = np.concatenate([(height[:, None] * bump)[..., None] * terms, counted], -1)
+    left = both - basis @ (np.swapaxes(basis, -1, -2) @ both)
+    return left[..., 3], left[..., :3], height

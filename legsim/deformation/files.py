@@ -1,6 +1,7 @@
 """Motions as .npz files."""
 
 import zipfile
+import zlib
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -17,6 +18,13 @@ def save_motion(path: Path, motion: Motion) -> None:
     save_npz(path, times=motion.times, **motion.arrays())
 
 
+_UNREADABLE = (
+    *(OSError, EOFError, KeyError, ValueError, TypeError, zipfile.BadZipFile, zlib.error),
+    RuntimeError,
+)
+"""what damaged archives raise; RuntimeError where one looks encrypted or otherwise packed"""
+
+
 def load_motion(path: Path) -> Motion:
     """Reads what :func:`save_motion` wrote; the file's arrays say which kind of motion it is.
 
@@ -28,7 +36,7 @@ def load_motion(path: Path) -> Motion:
             return _motion(data)
     except FileNotFoundError:
         raise file_error(path, "no such file", "give a motion-<method>.npz") from None
-    except (OSError, EOFError, KeyError, ValueError, zipfile.BadZipFile) as error:
+    except _UNREADABLE as error:
         raise file_error(
             path,
             f"is not a motion file ({error})",

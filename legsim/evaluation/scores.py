@@ -49,6 +49,13 @@ class MethodResult:
         bones = [r.pixels for r in self.residuals if r.structure != "skin"]
         return float(np.sqrt(np.mean(np.square(bones)))) if bones else float("nan")
 
+    @property
+    def residual_px_after_similarity(self) -> float:
+        """The same after the one constant similarity that images cannot see."""
+        bones = [r.pixels_after_similarity for r in self.residuals if r.structure != "skin"]
+        known = [pixels for pixels in bones if pixels is not None]
+        return float(np.sqrt(np.mean(np.square(known)))) if known else float("nan")
+
 
 def result_from(entry: dict[str, Any]) -> MethodResult:
     """Restores a result from an entry of metrics.json."""

@@ -4,8 +4,11 @@ import io
 from collections.abc import Sequence
 
 from matplotlib.axes import Axes
+from matplotlib.backend_bases import RendererBase
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.text import Text
+from matplotlib.ticker import LogFormatter
 
 COLORS = ("#1f5fa8", "#d1661b", "#2a8a4a", "#b0307f", "#7a5bc0", "#8a6a1f", "#1d8a93", "#6b6b6b")
 """Distinguishable in print and by most color-blind readers; used in this order."""
@@ -13,10 +16,33 @@ TEXT = "#1c1c1c"
 
 
 class NotebookFigure(Figure):
-    """A figure that a notebook draws by itself, whether or not pyplot is loaded."""
+    """A figure that a notebook draws by itself, whether or not pyplot is loaded.
+
+    Names of files, sensors and markers are drawn as they are, dollar signs included.
+    """
+
+    def draw(self, renderer: RendererBase) -> None:
+        powers = _powers(self)
+        for text in self.findobj(Text):
+            if isinstance(text, Text) and text not in powers:
+                text.set_parse_math(False)
+        super().draw(renderer)
 
     def _repr_png_(self) -> bytes:
         return png(self, dpi=110)
+
+
+def _powers(figure: Figure) -> set[Text]:
+    """Numbers along the axes that are formulas, the powers of ten."""
+    axes = [axis for ax in figure.axes for axis in (ax.xaxis, ax.yaxis)]
+    labels = {axis: axis.get_majorticklabels() + axis.get_minorticklabels() for axis in axes}
+    return {
+        label
+        for axis, found in labels.items()
+        for label in found
+        if isinstance(axis.get_major_formatter(), LogFormatter)
+        or label.get_text().startswith("$10^{")
+    }
 
 
 def new_figure(width: float, height: float) -> Figure:

@@ -40,15 +40,25 @@ class ConeBeamGeometry:
                 f"ConeBeamGeometry.matrices has shape {matrices.shape}; expected "
                 f"{(len(self.times), 3, 4)}, all finite"
             )
-        determinants = np.abs(np.linalg.det(matrices[:, :, :3]))
-        scale = np.linalg.norm(matrices[:, 2, :3], axis=-1)
-        if (determinants <= 1e-12 * scale**3).any():
+        # numbers near the largest that there are overflow here, and are refused
+        with np.errstate(over="ignore", invalid="ignore"):
+            determinants = np.abs(np.linalg.det(matrices[:, :, :3]))
+            scale = np.linalg.norm(matrices[:, 2, :3], axis=-1)
+            regular = determinants > 1e-12 * scale**3
+        if not regular.all():
             raise LegsimError(
-                f"ConeBeamGeometry.matrices[{int(np.argmin(determinants))}] is singular: it has "
+                f"ConeBeamGeometry.matrices[{int(np.argmin(regular))}] is singular: it has "
                 "no source position"
             )
         matrices /= scale[:, None, None]
-        depth = matrices[:, 2, :3] @ _nearest_point_to_principal_rays(matrices) + matrices[:, 2, 3]
+        try:
+            nearest = _nearest_point_to_principal_rays(matrices)
+        except np.linalg.LinAlgError as error:
+            raise LegsimError(
+                "ConeBeamGeometry.matrices hold numbers too large to find the sources; give them "
+                "in world meters"
+            ) from error
+        depth = matrices[:, 2, :3] @ nearest + matrices[:, 2, 3]
         matrices *= np.where(depth < 0, -1.0, 1.0)[:, None, None]
         object.__setattr__(self, "matrices", frozen("matrices", matrices, matrices.shape))
         rows, columns = self.shape_vu
@@ -57,6 +67,7 @@ class ConeBeamGeometry:
                 f"ConeBeamGeometry.shape_vu is {self.shape_vu}; both counts must be positive"
             )
         object.__setattr__(self, "shape_vu", (int(rows), int(columns)))
+        object.__setattr__(self, "pixel_pitch", float(self.pixel_pitch))
         if not self.pixel_pitch > 0:
             raise LegsimError(
                 f"ConeBeamGeometry.pixel_pitch is {self.pixel_pitch}; it must be positive"

@@ -28,6 +28,7 @@ from numpy.typing import NDArray
 from legsim.core import files
 from legsim.core.errors import LegsimError, file_error
 from legsim.core.values import Float32Array
+from legsim.geometry import _meta_header
 from legsim.geometry.cone_beam import ConeBeamGeometry, Projections
 from legsim.geometry.volume import Volume, VolumeGrid
 
@@ -320,6 +321,8 @@ def read_header(path: Path | str) -> ImageHeader:
 def _open(path: Path, dimensions: tuple[int, ...] = (3,)) -> sitk.ImageFileReader:
     if not path.is_file():
         raise file_error(path, "no such file", "check the name")
+    if path.suffix.lower() in (".mha", ".mhd"):
+        _meta_header.check(path)
     reader = sitk.ImageFileReader()
     reader.SetFileName(str(path))
     try:

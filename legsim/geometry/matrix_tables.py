@@ -6,6 +6,7 @@ four. Anything else is refused: read as 12 numbers per view it would be other ma
 """
 
 import re
+import tokenize
 from pathlib import Path
 from typing import Any
 
@@ -145,11 +146,18 @@ def _number(path: Path, word: str, line: int) -> float:
         ) from error
 
 
+_UNREADABLE = (
+    *(ValueError, EOFError, TypeError, SyntaxError, OverflowError),
+    tokenize.TokenError,
+)
+"""what numpy raises for a damaged header"""
+
+
 def _npy_values(path: Path) -> FloatArray:
     fix = "write it with numpy.save of a (views, 3, 4) array"
     try:
         values = np.load(path, allow_pickle=False)
-    except (ValueError, EOFError) as error:
+    except _UNREADABLE as error:
         raise file_error(path, "is not an .npy file of numbers", fix) from error
     if not isinstance(values, np.ndarray) or values.dtype.kind not in "fiu":
         raise file_error(path, "is not an .npy file of real numbers", fix)

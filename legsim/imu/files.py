@@ -54,10 +54,24 @@ def save_imu(path: Path, signals: ImuSignals) -> None:
     files.write_text(path, stream.getvalue())
 
 
+def _numbers(path: Path, line: int, row: list[str], count: int) -> list[float]:
+    try:
+        numbers = [float(cell) for cell in row]
+    except ValueError as error:
+        raise file_error(path, str(error), "repair the line", place=f"line {line}") from error
+    if len(numbers) != count:
+        problem = f"holds {len(numbers)} numbers instead of {count}"
+        raise file_error(path, problem, "repair the line", place=f"line {line}")
+    return numbers
+
+
 def load_imu(path: Path) -> ImuSignals:
     """Reads the file that :func:`save_imu` writes, to the last bit."""
-    with path.open(encoding="utf-8", newline="") as stream:
-        header, *rows = list(csv.reader(stream))
+    try:
+        header, *table = csv.reader(files.read(path, "IMU"), strict=True)
+    except csv.Error as error:
+        raise file_error(path, f"is not an IMU table ({error})", "make it again") from error
+    rows = [_numbers(path, k, row, len(header)) for k, row in enumerate(table, 2) if row]
     names = _own_names(header)
     if names is None or not rows:
         raise file_error(

@@ -61,7 +61,10 @@ def read(path: Path | str) -> MarkerTrajectories | RawCoordinates:
         LegsimError: as :func:`load`.
     """
     path = Path(path)
-    rows = [row for row in csv.reader(files.read(path, "CSV")) if row]
+    try:
+        rows = [row for row in csv.reader(files.read(path, "CSV")) if row]
+    except csv.Error as error:
+        raise file_error(path, f"is not CSV ({error})", "export it again") from error
     header = rows[0]
     if header[0] != "time_s" or len(header) < 2:
         raise file_error(
@@ -70,6 +73,8 @@ def read(path: Path | str) -> MarkerTrajectories | RawCoordinates:
             "start it with time_s and one more",
             place="line 1",
         )
+    if len(rows) == 1:
+        raise file_error(path, "has a header and no rows", "export it again")
     table = np.array(
         [_numbers(path, k, row, header) for k, row in enumerate(rows[1:], start=2)]
     ).reshape(-1, len(header))

@@ -13,6 +13,7 @@ import lazy_loader
 import numpy as np
 
 from legsim.core.errors import LegsimError
+from legsim.opencl import runtimes
 from legsim.opencl.discovery import Candidate, build_program, candidates
 
 if TYPE_CHECKING:
@@ -45,6 +46,16 @@ class Device:
     @property
     def is_cpu(self) -> bool:
         return self.candidate.kind == "cpu"
+
+    @property
+    def group_size(self) -> int:
+        """Work-items that a work-group can have."""
+        return self.candidate.handle.max_work_group_size
+
+    @property
+    def local_bytes(self) -> int:
+        """Local memory of a work-group."""
+        return self.candidate.handle.local_mem_size
 
     def program(self, *kernel_files: str, **defines: int | str) -> cl.Program:
         """Builds files of ``opencl/kernels`` as one program, once per set of ``defines``."""
@@ -108,10 +119,10 @@ def open_device(wanted: str | None = None) -> Device:
             "; ".join(f"{c.label}: {c.failure}" for c in everything)
             or "the OpenCL loader lists no device"
         )
-        raise LegsimError(
-            f"no OpenCL device works ({seen}); install one with `pip install intel-opencl-rt "
-            "intel-cmplr-lib-rt`, then see `legsim doctor`"
+        fix = runtimes.fault() or (
+            "install one with `pip install intel-opencl-rt intel-cmplr-lib-rt`"
         )
+        raise LegsimError(f"no OpenCL device works ({seen}); {fix}, then see `legsim doctor`")
     matching = [
         c for c in working if wanted.lower() in (c.kind, "") or wanted.lower() in c.label.lower()
     ]

@@ -1,28 +1,17 @@
-"""OpenCL devices found inside the environment and probed by running a kernel.
-
-Runtimes from PyPI register themselves badly: Intel's ``.icd`` files hold a dummy path and nothing
-points the loader at the environment's folder. ``_register_runtimes`` therefore writes a folder of
-correct ``.icd`` files (the environment's runtimes and the system's) and names it in
-``OCL_ICD_VENDORS`` before the loader reads it, once, at the first platform query.
-"""
+"""OpenCL devices of all runtimes, probed by running kernels whose numbers are checked."""
 
 from __future__ import annotations
 
-import hashlib
-import os
-import sys
-import tempfile
 import time
 import warnings
 from dataclasses import dataclass, field
 from functools import cache
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import lazy_loader
 import numpy as np
 
-from legsim.core import files
+from legsim.opencl import caches, runtimes
 
 if TYPE_CHECKING:
     import pyopencl as cl
@@ -42,7 +31,24 @@ __kernel void probe(__global const float *table, __global float *out, const int 
     }
     out[i] = sum;
 }
+
+__kernel void groups(__global int *sums, __global volatile int *counts, __local int *shared)
+{
+    const int i = get_global_id(0), own = get_local_id(0), value = i % 1009;
+    shared[own] = value;
+    atomic_inc(&counts[value & 7]);
+    for (int reach = get_local_size(0) / 2; reach > 0; reach /= 2) {
+        barrier(CLK_LOCAL_MEM_FENCE);
+        if (own < reach)
+            shared[own] += shared[own + reach];
+    }
+    if (own == 0)
+        sums[get_group_id(0)] = shared[0];
+}
 """
+
+_COUNT, _STEPS = 1 << 16, 64
+"""work-items of the probe and steps of each"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,6 +65,8 @@ class Candidate:
     """time of the probe kernel, None where it failed"""
     failure: str
     """first line of why the probe failed, empty where it passed"""
+    driver: str
+    """the driver's version"""
     handle: Any = field(repr=False, compare=False)
 
     @property
@@ -66,56 +74,27 @@ class Candidate:
         """What a user sees and may name in LEGSIM_DEVICE."""
         return f"{self.name.strip()} [{self.platform.strip()}]"
 
+    @property
+    def compiler(self) -> str:
+        """What turns kernels into numbers: the platform and its driver's version."""
+        return f"{self.platform.strip()} {self.driver.strip()}"
+
 
 def build_program(context: cl.Context, source: str, options: list[str]) -> cl.Program:
     with warnings.catch_warnings():
         # Intel's compiler reports vectorization remarks as output, which pyopencl turns into this
         # warning
         warnings.simplefilter("ignore", cl.CompilerWarning)
+        # the program is then built without its cache
+        warnings.filterwarnings("ignore", "PyOpenCL compiler caching failed")
         return cl.Program(context, source).build(options=options)
-
-
-@cache
-def _register_runtimes() -> str:
-    """Points the ICD loader at the environment's and the system's runtimes; returns the setting.
-
-    A user's own setting stays.
-    """
-    if "OCL_ICD_VENDORS" in os.environ:
-        return os.environ["OCL_ICD_VENDORS"]
-    libraries = [
-        p
-        for p in (
-            Path(sys.prefix, "lib", "libintelocl.so"),
-            Path(sys.prefix, "Library", "bin", "intelocl64.dll"),
-        )
-        if p.exists()
-    ]
-    system = sorted(Path("/etc/OpenCL/vendors").glob("*.icd"))
-    if not libraries:
-        return ""
-    # on Windows the folder of temporary files is the user's own
-    owner = os.getuid() if hasattr(os, "getuid") else "own"
-    folder = Path(
-        tempfile.gettempdir(),
-        f"legsim-icd-{owner}-{hashlib.sha256(str(libraries).encode()).hexdigest()[:12]}",
-    )
-    folder.mkdir(mode=0o700, exist_ok=True)
-    entries = {f"env-{k}.icd": f"{library}\n" for k, library in enumerate(libraries)}
-    entries |= {path.name: path.read_text() for path in system}
-    for name, content in entries.items():
-        if not (folder / name).exists() or (folder / name).read_text() != content:
-            files.write_text(folder / name, content)
-    for stale in {p.name for p in folder.glob("*.icd")} - set(entries):
-        (folder / stale).unlink(missing_ok=True)
-    os.environ["OCL_ICD_VENDORS"] = str(folder)
-    return str(folder)
 
 
 @cache
 def candidates() -> tuple[Candidate, ...]:
     """Every OpenCL device that the loader lists, probed by running a kernel; fastest first."""
-    _register_runtimes()
+    caches.prepare()
+    runtimes.register()
     try:
         platforms = cl.get_platforms()
     except cl.Error:
@@ -126,50 +105,91 @@ def candidates() -> tuple[Candidate, ...]:
             devices = platform.get_devices()
         except cl.Error:
             continue
-        found += [_probe(platform, device) for device in devices]
+        found += [_candidate(platform, device) for device in devices]
     return tuple(sorted(found, key=lambda c: (c.seconds is None, c.seconds or 0.0)))
 
 
-def _probe(platform: cl.Platform, device: cl.Device) -> Candidate:
-    kind = (
-        "gpu"
-        if device.type & cl.device_type.GPU
-        else "cpu"
-        if device.type & cl.device_type.CPU
-        else "other"
-    )
+def _candidate(platform: cl.Platform, device: cl.Device) -> Candidate:
     seconds, failure = None, ""
     try:
-        context = cl.Context([device])
-        queue = cl.CommandQueue(context)
-        kernel = build_program(context, _PROBE, []).probe
-        count, table = 1 << 16, np.arange(4097, dtype=np.float32)
-        source = cl.Buffer(
-            context, cl.mem_flags.READ_ONLY | cl.mem_flags.COPY_HOST_PTR, hostbuf=table
-        )
-        target = cl.Buffer(context, cl.mem_flags.WRITE_ONLY, 4 * count)
-        out = np.empty(count, np.float32)
-        for _ in range(3):
-            start = time.perf_counter()
-            kernel(queue, (count,), None, source, target, np.int32(64))
-            cl.enqueue_copy(queue, out, target)
-            lap = time.perf_counter() - start
-            seconds = lap if seconds is None else min(seconds, lap)
-        expected = _probe_reference(table, 64)
-        if not np.allclose(out[:1024], expected, rtol=1e-3):
-            seconds, failure = None, "the probe kernel returned wrong numbers"
-    except (cl.Error, RuntimeError) as error:
-        seconds, failure = None, (str(error).strip().splitlines() or [type(error).__name__])[0]
+        seconds = _probe(device)
+    except (cl.Error, RuntimeError, OSError) as error:
+        failure = _reason(error)
     return Candidate(
         platform.name,
         device.name,
-        kind,
+        _kind(device),
         device.global_mem_size,
         device.max_compute_units,
         seconds,
         failure,
+        device.driver_version,
         device,
     )
+
+
+def _reason(error: Exception) -> str:
+    """First line of an error, and the compiler's first complaint where there is one."""
+    lines = [line.strip() for line in str(error).splitlines() if line.strip()]
+    complaint = [line for line in lines[1:] if "error:" in line][:1]
+    return "; ".join([*lines[:1], *complaint]) or type(error).__name__
+
+
+def _kind(device: cl.Device) -> str:
+    for kind in ("GPU", "CPU"):
+        if device.type & getattr(cl.device_type, kind):
+            return kind.lower()
+    return "other"
+
+
+def _probe(device: cl.Device) -> float:
+    """Seconds of the probe kernels on the device, the best of three.
+
+    Raises:
+        RuntimeError: numbers that are wrong.
+        pyopencl.Error: it cannot build or run them.
+    """
+    context = cl.Context([device])
+    queue = cl.CommandQueue(context)
+    program = build_program(context, _PROBE, [])
+    table = np.arange(4097, dtype=np.float32)
+    source = cl.Buffer(context, cl.mem_flags.READ_ONLY | cl.mem_flags.COPY_HOST_PTR, hostbuf=table)
+    target = cl.Buffer(context, cl.mem_flags.READ_WRITE, 4 * _COUNT)
+    out, laps = np.empty(_COUNT, np.float32), []
+    kernel = program.probe
+    for _ in range(3):
+        start = time.perf_counter()
+        kernel(queue, (_COUNT,), None, source, target, np.int32(_STEPS))
+        cl.enqueue_copy(queue, out, target)
+        laps.append(time.perf_counter() - start)
+    expected = _probe_reference(table, _STEPS)
+    if not np.allclose(out.reshape(-1, 1024), expected, rtol=1e-3):
+        raise RuntimeError("the probe kernel returned wrong numbers")
+    _check_groups(context, queue, program.groups, device.max_work_group_size)
+    return min(laps)
+
+
+def _check_groups(context: cl.Context, queue: cl.CommandQueue, kernel: Any, largest: int) -> None:
+    """Checks what the kernels need besides arithmetic: local memory, barriers, atomic counts.
+
+    Raises:
+        RuntimeError: numbers that are wrong.
+    """
+    size = min(64, largest)
+    size = 1 << (size.bit_length() - 1)
+    groups = 256
+    sums, counts = np.empty(groups, np.int32), np.zeros(8, np.int32)
+    flags = cl.mem_flags.READ_WRITE | cl.mem_flags.COPY_HOST_PTR
+    target, counters = (cl.Buffer(context, flags, hostbuf=array) for array in (sums, counts))
+    kernel(queue, (groups * size,), (size,), target, counters, cl.LocalMemory(4 * size))
+    cl.enqueue_copy(queue, sums, target)
+    cl.enqueue_copy(queue, counts, counters)
+    values = np.arange(groups * size, dtype=np.int64) % 1009
+    right = values.reshape(groups, size).sum(1)
+    if not np.array_equal(sums, right):
+        raise RuntimeError("the probe kernel returned wrong sums of a work-group")
+    if not np.array_equal(counts, np.bincount(values % 8, minlength=8)):
+        raise RuntimeError("the probe kernel returned wrong atomic counts")
 
 
 def _probe_reference(table: np.ndarray, steps: int) -> np.ndarray:

@@ -25,8 +25,12 @@ Fuller tiles are repeated with lists in global memory.
 """
 
 _CHUNK = 256
+"""vertices or triangles of a work-group at most"""
 
 _SPARE_BYTES = 1 << 28
+
+_CROSSING_BYTES = 8
+"""a depth and a tag"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -62,7 +66,10 @@ class MeshRaster:
         self.device, self.parts = device, phantom.parts
         # on a CPU a work-item takes four pixels of a tile, so that the triangles are fetched once
         # for all; a GPU rather has more work-items
-        self.group_bands = 1 if device.is_cpu else TILE // 2
+        self.group_bands = 1 if device.is_cpu else group_bands(device.group_size)
+        self.chunk = min(_CHUNK, device.group_size)
+        lists = device.local_bytes // (_CROSSING_BYTES * TILE * TILE)
+        self.capacity = max(1, min(CAPACITY, lists))
         self.words = (len(phantom.parts) + 31) // 32
         firsts = np.concatenate([[0], np.cumsum([len(part.vertices) for part in phantom.parts])])
         triangles = np.concatenate(
@@ -148,8 +155,8 @@ class MeshRaster:
             self._place(
                 *(
                     self.device.queue,
-                    _padded(count),
-                    (_CHUNK,),
+                    _padded(count, self.chunk),
+                    (self.chunk,),
                     self._points[k],
                     np.uint32(count),
                     buffer,
@@ -189,8 +196,8 @@ class MeshRaster:
         self._sort(
             *(
                 self.device.queue,
-                _padded(self.count),
-                (_CHUNK,),
+                _padded(self.count, self.chunk),
+                (self.chunk,),
                 self.triangles,
                 np.uint32(self.count),
                 self.whole,
@@ -215,7 +222,7 @@ class TileKernel:
         }
         self._raster = raster
         self._fast = raster.device.kernel(
-            name, "mesh_crossings.cl", file, CAPACITY=CAPACITY, **defines
+            name, "mesh_crossings.cl", file, CAPACITY=raster.capacity, **defines
         )
         self._roomy = raster.device.kernel(
             name, "mesh_crossings.cl", file, LISTS_IN_GLOBAL_MEMORY=1, **defines
@@ -236,7 +243,7 @@ class TileKernel:
             tiled,
             tiled.listed,
             (*arguments, needed, target),
-            CAPACITY,
+            self._raster.capacity,
             (nothing, nothing),
         )
         fullest = device.download(needed, np.empty(total, np.int32))
@@ -273,6 +280,14 @@ class TileKernel:
             *(tiled.entries, tiled.starts, raster.device.upload(listed), tiled.pixels, tiled.tiles),
             *(*own, np.int32(capacity), *spare),
         )
+
+
+def group_bands(limit: int) -> int:
+    """Bands of a tile that a work-group of at most ``limit`` work-items can take at once."""
+    bands = TILE // 2
+    while bands > 1 and bands * 2 * TILE > limit:
+        bands //= 2
+    return bands
 
 
 def bounds(points: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -318,5 +333,5 @@ def _pairs(values: FloatArray) -> np.ndarray:
     return np.concatenate([high, (values - high).astype(np.float32)], axis=1)
 
 
-def _padded(count: int) -> tuple[int]:
-    return (-(-count // _CHUNK) * _CHUNK,)
+def _padded(count: int, chunk: int) -> tuple[int]:
+    return (-(-count // chunk) * chunk,)

@@ -23,10 +23,11 @@ from legsim.evaluation import similarity
 from legsim.evaluation.regions import cylinder
 from legsim.geometry.volume import NamedVolume, VolumeGrid
 from legsim.kinematics.skeleton import SegmentPoses
+from legsim.opencl import failures
 from legsim.opencl.device import Device, open_device
 from legsim.report import measured_page, page, scan_page
 from legsim.report.measured_page import Sharpness
-from legsim.run import measured, methods, reconstruction
+from legsim.run import code, measured, methods, reconstruction
 from legsim.run.corrected import Reconstructed, Reconstructor
 from legsim.run.folder import RunFolder, commit
 from legsim.run.measured import MeasuredScan
@@ -106,18 +107,19 @@ def correct(
     opened = open_device(device)
     built = _build(names, read, opened)
     on_progress("reading", 1, 1)
-    made = RunFolder(out, _about(read, opened))
-    given = Reconstructor(made, read.settings.reconstruction, read.grid, opened, on_progress)
-    key = _key_of(read)
-    corrected = tuple(
-        given.of(name, key_of(key, methods.fingerprint(name)), lambda m=method: m(read.seen))
-        for name, method in built.items()
-    )
-    _write_motions(made, read, corrected)
-    sharpness = _sharpness(made, read, corrected)
-    notes = (*read.notes, *(note for one in corrected for note in one.notes))
-    _present(given, key, read, corrected, sharpness, notes)
-    return CorrectResult(out, sharpness, notes)
+    about = _about(read, opened)
+    with failures.reported(opened.label), RunFolder(out, about, kind="correct") as made:
+        given = Reconstructor(made, read.settings.reconstruction, read.grid, opened, on_progress)
+        key = key_of(_key_of(read), code.fingerprint("correct"), opened.candidate.compiler)
+        corrected = tuple(
+            given.of(name, key_of(key, methods.fingerprint(name)), lambda m=method: m(read.seen))
+            for name, method in built.items()
+        )
+        _write_motions(made, read, corrected)
+        sharpness = _sharpness(made, read, corrected)
+        notes = (*read.notes, *(note for one in corrected for note in one.notes))
+        _present(given, key, read, corrected, sharpness, notes)
+        return CorrectResult(out, sharpness, notes)
 
 
 def described(path: Path, given: Mapping[str, Any]) -> Path | MeasuredScanConfig:

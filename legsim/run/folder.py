@@ -2,32 +2,34 @@
 
 A stage has a key, a hash of all that decides its output. Where the manifest holds the same key and
 the files still have the recorded sha256, the stage is skipped. One process at a time writes into a
-folder.
+folder: :mod:`legsim.run.lock`.
 """
 
-import errno
-import fcntl
 import json
 import os
-import socket
 import subprocess
 import time
 import warnings
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from types import TracebackType
+from typing import Any, Literal, Self
 
 from legsim.core import memory
-from legsim.core.errors import file_error
+from legsim.core.errors import file_error, printable
 from legsim.core.files import PREFIX, sha256, write_text
 from legsim.evaluation.registration import RegistrationError
+from legsim.run.lock import FolderLock
 from legsim.run.store import StageCache
 
 _PACKAGE = Path(__file__).parents[1]
 
 SCHEMA = 2
+
+Kind = Literal["run", "replay", "correct", "study"]
+"""the command whose results a folder holds"""
 
 _ABANDONED_S = 3600.0
 """age after which a partial file that nobody writes to is deleted"""
@@ -45,16 +47,24 @@ def _remove_leftovers(folder: Path) -> None:
 
 
 class RunFolder:
-    """A folder of results with its manifest."""
+    """A folder of results with its manifest, locked for one writer until it is closed."""
 
-    def __init__(self, path: Path, about: dict[str, Any], store: StageCache | None = None) -> None:
-        """Opens or makes the folder.
+    def __init__(
+        self,
+        path: Path,
+        about: dict[str, Any],
+        store: StageCache | None = None,
+        *,
+        kind: Kind = "run",
+    ) -> None:
+        """Opens or makes the folder, and locks it; to be used in a ``with`` statement.
 
         ``about`` (version, device, config hash ...) heads the manifest. Stages that ``store`` holds
         are taken from there. Stages finished here are added to it for other folders.
 
         Raises:
-            LegsimError: the folder cannot be made or written to.
+            LegsimError: the folder cannot be made or written to, another writer holds it, or it
+                holds the results of another kind of command.
         """
         self.path = path
         try:
@@ -66,49 +76,67 @@ class RunFolder:
             raise file_error(
                 path, f"cannot be written to ({error.strerror})", "choose another folder with --out"
             ) from error
-        _remove_leftovers(path)
-        self._stages: dict[str, Any] = self._read().get("stages", {})
+        self._lock = FolderLock(path)
+        try:
+            check_kind(path, kind)
+            _remove_leftovers(path)
+            self._stages = _entries(path)
+        except BaseException:
+            self._lock.release()
+            raise
+        self._kind = kind
         self._store = store
         self.about = about
         """Head of the manifest."""
 
-    def _read(self) -> dict[str, Any]:
-        manifest = self.path / "manifest.json"
-        if not manifest.exists():
-            return {}
-        try:
-            content = json.loads(manifest.read_text("utf-8"))
-        except (OSError, ValueError) as error:
-            raise file_error(
-                manifest,
-                f"is not a manifest ({error})",
-                "delete the file, or choose another folder with --out",
-            ) from error
-        return content if isinstance(content, dict) and content.get("schema") == SCHEMA else {}
+    def close(self) -> None:
+        """Gives the folder free for other writers."""
+        self._lock.release()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
 
     def done(self, stage: str, key: str) -> bool:
         """Whether the manifest confirms the stage, or the store has it.
 
-        A confirmed stage has the same key, and all its files are present and unchanged.
+        A confirmed stage has the same key, and all its files are present and unchanged. A warning
+        names a file that is not.
         """
         entry = self._stages.get(stage)
-        if entry is not None and entry["key"] == key and self._unchanged(entry):
-            return True
+        if entry is not None and entry["key"] == key:
+            altered = self._altered(entry)
+            if altered is None:
+                return True
+            warnings.warn(
+                f"{printable(self.path / altered)}: is not as the stage {stage!r} left it; the "
+                "stage is computed again",
+                stacklevel=3,
+            )
         found = None if self._store is None else self._store.fetch(stage, key, self.path)
         if self._store is None or found is None:
             return False
-        if not self._unchanged(found):
+        if self._altered(found) is not None:
             self._store.drop(stage, key)
             return False
         self._stages[stage] = found
         self.write_manifest()
         return True
 
-    def _unchanged(self, entry: dict[str, Any]) -> bool:
-        return all(
-            (self.path / name).is_file() and sha256(self.path / name) == f["sha256"]
-            for name, f in entry["files"].items()
-        )
+    def _altered(self, entry: dict[str, Any]) -> str | None:
+        """First file of the entry that is missing or has other content; None where all are kept."""
+        for name, recorded in entry["files"].items():
+            path = self.path / name
+            if not path.is_file() or sha256(path) != recorded["sha256"]:
+                return name
+        return None
 
     def cached(self, stage: str, key: str, make: Callable[[], Sequence[str]]) -> bool:
         """Runs a stage unless it is finished under this key; returns whether it ran.
@@ -155,8 +183,70 @@ class RunFolder:
 
     def write_manifest(self) -> None:
         """Writes manifest.json with the current entries."""
-        content = {"schema": SCHEMA, **self.about, "stages": self._stages}
+        content = {"schema": SCHEMA, "kind": self._kind, **self.about, "stages": self._stages}
         write_text(self.path / "manifest.json", json.dumps(content, indent=1) + "\n")
+
+
+def _manifest(folder: Path) -> dict[str, Any]:
+    """Content of the folder's manifest; empty where there is none.
+
+    Raises:
+        LegsimError: the file is not a manifest.
+    """
+    path = folder / "manifest.json"
+    fix = "delete the file, or choose another folder with --out"
+    if not path.exists():
+        return {}
+    try:
+        content = json.loads(path.read_text("utf-8"))
+    except (OSError, ValueError) as error:
+        raise file_error(path, f"is not a manifest ({error})", fix) from error
+    if not isinstance(content, dict) or not isinstance(content.get("stages", {}), dict):
+        raise file_error(path, "is not a manifest", fix)
+    return content
+
+
+def _entries(folder: Path) -> dict[str, Any]:
+    """Stages that the folder's manifest confirms, damaged entries left out."""
+    content = _manifest(folder)
+    if content.get("schema") != SCHEMA:
+        return {}
+    return {stage: entry for stage, entry in content.get("stages", {}).items() if _is_entry(entry)}
+
+
+def _is_entry(entry: Any) -> bool:
+    if not isinstance(entry, dict) or not entry.keys() >= {"key", "seconds", "peak_mib", "files"}:
+        return False
+    files = entry["files"]
+    return isinstance(files, dict) and all(
+        isinstance(f, dict) and "sha256" in f for f in files.values()
+    )
+
+
+def check_kind(folder: Path, kind: Kind) -> None:
+    """Refuses to mix the results of two commands in one folder.
+
+    Raises:
+        LegsimError: the folder holds the results of another command.
+    """
+    held = kind_of(folder)
+    if held is not None and held != kind:
+        raise file_error(
+            folder,
+            f"holds the results of `legsim {held}`, not of `legsim {kind}`",
+            "choose another folder with --out",
+        )
+
+
+def kind_of(folder: Path) -> str | None:
+    """Finds the command whose results the folder holds; None where it holds none."""
+    if (folder / "study.toml").is_file():
+        return "study"
+    content = _manifest(folder)
+    stages = content.get("stages", {})
+    # folders of older versions do not say it
+    older = "replay" if "replay" in stages else "run" if "geometry" in stages else None
+    return content.get("kind", older)
 
 
 @dataclass(frozen=True, slots=True)
@@ -171,10 +261,9 @@ class FinishedStage:
 
 def finished_stages(folder: Path) -> tuple[FinishedStage, ...]:
     """Every stage that the folder's manifest confirms; none where there is no manifest."""
-    path = folder / "manifest.json"
-    entries = json.loads(path.read_text("utf-8"))["stages"] if path.is_file() else {}
     return tuple(
-        FinishedStage(stage, e["key"], e["seconds"], e["peak_mib"]) for stage, e in entries.items()
+        FinishedStage(stage, e["key"], e["seconds"], e["peak_mib"])
+        for stage, e in _entries(folder).items()
     )
 
 
@@ -194,39 +283,3 @@ def commit() -> str:
         return ""
     answer = subprocess.run(asked, capture_output=True, text=True, check=False)
     return answer.stdout.strip()
-
-
-_LOCK = ".in-use"
-
-
-@contextmanager
-def sole_use(folder: Path) -> Iterator[None]:
-    """Locks the folder, which must exist, for the duration of the block.
-
-    The system releases the lock when the process ends, for any reason.
-
-    Raises:
-        LegsimError: another process holds it.
-    """
-    with (folder / _LOCK).open("a+", encoding="utf-8") as stream:
-        try:
-            fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            stream.seek(0)
-            holder = stream.read().strip() or "another process"
-            raise file_error(
-                folder,
-                f"is in use by {holder}",
-                "wait until that has ended, or choose another folder with --out",
-            ) from None
-        except OSError as error:
-            if error.errno not in (errno.ENOLCK, errno.EOPNOTSUPP):
-                raise
-            warnings.warn(
-                f"{folder}: its file system has no locks; make sure that nothing else writes there",
-                stacklevel=3,
-            )
-        stream.truncate(0)
-        stream.write(f"process {os.getpid()} on {socket.gethostname()}")
-        stream.flush()
-        yield

@@ -5,19 +5,20 @@ Installed ones are entry points.
 
 import importlib.metadata
 import importlib.util
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import cast
+from typing import Any, cast
 
-from legsim.core import files
 from legsim.core.errors import LegsimError, file_error
 from legsim.correction import method as correction_method
 from legsim.correction.bead_scan import BeadScan
+from legsim.correction.bead_tracking import Reference
 from legsim.correction.fused import FusedBeads, SensorPriors, Standing
 from legsim.correction.marker_based import MarkerBased
-from legsim.correction.method import CorrectionMethod
+from legsim.correction.method import Correction, CorrectionMethod, Scan
 from legsim.correction.nonrigid import NonRigid2D, NonRigid3D
 from legsim.correction.oracle import Oracle
 from legsim.correction.rigid import Rigid, Uncorrected
@@ -25,6 +26,7 @@ from legsim.correction.smoother import BeadShadows
 from legsim.geometry.volume import VolumeGrid
 from legsim.imu.strapdown import Scheme
 from legsim.opencl.device import Device
+from legsim.run import own_code
 from legsim.simulation.simulated_scan import ScanTruth
 
 ENTRY_POINTS = "legsim.methods"
@@ -55,6 +57,8 @@ class MethodInputs:
     """what is known beforehand of the sensor that is followed"""
     fused_beads: Callable[[], BeadScan | BeadShadows] | None = None
     """few beads on the sensor's segment, made when called; None for a measured scan"""
+    bead_reference: Reference = "bundle"
+    """what the beads' poses are fitted to"""
 
 
 FOLLOW_ONE, FOLLOW_JOINTS = (
@@ -87,7 +91,7 @@ def _marker_based(given: MethodInputs) -> CorrectionMethod:
             "marker-based follows beads on the skin, which only a simulated scan has here; leave "
             "it out"
         )
-    return MarkerBased(given.beads)
+    return MarkerBased(given.beads, given.bead_reference)
 
 
 def _fused_beads(given: MethodInputs) -> CorrectionMethod:
@@ -172,23 +176,21 @@ def rigid_sensor(name: str) -> str | None:
 def label(name: str) -> str:
     """Label of a method in tables and file names.
 
-    It is the method's name, or the function's where it comes from a file. A sensor's slashes become
-    underscores, since no file name may hold them.
+    It is the method's name, or the function's where it comes from a file. What no file name can
+    hold, in the name of a sensor, becomes an underscore.
     """
-    sensor = rigid_sensor(name)
-    if sensor is not None:
-        return _RIGID_FROM + sensor.replace("/", "_").replace("\\", "_")
-    return name.rpartition(":")[2]
+    shown = name if rigid_sensor(name) is not None else name.rpartition(":")[2]
+    return re.sub(r'[/\\:*?"<>|]', "_", shown)
 
 
 def fingerprint(name: str) -> str:
-    """Part of the key that changes with the file of a user's own method.
+    """Part of the key that changes with the code of a user's own method and of what it imports.
 
     A run then computes the method again.
     """
     path, separator, _ = name.rpartition(":")
     if separator and Path(path).is_file():
-        return files.sha256(Path(path))
+        return own_code.fingerprint(Path(path))
     module = next(
         (
             p.module
@@ -198,7 +200,9 @@ def fingerprint(name: str) -> str:
         None,
     )
     spec = None if module is None else importlib.util.find_spec(module)
-    return files.sha256(Path(spec.origin)) if spec is not None and spec.origin is not None else name
+    if spec is None or spec.origin is None:
+        return name
+    return own_code.fingerprint(Path(spec.origin))
 
 
 def _installed(point: importlib.metadata.EntryPoint) -> CorrectionMethod:
@@ -225,16 +229,25 @@ def _from_file(path: Path, function: str) -> CorrectionMethod:
         raise file_error(path, "is not a Python file", "give a method as path/to/file.py:function")
     module = importlib.util.module_from_spec(spec)
     try:
-        spec.loader.exec_module(module)
+        with own_code.importable(path, anew=True):
+            spec.loader.exec_module(module)
+    except LegsimError:
+        raise
     except Exception as error:
         raise file_error(
             path, f"cannot be imported ({type(error).__name__}: {error})", "fix the file"
         ) from error
-    method = getattr(module, function, None)
+    method: Any = getattr(module, function, None)
     if not callable(method):
         raise file_error(
             path,
             f"has no function {function!r}",
             f"define `def {function}(scan): return legsim.correction.method.Correction(...)`",
         )
-    return cast(CorrectionMethod, method)
+    own = cast(CorrectionMethod, method)
+
+    def from_beside(scan: Scan) -> Correction:
+        with own_code.importable(path):
+            return own(scan)
+
+    return from_beside

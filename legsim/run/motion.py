@@ -9,6 +9,7 @@ import numpy as np
 
 from legsim.config import IkConfig, MotionConfig, TremorConfig, ValueConfig
 from legsim.core.constants import STANDARD_GRAVITY
+from legsim.core.errors import file_error
 from legsim.core.files import sha256
 from legsim.kinematics.from_recording import files_read, find_recording, solve_kinematics
 from legsim.kinematics.ik_options import (
@@ -22,10 +23,15 @@ from legsim.kinematics.moving_leg import MovingLeg
 from legsim.kinematics.tremor import Tremor, trembling
 from legsim.kinematics.zero_pose import with_zero
 
+FEWEST_SAMPLES = 6
+"""of a motion whose splines have accelerations"""
+
 
 def solve(motion: MotionConfig, *, filter_coordinates: bool = False) -> MovingLeg:
-    """Solves the configured recording and adds the configured tremor; errors as in
-    ``solve_kinematics`` and ``trembling``.
+    """Solves the configured recording and adds the configured tremor.
+
+    Raises:
+        LegsimError: as ``solve_kinematics`` and ``trembling``; too few samples for accelerations.
     """
     person = solve_kinematics(
         motion.file,
@@ -43,6 +49,14 @@ def solve(motion: MotionConfig, *, filter_coordinates: bool = False) -> MovingLe
         register=motion.registration,
         ik=ik_options(motion.ik),
     )
+    count = len(person.trajectories.times)
+    if count < FEWEST_SAMPLES:
+        raise file_error(
+            motion.file,
+            f"holds {count} sample{'' if count == 1 else 's'} of joint angles, but accelerations "
+            f"need {FEWEST_SAMPLES}",
+            "record for longer",
+        )
     if motion.zero_file:
         person = _with_zero(person, motion)
     return person if motion.tremor.acceleration_mg == 0 else _trembling(person, motion.tremor)

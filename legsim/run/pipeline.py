@@ -19,14 +19,13 @@ from legsim.deformation.models import RigidMotion
 from legsim.evaluation.scores import MethodResult
 from legsim.geometry.volume import NamedVolume
 from legsim.imu import plausibility as imu_plausibility
+from legsim.opencl import failures
 from legsim.opencl.device import Device, open_device
 from legsim.report import page, scan_page
-from legsim.run import c_arm, scan_file, scores, sensors, stages, volumes
+from legsim.run import c_arm, code, scan_file, scores, sensors, stages, volumes
 from legsim.run.corrected import Reconstructed
 from legsim.run.folder import RunFolder, commit
-from legsim.run.stages import (
-    StageContext,
-)
+from legsim.run.stages import StageContext
 from legsim.run.store import StageCache
 from legsim.scene import build
 from legsim.scene.values import planes_alone
@@ -61,6 +60,7 @@ class RunResult:
             *measures,
             *(f"{r.structure} mm" for r in self.methods[0].residuals),
             "bones px",
+            "px after similarity",
             "seconds",
         )
 
@@ -68,7 +68,7 @@ class RunResult:
         """Formats the scores of each method.
 
         They are method, SSIM by region, RMSE by region, residual motion by structure and at the
-        bones in the images, seconds.
+        bones in the images (as it is, and after the best constant similarity), seconds.
         """
         return [
             (
@@ -77,6 +77,7 @@ class RunResult:
                 *(f"{r.rmse:.3f}" for r in m.metrics.regions),
                 *("-" if r.mm is None else f"{r.mm:.2f}" for r in m.residuals),
                 f"{m.residual_px:.2f}",
+                f"{m.residual_px_after_similarity:.2f}",
                 f"{m.seconds:.1f}",
             )
             for m in self.methods
@@ -126,9 +127,13 @@ def run_scan(
     sensors.check(settings.imu)
     c_arm.imaging(settings.scan)
     opened, out = open_device(device), Path(out)
-    folder = RunFolder(out, _about(settings, opened), store)
-    write_text(out / "config.toml", config.dump(settings))
-    stage = StageContext(settings, folder, opened, on_progress)
+    with failures.reported(opened.label), RunFolder(out, _about(settings, opened), store) as folder:
+        write_text(out / "config.toml", config.dump(settings))
+        return _run(StageContext(settings, folder, opened, on_progress), presented=presented)
+
+
+def _run(stage: StageContext, *, presented: bool) -> RunResult:
+    settings, folder = stage.settings, stage.folder
     setup = stages.set_up(stage)
     signals = stages.read_sensors(
         settings,
@@ -146,14 +151,14 @@ def run_scan(
         volumes.followed_sides(settings),
         points_per_segment=settings.methods.points_per_segment,
     )
-    scan = SimulatedScan(setup, Scan(moving, signals, starts.starts, joints), at_rest, opened)
-    scan_file.write(out, settings, scan.seen, setup.sensors)
+    scan = SimulatedScan(setup, Scan(moving, signals, starts.starts, joints), at_rest, stage.device)
+    scan_file.write(folder.path, settings, scan.seen, setup.sensors)
     grid = c_arm.volume_grid(settings.grid, setup.geometry.rotation_center())
     corrected = volumes.reconstruct_methods(stage, scan, grid)
     results = scores.score_methods(stage, scan, corrected, grid)
     if presented:
         _present(stage, scan, corrected, results, starts)
-    return RunResult(out, results, (*setup.person.warnings, *readings))
+    return RunResult(folder.path, results, (*setup.person.warnings, *readings))
 
 
 def _about(settings: RunConfig, device: Device) -> dict[str, Any]:
@@ -203,9 +208,14 @@ def _present(
         )
         write_text(folder.path / "report.html", page.render(content))
         stage.on_progress("recording and report", 2, 2)
-        return "recording.rrd", "report.html"
+        return "recording.rrd", "report.html", *(picture.file for picture in pictures)
 
-    key = key_of(stage.scan_key, settings.model_dump(), folder.hash_of("metrics.json"))
+    key = key_of(
+        stage.scan_key,
+        code.fingerprint("presentation"),
+        settings.model_dump(),
+        folder.hash_of("metrics.json"),
+    )
     folder.cached("presentation", key, write)
 
 

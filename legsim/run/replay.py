@@ -13,10 +13,11 @@ from legsim.core.progress import OnProgress
 from legsim.imu import plausibility as imu_plausibility
 from legsim.report import imu_section, replay_page
 from legsim.report import page as report_page
-from legsim.run import imu_comparison, stages
+from legsim.run import code, imu_comparison, stages
 from legsim.run import motion as run_motion
 from legsim.run import sensors as run_sensors
 from legsim.run.folder import RunFolder, commit
+from legsim.run.imu_files import WornSensor
 from legsim.scene import build
 
 
@@ -52,7 +53,22 @@ def replay(
         "config_hash": key_of(config.dump(settings)),
         "sensors": run_sensors.noise_sentence(settings.imu, view_rate_hz=settings.scan.rate_hz),
     }
-    folder = RunFolder(out, about)
+    with RunFolder(out, about, kind="replay") as folder:
+        return _replay(
+            settings, folder, worn, filtered=filtered, image=image, on_progress=on_progress
+        )
+
+
+def _replay(
+    settings: RunConfig,
+    folder: RunFolder,
+    worn: tuple[WornSensor, ...],
+    *,
+    filtered: bool,
+    image: Path | None,
+    on_progress: OnProgress,
+) -> ReplayResult:
+    out = folder.path
     on_progress("joint angles", 0, 1)
     person = run_motion.solve(settings.motion, filter_coordinates=filtered)
     key = stages.motion_key(settings)
@@ -85,7 +101,8 @@ def replay(
         return "recording.rrd", "report.html", imu_comparison.FILE
 
     table = imu_comparison.table(compared)
-    folder.cached("replay", key_of(key, provenance, table, lines), write)
+    decided_by = key_of(key, code.fingerprint("replay"), provenance, table, lines)
+    folder.cached("replay", decided_by, write)
     if image is not None:
         files.write_bytes(image, posture())
     on_progress("recording", 1, 1)

@@ -16,11 +16,11 @@ from legsim.core.files import key_of
 from legsim.evaluation import registration, residual_motion, similarity
 from legsim.evaluation.regions import Region
 from legsim.evaluation.registration import RegistrationError
-from legsim.evaluation.residual_motion import Structure
+from legsim.evaluation.residual_motion import Residual, Structure
 from legsim.evaluation.scores import MethodResult, result_from
 from legsim.evaluation.similarity import RegionScores
 from legsim.geometry.volume import Volume, VolumeGrid
-from legsim.run import methods
+from legsim.run import code, methods
 from legsim.run.corrected import Reconstructed
 from legsim.run.folder import REGISTRATION_ERROR_FILE, registration_error
 from legsim.run.stages import StageContext
@@ -52,7 +52,8 @@ def score_methods(
     margin = 1e-3 * evaluation.air_margin_mm
     regions = cache(lambda: scan_regions(scan.setup, grid, stage.device, margin=margin))
     shown = cache(lambda: structures(scan.setup, grid))
-    measures = [f.name for f in fields(RegionScores)]  # a folder of an older version has fewer
+    # a folder of an older version has fewer
+    measures = [f.name for kind in (RegionScores, Residual) for f in fields(kind)]
     reference = cache(corrected[0].load)
     true = cache(lambda: true_volume(scan.setup, reference().grid, stage.device, regions()))
     results = []
@@ -64,7 +65,14 @@ def score_methods(
             for name in (*_files(corrected[0]), *_files(one))
             if folder.has(name)
         ]
-        key = key_of(stage.scan_key, evaluation.model_dump(), similarity.PROTOCOL, measures, made)
+        key = key_of(
+            stage.scan_key,
+            code.fingerprint("scores"),
+            evaluation.model_dump(),
+            similarity.PROTOCOL,
+            measures,
+            made,
+        )
 
         def write(one: Reconstructed = one, path: Path = path) -> tuple[str, ...]:
             result = _scored(stage, scan.setup, one, reference, regions(), true(), shown())
@@ -87,6 +95,7 @@ def _registration_error(
     path = stage.folder.path / REGISTRATION_ERROR_FILE
     key = key_of(
         stage.scan_key,
+        code.fingerprint("scores"),
         stage.settings.evaluation.model_dump(),
         similarity.PROTOCOL,
         stage.folder.hash_of(f"volume-{methods.REFERENCE}.mha"),

@@ -27,6 +27,7 @@ from legsim.kinematics.moving_leg import MovingLeg
 from legsim.mocap import opensim, trc
 from legsim.opencl.device import Device
 from legsim.run import c_arm as run_c_arm
+from legsim.run import code
 from legsim.run import motion as run_motion
 from legsim.run import sensors as run_sensors
 from legsim.run.files import save_joint_centers, save_marker_errors, save_poses
@@ -51,8 +52,11 @@ class StageContext:
     def scan_key(self) -> str:
         """Key of all that decides the projections."""
         settings = self.settings
+        swings = settings.phantom.tissue_swing.amplitude > 0
         return key_of(
             motion_key(settings),
+            code.fingerprint("projections", *(("tissue_swing",) if swings else ())),
+            self.device.candidate.compiler,
             settings.scan.model_dump(),
             settings.phantom.model_dump(),
             run_c_arm.fingerprint(settings.scan, settings.seed),
@@ -63,6 +67,7 @@ def motion_key(settings: RunConfig) -> str:
     """Key of all that decides the kinematics."""
     return key_of(
         __version__,
+        code.fingerprint("kinematics"),
         settings.motion.model_dump(exclude={"implausible"}),
         run_motion.fingerprint(settings.motion),
     )
@@ -137,7 +142,8 @@ def read_sensors(
         return "imu.csv", "imu_rest.csv"
 
     own = run_sensors.fingerprint(imu)
-    if folder.cached("imu", key_of(key, imu.model_dump(), drawn, rested, own), write):
+    decided_by = key_of(key, code.fingerprint("imu"), imu.model_dump(), drawn, rested, own)
+    if folder.cached("imu", decided_by, write):
         return signals[0]
     read = replace(load_imu(folder.path / "imu.csv"), sensors=run_sensors.sensors(imu))
     if imu.noise.calibration == "none":

@@ -118,6 +118,7 @@ def check_shared(store: Path, folder: Path) -> None:
 def _link(source: Path, target: Path) -> None:
     """Links the same file under another name; copies where the file system has no links."""
     partial = target.with_name(f".partial-{uuid.uuid4().hex}-{target.name}")
+    target.parent.mkdir(parents=True, exist_ok=True)
     try:
         os.link(source, partial)
     except OSError:

@@ -1,5 +1,6 @@
 """Every method's volume of a simulated scan: which methods can run, and their inputs."""
 
+import warnings
 from dataclasses import replace
 from functools import partial
 
@@ -15,7 +16,7 @@ from legsim.correction.fused import SensorPriors
 from legsim.correction.method import Correction, CorrectionMethod
 from legsim.correction.smoother import BeadShadows
 from legsim.geometry.volume import VolumeGrid
-from legsim.run import methods, reconstruction, stages
+from legsim.run import code, methods, reconstruction, stages
 from legsim.run import sensors as run_sensors
 from legsim.run.corrected import Reconstructed, Reconstructor
 from legsim.run.methods import MethodInputs
@@ -54,8 +55,35 @@ def check(settings: RunConfig) -> None:
                 f"{place}: unknown sensor {sensor!r}; name one of {', '.join(names)}, or add "
                 "it to imu.sensors"
             )
+    for place, sensor in followed:
+        _warn_of_other_leg(settings, place, sensor)
     if set(run) & set(methods.FOLLOW_JOINTS):
         _check_carriers(settings)
+    _warn_of_slow_sensors(settings)
+
+
+def _warn_of_other_leg(settings: RunConfig, place: str, name: str | None) -> None:
+    """Says where a rigid method follows the leg that is not scanned."""
+    other = "r" if settings.scan.side == "left" else "l"
+    for sensor in settings.imu.sensors:
+        if sensor.name == name and sensor.segment.endswith(f"_{other}"):
+            warnings.warn(
+                f"{place}: sensor {name!r} is on {sensor.segment}, but the {settings.scan.side} "
+                "leg is scanned, whose motion it does not follow; name a sensor on that leg, or "
+                "set scan.side",
+                stacklevel=3,
+            )
+
+
+def _warn_of_slow_sensors(settings: RunConfig) -> None:
+    """Says where sensors give fewer samples than the scan takes views."""
+    rate, views = settings.imu.rate_hz, settings.scan.rate_hz
+    if rate < views:
+        warnings.warn(
+            f"imu.rate_hz is {rate:g}, but {views:g} views are taken per second: motion between "
+            f"samples is lost; set imu.rate_hz to {views:g} or more",
+            stacklevel=3,
+        )
 
 
 def followed_sides(settings: RunConfig) -> tuple[Side, ...]:
@@ -104,6 +132,7 @@ def _key(stage: StageContext, name: str) -> str:
     settings = stage.settings
     always = (
         stage.scan_key,
+        code.fingerprint("volume", settings.reconstruction.algorithm),
         settings.grid.model_dump(),
         settings.reconstruction.model_dump(),
         methods.fingerprint(name),
@@ -112,6 +141,7 @@ def _key(stage: StageContext, name: str) -> str:
         return key_of(*always)
     return key_of(
         *always,
+        code.fingerprint("correction", "imu"),
         settings.imu.model_dump(),
         run_sensors.fingerprint(settings.imu),
         settings.methods.model_dump(exclude={"run"}),
@@ -149,6 +179,7 @@ def _method_inputs(stage: StageContext, scan: SimulatedScan, grid: VolumeGrid) -
         scanned_shank=setup.named("tibia"),
         truth=scan.truth,
         beads=beads,
+        bead_reference=wanted.reference,
         priors=_priors(settings),
         fused_beads=lambda: _fused_beads(stage, scan),
     )

@@ -131,7 +131,7 @@ def simulate_scan(
 
     Raises:
         LegsimError: an implausible movement, a recording shorter than the scan, signals whose
-            sensors have no known position, no OpenCL device.
+            sensors have no known position, a negative seed, no OpenCL device.
 
     >>> scan = simulate_scan(person, CArm.half(), imu)
     >>> scan.seen.projections.line_integrals.shape
@@ -142,6 +142,8 @@ def simulate_scan(
             f"{person.name}: {person.implausible[0]}; check the recording and its marker map, or "
             "scan it all the same with force=True"
         )
+    if seed < 0:
+        raise LegsimError(f"simulate_scan(seed={seed}): a seed is 0 or a positive whole number")
     arm, opened = c_arm or CArm.paper(), device or open_device()
     signals = imu or simulate_imu(person, default_sensors(side))
     if not signals.sensors:

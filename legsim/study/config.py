@@ -107,7 +107,9 @@ def load(
     if preset is not None:
         tree["preset"] = preset
     for override in overrides:
-        tree["settings"] = config.merged(tree.get("settings", {}), config.parse_override(override))
+        tree["settings"] = config.merged(
+            tree.get("settings", {}), config.parse_override(override, config.RunConfig)
+        )
     study = config.validated(StudyConfig, tree, file)
     if not (study.methods or study.ladder):
         raise file_error(file, "asks for nothing", 'name methods = ["rigid", ...] or a [ladder]')

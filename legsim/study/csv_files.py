@@ -7,6 +7,8 @@ from legsim.evaluation.similarity import RegionScores
 from legsim.report import formats
 from legsim.study.results import LadderScore, NoiseLevel, ScanScore, SensorScore
 
+_RESIDUALS = ("mm", "degrees", "pixels", "pixels_after_similarity")
+
 _NOISE_COLUMNS = ("convention", "f_a", "f_g")
 
 
@@ -35,9 +37,7 @@ def scores_csv(scores: Sequence[ScanScore]) -> str:
         *metrics,
         *(f"registration_{name}" for name in found),
     ]
-    header += [
-        f"{structure}_{unit}" for structure in structures for unit in ("mm", "degrees", "pixels")
-    ]
+    header += [f"{structure}_{unit}" for structure in structures for unit in _RESIDUALS]
     rows = []
     for score in scores:
         registration, left = score.metrics.registration, {r.structure: r for r in score.residuals}
@@ -45,7 +45,7 @@ def scores_csv(scores: Sequence[ScanScore]) -> str:
         rest += [
             getattr(left.get(structure), unit, None)
             for structure in structures
-            for unit in ("mm", "degrees", "pixels")
+            for unit in _RESIDUALS
         ]
         rest += [score.seconds, score.folder, f"legsim run {score.folder}/config.toml --out OTHER"]
         who = (

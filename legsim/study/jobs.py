@@ -23,7 +23,8 @@ from legsim.evaluation import similarity
 from legsim.imu import drift, simulation
 from legsim.imu.calibration import CalibrationKind
 from legsim.imu.noise import Convention, ImuNoise
-from legsim.run import c_arm, methods, pipeline, stages
+from legsim.opencl.device import open_device
+from legsim.run import c_arm, code, methods, pipeline, stages
 from legsim.run import motion as run_motion
 from legsim.run import sensors as run_sensors
 from legsim.run.store import StageCache
@@ -112,6 +113,8 @@ def scan(job: ScanJob, on_progress: OnProgress | None = None) -> tuple[ScanScore
     names = [(name, methods.fingerprint(name)) for name in settings.methods.run]
     key = key_of(
         __version__,
+        code.fingerprint("study"),
+        open_device(job.device).candidate.compiler,
         settings.model_dump(),
         run_motion.fingerprint(settings.motion),
         names,
@@ -159,6 +162,7 @@ def ladder(job: LadderJob, on_progress: OnProgress | None = None) -> tuple[Ladde
     asked = job.ladder
     key = key_of(
         __version__,
+        code.fingerprint("ladder"),
         job.settings.model_dump(),
         run_motion.fingerprint(job.settings.motion),
         asked.model_dump(),

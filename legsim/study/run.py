@@ -16,7 +16,8 @@ from legsim.geometry import image_files
 from legsim.geometry.volume import NamedVolume
 from legsim.report.page import Picture
 from legsim.run import methods
-from legsim.run.folder import finished_stages, registration_error, sole_use
+from legsim.run.folder import check_kind, finished_stages, registration_error
+from legsim.run.lock import FolderLock
 from legsim.scene import build
 from legsim.study import engine, report
 from legsim.study import results as study_results
@@ -44,9 +45,11 @@ def run(
     cluster.
 
     Raises:
-        LegsimError: another study runs into the same folder.
+        LegsimError: another study runs into the same folder, or it holds a run's or a replay's
+            results.
     """
-    with sole_use(out):
+    with FolderLock(out):
+        check_kind(out, "study")
         return _run(study, planned, out, command, workers, scheduler, on_step, on_progress)
 
 

@@ -42,7 +42,7 @@ def of_region(field: str, region: str) -> Measure:
 
 
 def of_structure(field: str, structure: str) -> Measure:
-    """A residual of one structure: mm, degrees or pixels."""
+    """A residual of one structure: mm, degrees, pixels or pixels_after_similarity."""
 
     def take(score: ScanScore) -> float | None:
         return next((getattr(r, field) for r in score.residuals if r.structure == structure), None)

@@ -5,7 +5,7 @@ import rerun as rr
 
 from legsim.imu.signals import ImuSignals
 from legsim.scene.values import ReplayScene
-from legsim.view.stream import Recorder
+from legsim.view.stream import Recorder, entity_path
 
 HUES = (
     (90, 180, 255),
@@ -28,9 +28,9 @@ def log_coordinates(recorder: Recorder, scene: ReplayScene) -> None:
     for name in trajectories.coordinate_names:
         values = trajectories.coordinate(name)
         if name in scene.shifts:
-            entity, values = f"translations/{name}", 1e3 * (values - values[0])
+            entity, values = entity_path("translations", name), 1e3 * (values - values[0])
         else:
-            entity, values = f"angles/{name}", np.rad2deg(values)
+            entity, values = entity_path("angles", name), np.rad2deg(values)
         recorder.columns(entity, trajectories.times, rr.Scalars.columns(scalars=values))
         recorder.static(entity, rr.SeriesLines(names=name, widths=1.5, colors=_color(name)))
 
@@ -60,7 +60,7 @@ def log_imu(recorder: Recorder, imu: ImuSignals) -> None:
             ("specific_force", "m/s²", specific_force),
             ("angular_velocity", "rad/s", angular_velocity),
         ):
-            entity = f"imu/{rr.escape_entity_path_part(name)}/{kind}"
+            entity = entity_path("imu", name, kind)
             recorder.columns(
                 entity,
                 imu.times,

@@ -1,10 +1,10 @@
 """How the viewer shows a recording when it first opens."""
 
 import numpy as np
-import rerun as rr
 import rerun.blueprint as rrb
 
 from legsim.scene.values import MeasuredScene, ReplayScene, ScanScene
+from legsim.view.stream import entity_path
 
 
 def replay(scene: ReplayScene) -> rrb.Blueprint:
@@ -93,7 +93,7 @@ def _curves(scene: ReplayScene) -> rrb.Vertical:
 def _angles(scene: ReplayScene) -> rrb.Tabs:
     names = scene.trajectories.coordinate_names
     bends = [
-        f"angles/{name}"
+        entity_path("angles", name)
         for name in names
         if name.startswith(("hip_flexion", "knee_angle", "ankle_angle"))
     ]
@@ -109,11 +109,13 @@ def _angles(scene: ReplayScene) -> rrb.Tabs:
 
 
 def _sensor(name: str) -> rrb.Vertical:
-    place = f"imu/{rr.escape_entity_path_part(name)}"
     return rrb.Vertical(
-        rrb.TimeSeriesView(origin=f"{place}/specific_force", name=f"{name}: specific force (m/s²)"),
         rrb.TimeSeriesView(
-            origin=f"{place}/angular_velocity", name=f"{name}: angular velocity (rad/s)"
+            origin=entity_path("imu", name, "specific_force"), name=f"{name}: specific force (m/s²)"
+        ),
+        rrb.TimeSeriesView(
+            origin=entity_path("imu", name, "angular_velocity"),
+            name=f"{name}: angular velocity (rad/s)",
         ),
         name=name,
     )

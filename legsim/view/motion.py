@@ -7,7 +7,7 @@ from legsim.core.values import FloatArray
 from legsim.kinematics.skeleton import SegmentPoses
 from legsim.mocap.trajectories import MarkerTrajectories
 from legsim.scene.values import ReplayScene
-from legsim.view.stream import Recorder
+from legsim.view.stream import Recorder, entity_path
 
 BONE = (226, 214, 188)
 JOINT = (255, 196, 87)
@@ -63,7 +63,9 @@ def log_skeleton(recorder: Recorder, scene: ReplayScene) -> None:
 def log_segments(recorder: Recorder, scene: ReplayScene) -> None:
     """Logs every segment's frame over time, and the meshes that move with it."""
     for segment in scene.poses.segment_names:
-        recorder.poses(f"world/segments/{segment}", scene.poses.times, scene.poses.of(segment))
+        recorder.poses(
+            entity_path("world", "segments", segment), scene.poses.times, scene.poses.of(segment)
+        )
     for mesh in scene.segment_meshes:
         normals = vertex_normals(mesh.vertices, mesh.triangles)
         content = rr.Mesh3D(
@@ -72,7 +74,7 @@ def log_segments(recorder: Recorder, scene: ReplayScene) -> None:
             vertex_normals=normals,
             albedo_factor=BONE,
         )
-        recorder.static(f"world/segments/{mesh.segment}/{mesh.name}", content)
+        recorder.static(entity_path("world", "segments", mesh.segment, mesh.name), content)
 
 
 def log_markers(recorder: Recorder, scene: ReplayScene) -> None:
@@ -97,8 +99,7 @@ def log_markers(recorder: Recorder, scene: ReplayScene) -> None:
 def log_sensors(recorder: Recorder, sensor_poses: SegmentPoses) -> None:
     """Logs a box and the axes of each sensor: x red, y green, z blue."""
     for name in sensor_poses.segment_names:
-        # a slash would hang one sensor on another, and move it with that
-        entity = f"world/sensors/{rr.escape_entity_path_part(name)}"
+        entity = entity_path("world", "sensors", name)
         recorder.poses(entity, sensor_poses.times, sensor_poses.of(name))
         recorder.static(
             entity,

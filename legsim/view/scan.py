@@ -9,7 +9,7 @@ from legsim.geometry.volume import NamedVolume
 from legsim.scene import values
 from legsim.scene.values import MovingSurface, SlicePlanes
 from legsim.view.motion import vertex_normals
-from legsim.view.stream import Recorder
+from legsim.view.stream import Recorder, entity_path
 
 IMAGE_COLUMNS = 200
 """approximate columns kept of a projection: a recording is to look at, the .mha file to measure"""
@@ -94,7 +94,7 @@ def log_surface(recorder: Recorder, surface: MovingSurface) -> None:
     step = -(-len(surface.times) * len(kept) // SURFACE_VALUES)
     times, rows = recorder.from_start(surface.times[::step])
     vertices = surface.vertices[::step, kept][rows]
-    entity = f"world/surfaces/{surface.name}"
+    entity = entity_path("world", "surfaces", surface.name)
     normals = vertex_normals(vertices[0].astype(float), triangles)
     style = rr.Mesh3D.from_fields(
         triangle_indices=triangles, vertex_normals=normals, albedo_factor=(224, 172, 140, 110)
@@ -138,8 +138,10 @@ def thinned(
 def log_slices(recorder: Recorder, volumes: tuple[NamedVolume, ...], planes: SlicePlanes) -> None:
     """Logs all methods next to each other in one picture, in one gray window.
 
-    Rows are shank, thigh and sagittal slices.
+    Rows are shank, thigh and sagittal slices. Without a volume there is no picture.
     """
+    if not volumes:
+        return
     rows = [
         [np.flipud(values.axial(v.volume, planes.shank_y)) for v in volumes],
         [np.flipud(values.axial(v.volume, planes.thigh_y)) for v in volumes],

@@ -13,6 +13,11 @@ from legsim.core import transforms
 from legsim.core.values import FloatArray
 
 
+def entity_path(*parts: str) -> str:
+    """Joins the parts of an entity's path; slashes and blanks in a name are the name's own."""
+    return "/".join(rr.escape_entity_path_part(part) for part in parts)
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Recorder:
     """Logs whole columns at once, on both timelines."""

@@ -1,5 +1,6 @@
 """`legsim run`, `replay`, `view` and `doctor` as a user meets them."""
 
+import os
 from pathlib import Path
 
 import numpy as np
@@ -124,3 +125,19 @@ def test_doctor_fails_where_a_finding_is_bad_and_names_the_fix(tmp_path, monkeyp
         shown = capsys.readouterr().out
         assert all(word in shown for word in words)
         findings.append(doctor.Finding("viewer", good=False, detail="no display", cure="buy one"))
+
+
+@pytest.mark.end_to_end
+@pytest.mark.parametrize(
+    "name", [b"1", b"bad\xff.trc", b"a$b_{c$ [red] x[_b].trc", b'"quoted".trc', b"{motion}.trc"]
+)
+def test_any_name_of_a_recording_is_replayed(standing, tmp_path, name, capsys):
+    file = Path(os.fsdecode(os.fsencode(tmp_path) + b"/" + name))
+    file.write_bytes(standing.read_bytes())
+    if file.suffix != ".trc":
+        file = file.rename(file.with_name("1.trc"))
+    out = Path(os.fsdecode(os.fsencode(tmp_path) + b"/out " + name))
+    with pytest.raises(SystemExit) as caught:
+        cli_main.main(["replay", str(file), "--out", str(out)])
+    assert caught.value.code == 0, capsys.readouterr().err
+    assert (out / "report.html").is_file()

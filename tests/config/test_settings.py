@@ -84,6 +84,8 @@ def test_a_bad_file_is_refused_in_one_line_that_names_the_place(tmp_path, text, 
         ({"preset": "tiny"}, "choose one of paper, half, demo"),
         ({"overrides": ("scan.views",)}, "expected section.key=value"),
         ({"overrides": ("scan.speed=3",)}, "unknown key"),
+        ({"overrides": ("seed=-1",)}, r"\(seed\): Input should be greater than or equal to 0"),
+        ({"overrides": ('imu.sensors=[{name="",segment="tibia_l",distance_mm=1}]',)}, "name"),
     ],
 )
 def test_bad_arguments_are_refused(arguments, message):
@@ -145,3 +147,27 @@ def test_a_section_that_is_none_is_refused_on_the_right_too(tmp_path, text):
     (tmp_path / "c.toml").write_text(text)
     with pytest.raises(LegsimError, match=r"c\.toml"):
         config.load_settings(tmp_path / "c.toml", overrides=("scan.side=right",))
+
+
+@pytest.mark.parametrize("name", ["1", "007", "1e3", "true", "2024-01-01", "nan", "[a]", "x#y"])
+def test_a_text_that_looks_like_another_value_is_a_text(name):
+    loaded = config.load_settings(overrides=(f"motion.file={name}", f"methods.sensor={name}"))
+    assert (loaded.motion.file, loaded.methods.sensor) == (name, name)
+
+
+def test_numbers_stay_numbers_and_quoted_texts_lose_their_quotes():
+    overrides = ("seed=1", "scan.rate_hz=15.5", 'motion.file="1"', "imu.noise.f_a=1", "x=1")
+    assert [config.parse_override(o, config.RunConfig) for o in overrides] == [
+        {"seed": 1},
+        {"scan": {"rate_hz": 15.5}},
+        {"motion": {"file": "1"}},
+        {"imu": {"noise": {"f_a": 1}}},
+        {"x": 1},
+    ]
+
+
+def test_a_path_may_be_a_text(tmp_path):
+    (tmp_path / "c.toml").write_text("seed = 3")
+    assert config.load_settings(str(tmp_path / "c.toml")) == config.load_settings(
+        tmp_path / "c.toml"
+    )

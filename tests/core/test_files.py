@@ -91,6 +91,13 @@ def test_a_missing_file_is_refused(tmp_path):
         files.read(tmp_path / "none.trc", "TRC")
 
 
+@pytest.mark.parametrize("content", [b"\xef\xbb\xbf", b"\xff\xfe", b"\xfe\xff", b"\xef\xbb\xbf \n"])
+def test_a_file_of_a_byte_order_mark_alone_is_empty(tmp_path, content):
+    (tmp_path / "x").write_bytes(content)
+    with pytest.raises(LegsimError, match="the file is empty"):
+        files.read(tmp_path / "x", "CSV")
+
+
 def test_what_is_being_read_is_not_written_over_under_any_name(tmp_path: Path) -> None:
     source, soft, hard = (tmp_path / name for name in ("a.txt", "soft.txt", "hard.txt"))
     source.write_text("mine")

@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+from scipy.optimize import least_squares
 
 from legsim.core import transforms
 from legsim.core.errors import LegsimError
@@ -133,10 +134,63 @@ def test_skin_that_bends_with_the_knee_loses_no_bead():
     assert 0.02 < found.residual_px < 0.5
 
 
-def test_a_bead_seen_too_seldom_is_left_out():
+@pytest.mark.parametrize("seed", range(3))
+def test_the_mean_reference_is_where_the_rays_of_all_views_pass_nearest(seed: int):
+    """Places by a general least squares of distances to rays; then each view's pose of these."""
+    pixels = seen(sway(seed, 0.5), beads())
+    found = bead_tracking.estimate(c_arm(), pixels, reference="mean")
+    assert found.used.all()
+    sources, rays = c_arm().sources(), np.empty((VIEWS, 12, 3))
+    for bead in range(12):
+        homogeneous = np.concatenate([pixels[:, bead], np.ones((VIEWS, 1))], -1)
+        rays[:, bead] = np.linalg.solve(c_arm().matrices[:, :, :3], homogeneous[..., None])[..., 0]
+    rays /= np.linalg.norm(rays, axis=-1, keepdims=True)
+
+    def off(place: np.ndarray, bead: int) -> np.ndarray:
+        return np.cross(place - sources, rays[:, bead]).ravel()
+
+    places = np.stack([least_squares(off, KNEE, args=(k,), xtol=1e-15).x for k in range(12)])
+    given = bead_tracking.poses(c_arm(), pixels, places).moved_from_reference
+    relative = given @ transforms.inverse(given[0])
+    np.testing.assert_allclose(found.motion.moved_from_reference, relative, atol=1e-7)
+    np.testing.assert_allclose(found.positions, transforms.apply(given[0], places), atol=1e-7)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_no_reference_explains_the_shadows_better_than_the_bundle(seed: int):
+    pixels = seen(sway(seed), beads())
+    mean, bundle = (
+        bead_tracking.estimate(c_arm(), pixels, reference=name) for name in ("mean", "bundle")
+    )
+    assert bundle.residual_px < mean.residual_px < 0.5
+
+
+def test_beads_at_rest_are_placed_exactly_by_their_mean():
+    pixels = seen(RigidMotion.identity(TIMES), beads())
+    found = bead_tracking.estimate(c_arm(), pixels, reference="mean")
+    np.testing.assert_allclose(found.positions, beads(), atol=1e-9)
+    assert worst(found.motion, RigidMotion.identity(TIMES)) < 1e-9
+
+
+def test_wrong_shadows_are_rejected_with_the_mean_too(rng: np.random.Generator):
+    pixels = seen(sway(1, 0.3), beads()) + rng.normal(0, 0.02, (VIEWS, 12, 2))
+    views, which = rng.integers(0, VIEWS, 40), rng.integers(0, 12, 40)
+    pixels[views, which] += rng.choice([-1, 1], (40, 2)) * rng.uniform(2, 5, (40, 2))
+    found = bead_tracking.estimate(c_arm(), pixels, reference="mean")
+    assert not found.used[views, which].any()
+    assert found.used.mean() > 0.9
+
+
+def test_an_unknown_reference_is_refused():
+    with pytest.raises(LegsimError, match="the reference is 'first'; give mean or bundle"):
+        bead_tracking.estimate(c_arm(), seen(sway(0), beads()), reference="first")  # pyright: ignore[reportArgumentType]
+
+
+@pytest.mark.parametrize("reference", ["mean", "bundle"])
+def test_a_bead_seen_too_seldom_is_left_out(reference: bead_tracking.Reference):
     pixels = seen(sway(0), beads())
     pixels[5:, 4] = np.nan
-    found = bead_tracking.estimate(c_arm(), pixels)
+    found = bead_tracking.estimate(c_arm(), pixels, reference=reference)
     assert np.isnan(found.positions[4]).all()
     assert np.isfinite(np.delete(found.positions, 4, 0)).all()
 

@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+from scipy.optimize import least_squares
 
 from legsim.core import transforms
 from legsim.core.errors import LegsimError
@@ -81,6 +82,83 @@ def test_the_nearest_place_decides_between_beads():
         image, centers + np.array([[-1, 0], [1, 0]]), radius_px=1.5, search_px=3, least_contrast=0.2
     )
     np.testing.assert_allclose(found, centers, atol=0.05)
+
+
+def by_scipy(image: np.ndarray, start: np.ndarray, radius: float) -> np.ndarray:
+    """Center (2,) of a Gaussian on a plane, by a general optimizer with derivatives by differences.
+
+    Widths end at 0.31 pixel, as in the package.
+    """
+    v, u = np.indices(image.shape)
+    inside = (u - start[0]) ** 2 + (v - start[1]) ** 2 <= (2.5 * radius + 1) ** 2
+    du, dv, values = u[inside] - start[0], v[inside] - start[1], image[inside].astype(float)
+
+    def miss(x: np.ndarray) -> np.ndarray:
+        height, cu, cv, width, offset, slope_u, slope_v = x
+        bump = height * np.exp(-((du - cu) ** 2 + (dv - cv) ** 2) / (2 * width**2))
+        return bump + offset + slope_u * du + slope_v * dv - values
+
+    first = [values.max(), 0, 0, 0.5 * radius + 0.3, values.min(), 0, 0]
+    free = np.full(7, np.inf)
+    low = np.where(np.arange(7) == 3, blob_detection._NARROWEST, -free)
+    fit = least_squares(
+        miss, first, bounds=(low, free), x_scale="jac", xtol=1e-12, ftol=1e-12, max_nfev=5000
+    )
+    return start + fit.x[1:3]
+
+
+@pytest.mark.parametrize("radius", [1.2, 2.0, 3.5])
+def test_all_at_once_agrees_with_a_general_optimizer_for_each(
+    rng: np.random.Generator, radius: float
+):
+    centers = np.stack(np.meshgrid([20, 45, 70], [20, 45, 70]), -1).reshape(-1, 2) + rng.uniform(
+        -0.5, 0.5, (9, 2)
+    )
+    image = shadow((90, 90), centers, radius, height=4.0)
+    image += rng.normal(0, 0.02, image.shape).astype(np.float32)
+    sizes = {"radius_px": radius, "search_px": 4.0, "least_contrast": 0.2}
+    found = blob_detection.locate(image, centers, **sizes)
+    alone = np.concatenate([blob_detection.locate(image, [c], **sizes) for c in centers])
+    np.testing.assert_allclose(found, alone, atol=1e-9)
+    # both start from the same pixel: that of the strongest response, next to the center
+    slow = np.array([by_scipy(image, np.round(c), radius) for c in found])
+    np.testing.assert_allclose(found, slow, atol=2e-3)
+
+
+def test_a_small_shadow_between_four_pixels_has_one_center():
+    """Point samples of a sphere of 1.2 pixels: pixels tell its width no more, only its middle."""
+    v, u = np.indices((40, 40), float)
+
+    def sampled(cu: float, cv: float) -> np.ndarray:
+        square = ((u - cu) ** 2 + (v - cv) ** 2) / 1.2**2
+        return (5 * np.sqrt(np.maximum(1 - square, 0))).astype(np.float32)
+
+    sizes = {"radius_px": 1.2, "search_px": 4.0, "least_contrast": 0.2}
+    middle = blob_detection.locate(sampled(20.5, 19.5), [[20, 20]], **sizes)
+    np.testing.assert_allclose(middle, [[20.5, 19.5]], atol=1e-6)
+    left, right = (
+        blob_detection.locate(sampled(20.5 + shift, 19.5), [[20, 20]], **sizes)[0]
+        for shift in (-0.1, 0.1)
+    )
+    assert left[0] < 20.5 < right[0]
+    np.testing.assert_allclose((left + right) / 2, [20.5, 19.5], atol=1e-3)
+
+
+@pytest.mark.parametrize("size", [(2, 2), (1, 40), (40, 3)])
+def test_images_smaller_than_a_shadow_show_none(size: tuple[int, int]):
+    image = np.ones(size, np.float32)
+    at = [[1.0, 1.0], [0.0, 0.0]]
+    found = blob_detection.locate(image, at, radius_px=2, search_px=4, least_contrast=0.2)
+    assert np.isnan(found).all()
+
+
+def test_no_shadow_is_found_in_an_image_without_contrast():
+    image = np.zeros((40, 40), np.float32)
+    found = blob_detection.locate(image, [[20, 20]], radius_px=2, search_px=4, least_contrast=0.2)
+    assert np.isnan(found).all()
+    assert blob_detection.locate(
+        image, np.empty((0, 2)), radius_px=2, search_px=4, least_contrast=0.2
+    ).shape == (0, 2)
 
 
 def test_fiducials_seen_in_an_image_give_the_sensors_pose():

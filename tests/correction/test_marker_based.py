@@ -81,6 +81,18 @@ def test_it_says_how_many_shadows_were_found_and_how_well_they_fit(found: Correc
     assert note.endswith("px RMS from a rigid motion.")
 
 
+def test_poses_are_fitted_to_the_mean_positions_where_that_is_wanted(
+    beads: BeadScan, scan: Scan, found: Correction
+):
+    published = MarkerBased(beads, "mean")(scan)
+    (note,) = published.notes
+    assert note.endswith("px RMS from a rigid motion of their static mean positions.")
+    assert isinstance(published.motion, RigidMotion)
+    assert isinstance(found.motion, RigidMotion)
+    away = published.motion.moved_from_reference - found.motion.moved_from_reference
+    assert np.abs(away).max() > 1e-4
+
+
 def test_a_scan_with_beads_is_made_when_the_method_runs(
     beads: BeadScan, scan: Scan, found: Correction
 ):

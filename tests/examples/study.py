@@ -57,7 +57,11 @@ def score(
     flat = method == "nonrigid-2d"
     left = tuple(
         Residual(
-            name, None if flat else 8 * lost, None if flat or name == "skin" else 2 * lost, 6 * lost
+            name,
+            None if flat else 8 * lost,
+            None if flat or name == "skin" else 2 * lost,
+            6 * lost,
+            4 * lost,
         )
         for name in ("femur", "tibia", "patella", "skin")
     )

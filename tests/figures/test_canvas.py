@@ -176,3 +176,28 @@ def test_no_global_state_of_pyplot():
             if isinstance(n, ast.ImportFrom)
         ]
         assert not any("pyplot" in name for name in names + modules)
+
+
+@pytest.mark.parametrize("name", ["a$b_{c$", "$", "$x^2$ [red]", r"\$\frac$", "$unfinished"])
+def test_names_are_drawn_as_they_are(name):
+    """A dollar sign begins no formula, wherever a name can stand; letters are as wide as drawn."""
+    figure = figures.canvas.new_figure(4, 3)
+    (ax,) = figures.canvas.plot_axes(figure, 1)
+    ax.plot([0, 1], [0, 1], label=name)
+    ax.set_title(name)
+    ax.set_ylabel(name)
+    ax.set_xticks([0, 1], [name, name])
+    ax.legend()
+    assert decoded(figure).std() > 0
+    assert not any(text.get_parse_math() for text in (ax.title, ax.yaxis.label))
+
+
+def test_numbers_of_logarithmic_axes_stay_formulas():
+    figure = figures.canvas.new_figure(4, 3)
+    (ax,) = figures.canvas.plot_axes(figure, 1)
+    ax.plot([1, 1e4], [1, 1e4])
+    ax.set_yscale("log")
+    assert decoded(figure).std() > 0
+    powers = [text for text in ax.get_yticklabels() if "10" in text.get_text()]
+    assert powers
+    assert all(text.get_parse_math() for text in powers)

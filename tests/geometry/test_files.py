@@ -2,6 +2,7 @@
 files are told.
 """
 
+import contextlib
 import json
 
 import numpy as np
@@ -226,6 +227,27 @@ def test_other_refusals(tmp_path):
     (tmp_path / "g.npy").write_bytes(b"nothing")
     with pytest.raises(LegsimError, match=r"is not an \.npy file"):
         files.load_geometry(tmp_path / "g.npy", columns=2, rows=2)
+
+
+@pytest.mark.filterwarnings("ignore::RuntimeWarning")  # numpy's, of numbers that overflow
+@pytest.mark.parametrize("number", [1e308, 1e-308, 1e200, 1e155])
+def test_matrices_of_numbers_near_the_largest_are_read_or_refused(tmp_path, number):
+    matrices = np.tile(np.hstack([np.eye(3), np.ones((3, 1))]), (3, 1, 1))
+    matrices[1] *= number
+    matrices[2, 0, 0] = number
+    np.save(tmp_path / "m.npy", matrices)
+    with contextlib.suppress(LegsimError):
+        files.load_geometry(tmp_path / "m.npy", columns=7, rows=6, pixel_mm=1.0)
+
+
+def test_a_damaged_header_of_npy_is_refused(tmp_path):
+    np.save(tmp_path / "m.npy", np.zeros((3, 3, 4)))
+    data = (tmp_path / "m.npy").read_bytes()
+    for damage in ((b"{'descr'", b"['descr'"), (b"'<f8'", b"[<f8'"), (b"(3, 3, 4)", b"(3, 3, 1e")):
+        assert damage[0] in data
+        (tmp_path / "m.npy").write_bytes(data.replace(*damage))
+        with pytest.raises(LegsimError, match=r"m\.npy: "):
+            files.load_geometry(tmp_path / "m.npy", columns=7, rows=6, pixel_mm=1.0)
 
 
 def other_programs(path, suffix, format, geometry):

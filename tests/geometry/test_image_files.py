@@ -264,3 +264,24 @@ def test_labels_must_lie_on_the_volumes_grid(tmp_path: Path) -> None:
     sitk.WriteImage(image, str(tmp_path / "moved.mha"))
     with pytest.raises(LegsimError, match="resample"):
         image_files.load_labels(tmp_path / "moved.mha", grid)
+
+
+@pytest.mark.parametrize("dimensions", ["11", "99999999999999999999", "-1", "0", "x", ""])
+def test_a_header_of_too_many_dimensions_is_refused_before_itk_reads_it(tmp_path, dimensions):
+    """MetaIO ends the process there."""
+    grid = VolumeGrid.cubic(2, 0.1, [0, 0, 0])
+    path = tmp_path / "v.mha"
+    image_files.save_volume(path, Volume(grid, np.zeros((2, 2, 2))))
+    path.write_bytes(path.read_bytes().replace(b"NDims = 3", f"NDims = {dimensions}".encode()))
+    with pytest.raises(LegsimError, match=r"v\.mha: its header says NDims = .* from 1 to 10"):
+        image_files.load_volume(path)
+
+
+@pytest.mark.parametrize("name", ["%s", "%n%n%n", "a%d%d.raw 1 2 1", "%", "%9999999d"])
+def test_a_data_file_that_is_no_name_is_refused_before_itk_reads_it(tmp_path, name):
+    """MetaIO formats with it, and ends the process."""
+    path = tmp_path / "v.mha"
+    image_files.save_volume(path, Volume(VolumeGrid.cubic(2, 0.1, [0, 0, 0]), np.zeros((2, 2, 2))))
+    path.write_bytes(path.read_bytes().replace(b"= LOCAL", f"= {name}".encode()))
+    with pytest.raises(LegsimError, match=r"v\.mha: its header says ElementDataFile = "):
+        image_files.load_volume(path)

@@ -70,3 +70,16 @@ def test_a_name_of_two_lines_is_not_written(tmp_path):
         csv.save_markers(
             tmp_path / "x.csv", MarkerTrajectories([0.0], ("a\nb",), np.ones((1, 1, 3)))
         )
+
+
+@pytest.mark.parametrize("header", ["time_s,knee_angle_l_rad", "time_s,A_x_m,A_y_m,A_z_m"])
+def test_a_header_without_rows_is_refused(tmp_path, header):
+    (tmp_path / "x.csv").write_text(header + "\n")
+    with pytest.raises(LegsimError, match=r"x\.csv: has a header and no rows"):
+        csv.load(tmp_path / "x.csv")
+
+
+def test_a_cell_longer_than_csv_allows_is_refused(tmp_path):
+    (tmp_path / "x.csv").write_text("time_s,knee_angle_l_rad\n0," + 200000 * "1" + "\n")
+    with pytest.raises(LegsimError, match=r"x\.csv: is not CSV"):
+        csv.load(tmp_path / "x.csv")

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from legsim.core.errors import LegsimError
+from legsim.opencl import device as opencl_device
 from legsim.opencl.device import open_device
 
 
@@ -35,7 +36,7 @@ def test_the_environment_variable_chooses(monkeypatch):
         open_device()
 
 
-def test_without_any_runtime_the_line_says_what_to_install(tmp_path):
+def test_a_setting_that_names_no_runtime_is_named_in_one_line(tmp_path):
     (tmp_path / "none.icd").write_text("/nowhere/libnone.so\n")
     environment = os.environ | {
         "OCL_ICD_VENDORS": str(tmp_path / "none.icd"),
@@ -49,8 +50,20 @@ def test_without_any_runtime_the_line_says_what_to_install(tmp_path):
         [sys.executable, "-c", script], env=environment, capture_output=True, text=True, check=True
     )
     assert "no OpenCL device works" in result.stdout
-    assert "pip install intel-opencl-rt" in result.stdout
+    assert "/nowhere/libnone.so, which is not there; unset it" in result.stdout
     assert len(result.stdout.splitlines()) == 1
+
+
+def test_without_any_runtime_the_line_says_what_to_install(monkeypatch):
+    monkeypatch.setattr(opencl_device, "candidates", lambda: ())
+    monkeypatch.delenv("OCL_ICD_VENDORS", raising=False)
+    with pytest.raises(LegsimError, match=r"the OpenCL loader lists no device.*pip install intel"):
+        open_device()
+
+
+def test_the_limits_of_work_groups_are_the_devices(device):
+    assert device.group_size >= 1
+    assert device.local_bytes >= 1024
 
 
 def test_a_device_prints_as_one_short_line_with_units(device):

@@ -6,7 +6,7 @@ import trimesh
 
 from legsim.core.errors import LegsimError
 from legsim.phantom.meshes import Part, Phantom
-from legsim.phantom.raster import MeshRaster, require_closed
+from legsim.phantom.raster import TILE, MeshRaster, group_bands, require_closed
 
 
 def part(faces: np.ndarray, vertices: np.ndarray, name: str = "a") -> Part:
@@ -57,3 +57,11 @@ def test_only_what_moved_is_sent_again(device, monkeypatch):
     assert sent == [(8, 6)]
     raster.move([phantom.parts[0].vertices, raster.vertices[1]])
     assert sent == [(8, 6)] * 2, "an array that can be written to may have changed"
+
+
+@pytest.mark.parametrize("limit", [1, 15, 16, 32, 48, 64, 1024])
+def test_a_work_group_fits_the_device_and_divides_the_tile(limit):
+    bands = group_bands(limit)
+    assert (TILE // 2) % bands == 0
+    assert bands == 1 or 2 * TILE * bands <= limit
+    assert bands == TILE // 2 or 2 * TILE * 2 * bands > limit

@@ -32,10 +32,10 @@ def test_a_volume_is_made_once_and_loaded_with_its_motion_and_notes(tmp_path, rn
     )
     first, second = (made.of("x/own.py:own", "key", correct) for _ in range(2))
     assert len(asked) == 1
-    assert second.volume.name == "own"
+    assert second.name == "own"
     assert second.notes == ("a note",)
     assert second.warped_by is None
     assert isinstance(second.motion, RigidMotion)
-    np.testing.assert_array_equal(first.volume.volume.attenuation, second.volume.volume.attenuation)
+    np.testing.assert_array_equal(first.load().attenuation, second.load().attenuation)
     made.of("x/own.py:own", "other key", correct)
     assert len(asked) == 2

@@ -1,10 +1,5 @@
-import errno
-import fcntl
 import json
 import os
-import signal
-import subprocess
-import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -13,7 +8,6 @@ import pytest
 from legsim.core import files as core_files
 from legsim.core.errors import LegsimError
 from legsim.core.files import PREFIX, write_text
-from legsim.run import folder
 from legsim.run import folder as run_folder
 from legsim.run.folder import RunFolder
 
@@ -29,14 +23,45 @@ def writing(path: Path, text: str) -> Callable[[], tuple[str]]:
 
 
 def test_a_stage_is_done_only_while_key_and_files_are_as_recorded(tmp_path):
-    folder = RunFolder(tmp_path, {"version": "x"})
-    assert not folder.done("one", "k")
-    assert folder.cached("one", "k", writing(tmp_path / "a.txt", "hello"))
-    again = RunFolder(tmp_path, {"version": "x"})
-    assert again.done("one", "k")
-    assert not again.done("one", "other key")
-    (tmp_path / "a.txt").write_text("tampered")
-    assert not again.done("one", "k")
+    with RunFolder(tmp_path, {"version": "x"}) as folder:
+        assert not folder.done("one", "k")
+        assert folder.cached("one", "k", writing(tmp_path / "a.txt", "hello"))
+    with RunFolder(tmp_path, {"version": "x"}) as again:
+        assert again.done("one", "k")
+        assert not again.done("one", "other key")
+        (tmp_path / "a.txt").write_text("tampered")
+        with pytest.warns(
+            UserWarning, match=r"a\.txt: is not as the stage 'one' left it; .* again"
+        ):
+            assert not again.done("one", "k")
+
+
+def test_a_file_that_was_deleted_or_whose_recorded_hash_is_wrong_is_made_again(tmp_path):
+    with RunFolder(tmp_path, {}) as folder:
+        folder.cached("one", "k", writing(tmp_path / "a.txt", "hello"))
+        (tmp_path / "a.txt").unlink()
+        with pytest.warns(UserWarning, match=r"a\.txt: is not as"):
+            assert folder.cached("one", "k", writing(tmp_path / "a.txt", "hello"))
+    manifest = tmp_path / "manifest.json"
+    true = core_files.sha256(tmp_path / "a.txt")
+    manifest.write_text(manifest.read_text().replace(true, 64 * "0"))
+    with RunFolder(tmp_path, {}) as folder:
+        with pytest.warns(UserWarning, match=r"a\.txt: is not as"):
+            assert folder.cached("one", "k", writing(tmp_path / "a.txt", "hello"))
+        assert folder.hash_of("a.txt") == true
+        assert not folder.cached("one", "k", writing(tmp_path / "a.txt", "hello"))
+
+
+def test_a_damaged_entry_is_made_again(tmp_path):
+    with RunFolder(tmp_path, {}) as folder:
+        for stage in ("one", "two"):
+            folder.cached(stage, "k", writing(tmp_path / f"{stage}.txt", stage))
+    content = json.loads((tmp_path / "manifest.json").read_text())
+    del content["stages"]["one"]["files"]
+    (tmp_path / "manifest.json").write_text(json.dumps(content))
+    with RunFolder(tmp_path, {}) as folder:
+        assert not folder.done("one", "k")
+        assert folder.done("two", "k")
 
 
 def test_a_stage_that_is_done_is_not_made_again(tmp_path):
@@ -58,17 +83,18 @@ def test_a_stage_that_fails_leaves_no_file_and_no_entry(tmp_path):
 
     with pytest.raises(RuntimeError):
         folder.cached("one", "k", fail)
-    assert sorted(p.name for p in tmp_path.iterdir()) == []
     assert not folder.done("one", "k")
+    folder.close()
+    assert sorted(p.name for p in tmp_path.iterdir()) == []
 
 
 def test_what_killed_processes_left_goes_and_what_others_are_writing_stays(tmp_path, monkeypatch):
     partial = tmp_path / f"{PREFIX}4711-a.txt"
     partial.write_text("half")
-    RunFolder(tmp_path, {})
+    RunFolder(tmp_path, {}).close()
     assert partial.exists(), "another process may be writing it"
     monkeypatch.setattr(run_folder, "_ABANDONED_S", -1)
-    RunFolder(tmp_path, {})
+    RunFolder(tmp_path, {}).close()
     assert list(tmp_path.iterdir()) == []
 
 
@@ -89,47 +115,51 @@ def test_an_unwritable_folder_is_refused(tmp_path):
         RunFolder(tmp_path / "file" / "below", {})
 
 
-def test_a_broken_manifest_is_named(tmp_path):
-    (tmp_path / "manifest.json").write_text("{")
+@pytest.mark.parametrize("text", ["{", "[]", '{"stages": 3}'])
+def test_what_is_no_manifest_is_named_and_leaves_no_lock(tmp_path, text):
+    (tmp_path / "manifest.json").write_text(text)
     with pytest.raises(LegsimError, match=r"manifest\.json: is not a manifest"):
         RunFolder(tmp_path, {})
+    assert [p.name for p in tmp_path.iterdir()] == ["manifest.json"]
 
 
-HOLD = """
-import sys, time
-from pathlib import Path
-from legsim.run.folder import sole_use
-with sole_use(Path(sys.argv[1])):
-    print("held", flush=True)
-    time.sleep(60)
-"""
-
-
-def test_a_second_process_is_told_of_the_first_until_that_is_killed(tmp_path):
-    process = subprocess.Popen(
-        [sys.executable, "-c", HOLD, str(tmp_path)], stdout=subprocess.PIPE, text=True
-    )
-    assert process.stdout is not None
-    assert process.stdout.readline() == "held\n"
+def test_a_second_writer_is_refused_until_the_first_closes(tmp_path):
     with (
-        pytest.raises(
-            LegsimError,
-            match=f"is in use by process {process.pid} on .*; wait until that has ended",
-        ),
-        folder.sole_use(tmp_path),
+        RunFolder(tmp_path, {}),
+        pytest.raises(LegsimError, match=f"is in use by process {os.getpid()} on "),
     ):
-        pass
-    os.kill(process.pid, signal.SIGKILL)
-    process.communicate()
-    for _ in range(2):
-        with folder.sole_use(tmp_path):
-            pass
+        RunFolder(tmp_path, {})
+    RunFolder(tmp_path, {}).close()
+    assert list(tmp_path.iterdir()) == []
 
 
-def test_a_file_system_without_locks_is_told_and_used(tmp_path, monkeypatch):
-    def refuse(*_: object) -> None:
-        raise OSError(errno.ENOLCK, "No locks available")
+@pytest.mark.parametrize("first", ["run", "replay", "correct"])
+@pytest.mark.parametrize("second", ["run", "replay", "correct"])
+def test_a_folder_holds_the_results_of_one_command(tmp_path, first, second):
+    with RunFolder(tmp_path, {}, kind=first) as folder:
+        folder.cached("one", "k", writing(tmp_path / "a.txt", "hello"))
+    if first == second:
+        with RunFolder(tmp_path, {}, kind=second) as folder:
+            assert folder.done("one", "k")
+    else:
+        with pytest.raises(
+            LegsimError,
+            match=f"results of `legsim {first}`, not of `legsim {second}`; .*--out",
+        ):
+            RunFolder(tmp_path, {}, kind=second)
 
-    monkeypatch.setattr(fcntl, "flock", refuse)
-    with pytest.warns(UserWarning, match="has no locks"), folder.sole_use(tmp_path):
-        pass
+
+def test_a_studys_folder_takes_no_run_and_a_runs_folder_no_study(tmp_path):
+    (tmp_path / "study.toml").write_text("")
+    with pytest.raises(LegsimError, match="results of `legsim study`"):
+        RunFolder(tmp_path, {})
+    RunFolder(tmp_path / "runs" / "one", {}).write_manifest()
+    with pytest.raises(LegsimError, match="results of `legsim run`, not of `legsim study`"):
+        run_folder.check_kind(tmp_path / "runs" / "one", "study")
+
+
+def test_a_folder_of_an_older_version_is_told_by_its_stages(tmp_path):
+    for stage, kind in (("replay", "replay"), ("geometry", "run"), ("kinematics", None)):
+        content = {"schema": run_folder.SCHEMA, "stages": {stage: {}}}
+        (tmp_path / "manifest.json").write_text(json.dumps(content))
+        assert run_folder.kind_of(tmp_path) == kind

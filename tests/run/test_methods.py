@@ -1,5 +1,6 @@
 import importlib.metadata
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Never, cast
 
@@ -7,6 +8,8 @@ import numpy as np
 import pytest
 
 from legsim.core.errors import LegsimError
+from legsim.correction.bead_tracking import Reference
+from legsim.correction.marker_based import MarkerBased
 from legsim.deformation.models import RigidMotion
 from legsim.geometry.volume import VolumeGrid
 from legsim.opencl import device
@@ -39,6 +42,15 @@ INPUTS = methods.MethodInputs(
     beads=unwanted,
     fused_beads=unwanted,
 )
+
+
+@pytest.mark.parametrize("reference", ["mean", "bundle"])
+def test_the_beads_poses_are_fitted_to_what_the_inputs_name(reference: Reference):
+    made = methods.build("marker-based", replace(INPUTS, bead_reference=reference))
+    assert isinstance(made, MarkerBased)
+    assert made.reference == reference
+
+
 OWN = """
 from legsim.correction import Correction
 
@@ -125,8 +137,15 @@ def test_what_is_no_method_is_refused(tmp_path, name, message):
         methods.build(name.format(own=tmp_path / "own.py", broken=tmp_path / "broken.py"), INPUTS)
 
 
-def test_labels_of_sensors_with_slashes_are_names_of_files():
-    assert methods.label("rigid@left/shank [1]") == "rigid@left_shank [1]"
-    assert methods.label("rigid@a\\b:c") == "rigid@a_b:c"
-    assert methods.rigid_sensor("rigid@left/shank [1]") == "left/shank [1]"
-    assert methods.label("some/file.py:correct") == "correct"
+@pytest.mark.parametrize(
+    ("name", "label"),
+    [
+        ("rigid@a/b", "rigid@a_b"),
+        ("rigid@a:b", "rigid@a_b"),
+        (r"rigid@..\\x", "rigid@..__x"),
+        ("folder/x.py:mine", "mine"),
+        ("rigid", "rigid"),
+    ],
+)
+def test_a_label_is_a_name_of_a_file(name, label):
+    assert methods.label(name) == label

@@ -85,6 +85,15 @@ def test_a_model_whose_knees_cannot_move_over_its_feet_has_no_tremor(tmp_path):
         motion.solve(settings)
 
 
+@pytest.mark.parametrize("count", [1, 5])
+def test_a_recording_too_short_for_accelerations_is_named(tmp_path, count):
+    still = np.zeros((count, len(COORDINATES)))
+    file = tmp_path / "short.mot"
+    opensim.save(file, JointTrajectories(np.arange(count) / 60, COORDINATES, still))
+    with pytest.raises(LegsimError, match=rf"short\.mot: holds {count} samples? .* need 6; record"):
+        motion.solve(MotionConfig(file=str(file)))
+
+
 def test_settings_of_inverse_kinematics_are_in_si(tmp_path):
     (tmp_path / "c.toml").write_text(
         """

@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 
 import numpy as np
+import pyopencl as cl
 import pytest
 
 from legsim import config
@@ -18,6 +19,7 @@ from legsim.geometry import image_files
 from legsim.kinematics.from_recording import solve_kinematics
 from legsim.mocap import opensim
 from legsim.mocap.trajectories import JointTrajectories
+from legsim.opencl.device import Device
 from legsim.run import pipeline
 from legsim.run.folder import RunFolder
 
@@ -153,7 +155,7 @@ def test_ctrl_c_loses_nothing_that_was_finished(tiny_run, tiny_settings, tmp_pat
         "coordinates.mot",
         "joint_centres.csv",
         "poses.npz",
-        "kinematics.json",
+        *("kinematics.json", "scaled_model.osim", "model_markers.trc", "marker_errors.sto"),
         "imu.csv",
         "geometry.json",
         "geometry_rtk.xml",
@@ -173,7 +175,8 @@ def test_ctrl_c_loses_nothing_that_was_finished(tiny_run, tiny_settings, tmp_pat
         pipeline.run_scan(tiny_settings, tmp_path, on_progress=interrupt)
     assert not (tmp_path / "projections.mha").exists()
     assert not list(tmp_path.glob(".*"))
-    assert RunFolder(tmp_path, {}).done("imu", manifest["stages"]["imu"]["key"])
+    with RunFolder(tmp_path, {}) as folder:
+        assert folder.done("imu", manifest["stages"]["imu"]["key"])
 
 
 def test_rows_have_a_cell_a_column(tiny_run):
@@ -302,3 +305,18 @@ def test_a_movement_that_no_leg_makes_is_solved_but_not_scanned(stepping, tmp_pa
     assert not {n for n in written if n.startswith("projections")}
     said = json.loads((tmp_path / "kinematics.json").read_text())["warnings"]
     assert said[0].startswith("pelvis_tx steps at 60 m/s")
+
+
+@pytest.mark.end_to_end
+def test_a_device_that_fails_halfway_ends_in_one_line_and_keeps_what_was_finished(
+    tiny_settings, tmp_path, monkeypatch
+):
+    def fail(*_: object) -> None:
+        raise cl.MemoryError("clCreateBuffer failed: MEM_OBJECT_ALLOCATION_FAILURE")
+
+    monkeypatch.setattr(Device, "zeros", fail)
+    with pytest.raises(LegsimError, match=r"memory does not suffice .*; finished stages are kept$"):
+        pipeline.run_scan(tiny_settings, tmp_path, on_progress=quiet)
+    stages = json.loads((tmp_path / "manifest.json").read_text())["stages"]
+    assert {"kinematics", "imu"} <= stages.keys()
+    assert not list(tmp_path.glob(".*"))

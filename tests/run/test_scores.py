@@ -27,7 +27,13 @@ def test_every_method_has_its_errors_by_structure(tiny_run):
 
 
 def test_the_resting_scan_has_nothing_left(tiny_run):
-    assert all(r["mm"] == 0 and r["pixels"] == 0 for r in left(tiny_run, "static").values())
+    for found in left(tiny_run, "static").values():
+        assert found["mm"] == found["pixels"] == found["pixels_after_similarity"] == 0
+
+
+def test_a_constant_similarity_takes_some_of_the_pixels_of_every_method(tiny_run):
+    for result in tiny_run.methods[1:]:
+        assert 0 < result.residual_px_after_similarity < result.residual_px
 
 
 def test_the_true_shank_leaves_nothing_at_the_tibia_and_what_the_knee_bends_elsewhere(tiny_run):

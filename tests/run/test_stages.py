@@ -1,3 +1,4 @@
+from types import SimpleNamespace
 from typing import cast
 
 import numpy as np
@@ -10,11 +11,16 @@ from legsim.run.folder import RunFolder
 from legsim.run.stages import StageContext
 
 
-def scan_key(*overrides: str) -> str:
+def scan_key(*overrides: str, compiler: str = "one 1.0") -> str:
     """Hangs on the settings alone."""
     settings = config.load_settings(overrides=overrides)
-    nothing = cast(RunFolder, None), cast(Device, None), lambda *_: None
+    device = SimpleNamespace(candidate=SimpleNamespace(compiler=compiler))
+    nothing = cast(RunFolder, None), cast(Device, device), lambda *_: None
     return StageContext(settings, *nothing).scan_key
+
+
+def test_another_driver_is_another_key():
+    assert scan_key(compiler="one 1.0") != scan_key(compiler="one 1.1")
 
 
 def test_what_decides_the_projections_is_in_their_key_and_the_seed_where_there_is_noise():

@@ -228,3 +228,31 @@ def test_a_consumer_sensor_and_few_beads_better_the_scan_from_a_rough_start(
     notes = json.loads((tmp_path / "correction-fused-beads.json").read_text())["notes"]
     assert notes[0].startswith("2 beads: ")
     assert "Poses start roughly: 1.5 deg of tilt" in (tmp_path / "report.html").read_text()
+
+
+def sensors(*segments: str) -> str:
+    tables = (f'{{name="on {s}", segment="{s}", distance_mm=140}}' for s in segments)
+    return f"imu.sensors=[{', '.join(tables)}]"
+
+
+@pytest.mark.parametrize(
+    "run", ['["rigid"]', '["rigid@on tibia_r"]', '["rigid-paper-order"]', '["uncorrected"]']
+)
+def test_a_sensor_on_the_other_leg_is_reported_where_a_method_follows_it(run):
+    chosen = (sensors("tibia_r"), "methods.sensor=on tibia_r", f"methods.run={run}")
+    settings = config.load_settings(overrides=chosen)
+    scanned = config.load_settings(overrides=(*chosen, "scan.side=right"))
+    volumes.check(scanned)
+    if "rigid" in run:
+        with pytest.warns(UserWarning, match=r"'on tibia_r' is on tibia_r, but the left leg is"):
+            volumes.check(settings)
+    else:
+        volumes.check(settings)
+
+
+def test_sensors_slower_than_the_views_are_reported_with_the_fix():
+    volumes.check(config.load_settings(overrides=("imu.rate_hz=31",)))
+    with pytest.warns(
+        UserWarning, match=r"imu\.rate_hz is 30, but 31 views .* set imu\.rate_hz to"
+    ):
+        volumes.check(config.load_settings(overrides=("imu.rate_hz=30",)))

@@ -415,3 +415,21 @@ def test_images_agree_with_gvirtualxray(device):
     difference = np.abs(ours - theirs) / bench_project.ATTENUATIONS[0]
     assert difference.mean() < 1e-5
     assert np.quantile(difference, 0.999) < 1e-3
+
+
+@pytest.mark.parametrize(
+    ("group", "local", "cpu"), [(64, 1 << 15, False), (32, 1 << 15, False), (16, 2048, True)]
+)
+def test_images_are_the_same_on_devices_of_small_groups_and_little_local_memory(
+    device, monkeypatch, group, local, cpu
+):
+    """To the last bit: only who computes what changes, and crossings that do not fit are redone."""
+    shells = [sphere(f"shell {k}", 0.08 - 0.01 * k, np.zeros(3), 20.0 + k, 3) for k in range(5)]
+    phantom, geometry = Phantom(tuple(shells)), circular(2)
+    usual = projector.project(phantom, geometry, device).line_integrals
+    assert usual.max() > 1
+    monkeypatch.setattr(Device, "group_size", group)
+    monkeypatch.setattr(Device, "local_bytes", local)
+    monkeypatch.setattr(Device, "is_cpu", cpu)
+    images = projector.project(phantom, geometry, device).line_integrals
+    np.testing.assert_array_equal(images, usual)

@@ -41,6 +41,8 @@ def test_every_score_and_region_is_a_row_of_scores_csv_in_full_precision(made):
         for left in score.residuals:
             assert row[f"{left.structure}_mm"] == ("" if left.mm is None else str(left.mm))
             assert float(row[f"{left.structure}_pixels"]) == left.pixels
+            after = row[f"{left.structure}_pixels_after_similarity"]
+            assert float(after) == left.pixels_after_similarity
 
 
 def test_every_draw_is_a_row_of_ladder_csv(made):

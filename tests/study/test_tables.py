@@ -77,7 +77,7 @@ def test_a_method_that_failed_somewhere_says_how_many_scans_it_has():
 
 
 def test_residuals_have_a_table_a_unit_and_no_empty_columns():
-    mm, degrees, pixels = tables.residuals(CLEAN)
+    mm, degrees, pixels, after = tables.residuals(CLEAN)
     assert mm.columns == ("method", "femur", "tibia", "patella", "skin")
     assert degrees.columns == ("method", "femur", "tibia", "patella")
     found = np.array(
@@ -87,6 +87,19 @@ def test_residuals_have_a_table_a_unit_and_no_empty_columns():
     assert row_of(mm, "60", "oracle")["femur"] == f"{found.mean():.2f} ± {found.std(ddof=1):.2f}"
     assert row_of(mm, "60", "nonrigid-2d")["femur"] == "–"
     assert row_of(pixels, "60", "nonrigid-2d")["femur"] != "–"
+    assert after.name == "residuals_pixels_after_similarity"
+    assert after.caption == "Motion that was not undone (pixels after similarity)"
+    assert row_of(after, "60", "nonrigid-2d")["femur"] != "–"
+
+
+def test_results_of_an_older_version_have_no_table_of_pixels_after_similarity():
+    older = [
+        replace(s, residuals=tuple(replace(r, pixels_after_similarity=None) for r in s.residuals))
+        for s in CLEAN
+    ]
+    assert [t.name for t in tables.residuals(older)] == [
+        f"residuals_{unit}" for unit in ("mm", "degrees", "pixels")
+    ]
 
 
 def test_sharpness_tells_entropy_and_seconds():

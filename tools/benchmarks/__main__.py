@@ -5,6 +5,7 @@ from typing import Annotated
 
 import typer
 
+from legsim.core.errors import LegsimError
 from legsim.opencl.device import open_device
 
 app = typer.Typer(
@@ -15,6 +16,16 @@ app = typer.Typer(
 @app.callback()
 def main() -> None:
     """Benchmarks of legsim, side by side with other toolkits where there is one."""
+
+
+@app.command()
+def device(name: Annotated[str, typer.Argument(help="As in LEGSIM_DEVICE.")] = "gpu") -> None:
+    """Look for a device, so that the other commands need not begin without it."""
+    try:
+        typer.echo(open_device(name))
+    except LegsimError as error:
+        typer.echo(f"error: {error}", err=True)
+        raise typer.Exit(1) from None
 
 
 @app.command()

@@ -26,6 +26,7 @@ from legsim.correction.rigid import Rigid, Uncorrected, rigid_motion
 from legsim.correction.rough_start import StartErrors, rough
 from legsim.correction.smoother import BeadShadows
 from legsim.deformation.models import RigidMotion
+from legsim.evaluation import image_gauge
 from legsim.geometry.cone_beam import Projections
 from legsim.run import c_arm as run_c_arm
 from legsim.run import motion as run_motion
@@ -85,34 +86,17 @@ def row(
     true = rigid_motion(setup.times, setup.poses.of(setup.named("tibia")))
     target, carried = geometry.project(paths)[0], motion.carry(points)
     off = motion.moved_from_reference @ transforms.inverse(true.moved_from_reference)
+
+    def seen(at: FloatArray) -> FloatArray:
+        return geometry.project(motion.carry(at))[0]
+
+    similarity = image_gauge.best_similarity(seen, points, target)
     return (
-        similarity_px(motion, points, setup, target),
+        rms(seen(transforms.apply(similarity, points)) - target),
         rms(geometry.project(carried)[0] - target),
         1e3 * rms(carried - paths),
         float(np.degrees(rms(transforms.vector_from_rotation(off[:, :3, :3])))),
     )
-
-
-def similarity_px(
-    motion: RigidMotion, points: FloatArray, setup: ScanSetup, target: FloatArray
-) -> float:
-    """RMS px after the constant similarity (7 numbers) that fits best, by Gauss-Newton steps."""
-    middle, similarity, step = points.mean(0), np.zeros(7), 1e-5
-
-    def seen(by: FloatArray) -> FloatArray:
-        turned = (points - middle) @ transforms.rotation_from_vector(by[:3]).T
-        at = (1 + by[6]) * turned + middle + by[3:6]
-        return (setup.geometry.project(motion.carry(at))[0] - target).reshape(-1)
-
-    for _ in range(8):
-        slopes = [
-            (seen(similarity + step * e) - seen(similarity - step * e)) / (2 * step)
-            for e in np.eye(7)
-        ]
-        similarity = (
-            similarity - np.linalg.lstsq(np.stack(slopes, -1), seen(similarity), rcond=None)[0]
-        )
-    return rms(seen(similarity).reshape(-1, 2))
 
 
 def rms(vectors: FloatArray) -> float:

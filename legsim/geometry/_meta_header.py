@@ -1,0 +1,48 @@
+"""A look at a MetaImage's header before ITK reads it.
+
+MetaIO keeps numbers per dimension in arrays of ten, and writes beyond them where the header says
+that there are more dimensions; it takes the name of the data's file as a format of C.
+"""
+
+import re
+from pathlib import Path
+
+from legsim.core.errors import file_error
+
+_MOST = 10
+
+_HEADER_BYTES = 1 << 16
+
+_DATA_FILE = re.compile(rb"^\s*ElementDataFile\s*[=:]?\s*([^\r\n]*)", re.M)
+
+_PATTERN = re.compile(rb"%0?\d?d")
+"""of numbered slices, as in slice%03d.raw 1 5 1"""
+
+_NUMBER = re.compile(rb"^\s*NDims\s*[=:]?\s*([^\r\n]*)", re.M)
+
+
+def check(path: Path) -> None:
+    """Refuses a header that would end the process.
+
+    Raises:
+        LegsimError: a number of dimensions that is not a whole one from 1 to 10, or a data file's
+            name that is no name.
+    """
+    with path.open("rb") as stream:
+        start = stream.read(_HEADER_BYTES)
+    named = _DATA_FILE.search(start)
+    if named is not None and named[1].count(b"%") != len(_PATTERN.findall(named[1])[:1]):
+        raise file_error(
+            path,
+            f"its header says ElementDataFile = {named[1].decode('latin-1')!r}",
+            "expected LOCAL, a file, or numbered files as slice%03d.raw 1 5 1",
+        )
+    header = start.partition(b"ElementDataFile")[0]
+    for text in _NUMBER.findall(header):
+        word = text.strip().split()[0] if text.strip() else b""
+        if not word.isdigit() or not 1 <= int(word) <= _MOST:
+            raise file_error(
+                path,
+                f"its header says NDims = {text.strip().decode('latin-1')!r}",
+                f"expected a whole number of dimensions from 1 to {_MOST}; write the file again",
+            )
