@@ -20,6 +20,13 @@ from legsim.deformation.models import RigidMotion
 from legsim.imu.catalogue import load_sensor
 from legsim.imu.errors import SensorErrors
 
+_DISCERNED = float(np.sqrt(2))
+"""times its standard deviation that a motion must be seen by to be followed
+
+What is found of a motion m with an error e has m^2 + e^2 on average. Following it leaves e, not
+following it leaves m.
+"""
+
 _CLOCK_REACH = 5.0
 """standard deviations of the clock by which a recording must go beyond the views to find it"""
 
@@ -111,7 +118,7 @@ def _standing(scan: Scan, priors: SensorPriors) -> StandingPrior:
 def _corrected(name: str, scan: Scan, found: SmoothedPath, notes: tuple[str, ...]) -> Correction:
     """The estimate and what images should see of its errors.
 
-    A motion no larger than its standard deviation is not followed: that would risk more than it
+    A motion that may be no larger than its error is not followed: that would risk more than it
     undoes.
     """
     geometry = scan.projections.geometry
@@ -121,7 +128,7 @@ def _corrected(name: str, scan: Scan, found: SmoothedPath, notes: tuple[str, ...
         f"{name}: the images see {motion_px:.2g} px RMS of the motion that was found at the knee, "
         f"and should see {error_px:.2g} px of its errors"
     )
-    if found.settled and motion_px > error_px:
+    if found.settled and motion_px > _DISCERNED * error_px:
         return Correction(name, scan.projections, found.motion, notes=(*notes, f"{said}."))
     why = "its estimate did not settle" if not found.settled else "the data do not determine it"
     left = f"{said}: {why}, and the scan is left as it is."

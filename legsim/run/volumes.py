@@ -180,12 +180,12 @@ def _method_inputs(stage: StageContext, scan: SimulatedScan, grid: VolumeGrid) -
         truth=scan.truth,
         beads=beads,
         bead_reference=wanted.reference,
-        priors=_priors(settings),
+        priors=sensor_priors(settings),
         fused_beads=lambda: _fused_beads(stage, scan),
     )
 
 
-def _priors(settings: RunConfig) -> SensorPriors:
+def sensor_priors(settings: RunConfig) -> SensorPriors:
     """What is known beforehand of a sensor: its data sheet, and how the start was found."""
     errors = run_sensors.prior_errors(settings.imu, view_rate_hz=settings.scan.rate_hz)
     start = stages.start_errors(settings.methods)

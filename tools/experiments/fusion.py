@@ -21,26 +21,33 @@ from legsim.core.values import FloatArray
 from legsim.correction import bead_scan, initialization
 from legsim.correction.bead_scan import Beads
 from legsim.correction.fused import FusedBeads, SensorPriors, Standing
+from legsim.correction.initialization import Starts
 from legsim.correction.method import CorrectionMethod, Scan
 from legsim.correction.rigid import Rigid, Uncorrected, rigid_motion
-from legsim.correction.rough_start import StartErrors, rough
+from legsim.correction.rough_start import rough
 from legsim.correction.smoother import BeadShadows
 from legsim.deformation.models import RigidMotion
 from legsim.evaluation import image_gauge
 from legsim.geometry.cone_beam import Projections
 from legsim.run import c_arm as run_c_arm
 from legsim.run import motion as run_motion
-from legsim.run import scores
+from legsim.run import scores, stages, volumes
 from legsim.run import sensors as run_sensors
 from legsim.simulation.setup import ScanSetup, prepare_scan
 
 _SHADOWS, _STARTS, _NOISE = 21, 2, 1
 
 
-def placed(file: str, sensor: str) -> tuple[config.RunConfig, ScanSetup]:
+def placed(file: str, sensor: str, calibration: str = "none") -> tuple[config.RunConfig, ScanSetup]:
     """A person in the C-arm of the preset "demo"."""
     settings = config.load_settings(
-        preset="demo", overrides=(f"motion.file={file}", f"imu.noise.kind={sensor}")
+        preset="demo",
+        overrides=(
+            f"motion.file={file}",
+            f"imu.noise.kind={sensor}",
+            f"imu.noise.calibration={calibration}",
+            "methods.start=rough",
+        ),
     )
     person = run_motion.solve(settings.motion)
     sensors = run_sensors.sensors(settings.imu)
@@ -58,7 +65,9 @@ def scanned(settings: config.RunConfig, setup: ScanSetup, seed: int) -> Scan:
         rng=np.random.default_rng([seed, _NOISE]),
     )
     exact = initialization.from_truth(person.leg, person.splines, setup.sensors, first).starts
-    starts = rough(exact, StartErrors(), np.random.default_rng([seed, _STARTS]))
+    errors = stages.start_errors(settings.methods)
+    drawn = rough(exact, errors, np.random.default_rng([seed, _STARTS]))
+    starts = initialization.leveled(Starts(drawn, ()), signals).starts
     empty = np.zeros((len(setup.geometry), *setup.geometry.shape_vu), np.float32)
     return Scan(Projections(setup.geometry, empty), signals, starts)
 
@@ -123,6 +132,7 @@ def methods(
 def main(
     files: Annotated[str, typer.Option()] = "subject01/squat_60.trc",
     sensor: str = "bmi160",
+    calibration: str = "none",
     seeds: int = 3,
     error_px: float = 0.2,
     notes: bool = False,
@@ -130,13 +140,13 @@ def main(
     """Prints one row per scan and method: mean and greatest over the seeds."""
     typer.echo("| scan | method | px after similarity | px | mm | deg | CPU s |\n|" + "---|" * 7)
     for file in files.split():
-        settings, setup = placed(file, sensor)
-        errors = run_sensors.prior_errors(settings.imu, view_rate_hz=settings.scan.rate_hz)
+        settings, setup = placed(file, sensor, calibration)
+        priors = volumes.sensor_priors(settings)
         paths = tibia(settings, setup)
         table: dict[str, list[Sequence[float]]] = {}
         for seed in range(seeds):
             scan = scanned(settings, setup, seed)
-            for name, method in methods(setup, SensorPriors(errors), error_px, seed).items():
+            for name, method in methods(setup, priors, error_px, seed).items():
                 began = time.process_time()
                 found = method(scan)
                 seconds = time.process_time() - began
