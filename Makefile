@@ -3,7 +3,10 @@ BIN := .venv/bin
 OUT ?= demo
 DEVICE ?= gpu
 
-.PHONY: demo test quick gpu setup check format clean
+# where mkdocs is: another environment than the tests' will do
+DOCS ?= .venv
+
+.PHONY: demo test quick gpu peers docs setup check format clean
 
 demo: setup
 	$(BIN)/legsim run --preset demo --out $(OUT)
@@ -14,6 +17,19 @@ test: setup check
 # without whole runs and clusters: under two minutes on two cores
 quick: setup
 	$(BIN)/python -m pytest -n 2 --dist worksteal -m "not end_to_end"
+
+# beside OpenSim, RTK and ASTRA, as far as they are installed (pip install -e '.[peer]'); a table
+peers: setup
+	$(BIN)/python -m pytest -m peer
+
+# the site with guides and reference, in build/site
+docs: $(DOCS)/.docs-installed
+	NO_MKDOCS_2_WARNING=1 $(DOCS)/bin/mkdocs build --strict
+
+$(DOCS)/.docs-installed: pyproject.toml
+	test -x $(DOCS)/bin/python || $(PYTHON) -m venv $(DOCS)
+	$(DOCS)/bin/python -m pip install --quiet --disable-pip-version-check --editable '.[docs]'
+	touch $@
 
 # kernel tests and benchmarks on a GPU, or on DEVICE: part of a device's name
 gpu: setup

@@ -18,6 +18,9 @@ from legsim.report.page import Picture, ReportContent
 from legsim.run import pipeline
 from legsim.study import report
 from tests.examples import study as example_study
+from tests.peers.agreement import agree, pytest_terminal_summary
+
+__all__ = ["agree", "pytest_terminal_summary"]
 
 # the same examples on every machine, however busy it is
 settings.register_profile("legsim", deadline=None, derandomize=True)

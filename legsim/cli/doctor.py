@@ -98,9 +98,7 @@ def _devices() -> list[Finding]:
                 "opencl",
                 False,
                 "no device works",
-                runtimes.fault()
-                or "pip install intel-opencl-rt intel-cmplr-lib-rt (x86-64) or "
-                "pocl-binary-distribution",
+                runtimes.fault() or runtimes.installation(platform.machine(), sys.platform),
             )
         )
     return findings

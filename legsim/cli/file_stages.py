@@ -5,7 +5,7 @@
 import json
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -35,7 +35,7 @@ from legsim.mocap.trajectories import MarkerTrajectories
 from legsim.opencl.device import open_device
 from legsim.phantom import files as phantom_files
 from legsim.phantom.files import PhantomFile
-from legsim.reconstruction import fdk
+from legsim.reconstruction import fdk, field_of_view
 from legsim.run import c_arm
 from legsim.run import reconstruction as run_reconstruction
 from legsim.scan import acquisition, coverage
@@ -117,6 +117,7 @@ def project(
     reading: GeometryOptions,
     energy_kev: float,
     settings: tuple[str, ...] = (),
+    repair: bool = False,
     device: str | None,
     on_progress: OnProgress,
 ) -> list[str]:
@@ -133,7 +134,7 @@ def project(
     how = c_arm.imaging(read_by.scan)
     described = reading.read(geometry_file)
     geometry = described.geometry
-    read = phantom_files.read(phantom_file, energy_kev=energy_kev)
+    read = phantom_files.read(phantom_file, energy_kev=energy_kev, repair=repair)
     phantom = read.phantom
     opened = open_device(device)
     drawing = np.random.default_rng(read_by.seed)
@@ -204,6 +205,7 @@ def reconstruct(
     read = images.read(projections_file, geometry_file, reading)
     projections, geometry = read.projections, read.geometry
     grid = _grid(geometry, like, shape_zyx, spacing_mm, center_mm)
+    chosen = [] if like or shape_zyx else [_field_line(geometry, grid)]
     moved = None if motion is None else load_motion(motion)
     if motion is not None and moved is not None and len(moved.times) != len(geometry):
         raise file_error(
@@ -241,11 +243,30 @@ def reconstruct(
     voxels = "x".join(str(n) for n in grid.shape_zyx)
     return [
         *read.notes,
+        *chosen,
         f"{voxels} voxels (z, y, x) from {len(geometry)} views by {settings.algorithm} on "
         f"{opened.label}",
         f"took {memory}" + (", the volume went to disk slab by slab" if by_slabs else ""),
         f"volume (1/mm): {out}",
     ]
+
+
+def _in_meters(lengths_mm: tuple[float, float, float]) -> tuple[float, float, float]:
+    x, y, z = lengths_mm
+    return 1e-3 * x, 1e-3 * y, 1e-3 * z
+
+
+def _field_line(geometry: ConeBeamGeometry, grid: VolumeGrid) -> str:
+    """The default grid, in words."""
+    nz, ny, nx = grid.shape_zyx
+    x, y, z = (1e3 * n * s for n, s in zip((nx, ny, nz), grid.spacing_xyz, strict=True))
+    spacing = " x ".join(f"{1e3 * s:.4g}" for s in sorted(set(grid.spacing_xyz)))
+    pixel = 1e3 * field_of_view.pixel_at_isocenter(geometry)
+    return (
+        f"grid: the field of view, {x:.0f} x {y:.0f} x {z:.0f} mm (x, y, z), in voxels of "
+        f"{spacing} mm (a pixel at the isocenter: {pixel:.4g} mm), "
+        f"{_size(4 * math.prod(grid.shape_zyx))}"
+    )
 
 
 def _size(count: float) -> str:
@@ -266,9 +287,14 @@ def _grid(
                 "--like already says the grid; leave out --shape-zyx, --spacing-mm and --center-mm"
             )
         return image_files.read_header(like).grid()
-    if shape_zyx is None or spacing_mm is None:
+    if shape_zyx is None:
+        seen = field_of_view.grid_of(
+            geometry, None if spacing_mm is None else _in_meters(spacing_mm)
+        )
+        return seen if center_mm is None else replace(seen, center=_in_meters(center_mm))
+    if spacing_mm is None:
         raise LegsimError(
-            "which grid? give --like VOLUME, or --shape-zyx and --spacing-mm (three numbers each)"
+            "--shape-zyx without --spacing-mm; give both, or neither for the field of view"
         )
     center = geometry.rotation_center() if center_mm is None else 1e-3 * np.array(center_mm)
     return VolumeGrid(

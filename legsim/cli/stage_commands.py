@@ -162,6 +162,13 @@ def project(
             "scan.detector.photons=1e5, scan.spectrum.kind=tube.",
         ),
     ] = None,
+    repair: Annotated[
+        bool,
+        typer.Option(
+            "--repair",
+            help="Repair meshes: merge doubles, close small holes, orient triangles alike.",
+        ),
+    ] = False,
     columns: ColumnsOption = None,
     rows: RowsOption = None,
     pixel_mm: PixelOption = None,
@@ -183,6 +190,7 @@ def project(
             reading=reading,
             energy_kev=energy_kev,
             settings=tuple(settings or ()),
+            repair=repair,
             device=device,
             on_progress=on_progress,
         )
@@ -217,11 +225,16 @@ def reconstruct(
     like: Annotated[Path | None, typer.Option(help="A volume whose grid to use.")] = None,
     shape_zyx: Annotated[
         tuple[int, int, int] | None,
-        typer.Option(help="Voxels along z, y, x; where there is no --like."),
+        typer.Option(
+            help="Voxels along z, y, x; where there is no --like. Default: the field of view."
+        ),
     ] = None,
     spacing_mm: Annotated[
         tuple[float, float, float] | None,
-        typer.Option(help="Voxel spacing along x, y, z; where there is no --like."),
+        typer.Option(
+            help="Voxel spacing along x, y, z; where there is no --like. Default: a pixel at the "
+            "isocenter."
+        ),
     ] = None,
     center_mm: Annotated[
         tuple[float, float, float] | None,
@@ -254,7 +267,18 @@ def reconstruct(
         ),
     ] = None,
     iterations: Annotated[
-        int | None, typer.Option(min=1, help="cgls: steps; fewer are smoother. Default: 15.")
+        int | None,
+        typer.Option(
+            min=1,
+            help="cgls: steps; fewer are smoother. Default: until a step gains little, 60 at most.",
+        ),
+    ] = None,
+    noise: Annotated[
+        float | None,
+        typer.Option(
+            help="cgls: standard deviation of the line integrals; steps end where the misfit is "
+            "as large."
+        ),
     ] = None,
     nonnegative: Annotated[
         bool, typer.Option("--nonnegative", help="cgls: keep attenuation at 0 or above.")
@@ -271,6 +295,7 @@ def reconstruct(
         "water_attenuation_per_mm": water_attenuation_per_mm,
         "redundancy": redundancy,
         "iterations": iterations,
+        "noise": noise,
         "nonnegative": nonnegative or None,
     }
     with progress.of_stages(console.err) as on_progress:

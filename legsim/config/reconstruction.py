@@ -25,8 +25,10 @@ class ReconstructionConfig(ConfigSection):
     """fdk: width of the cylinder that continues a truncated object; 0 leaves rows truncated"""
     redundancy: Literal["parker", "none"] = "parker"
     """fdk: weights of lines measured more than once; "none" counts every view half"""
-    iterations: int = Field(default=15, ge=1)
-    """cgls: iterations; fewer are smoother"""
+    iterations: int | None = Field(default=None, ge=1)
+    """cgls: iterations; fewer are smoother; none: until a step gains little"""
+    noise: float | None = Field(default=None, gt=0)
+    """cgls: standard deviation of the line integrals, at which the steps end"""
     nonnegative: bool = False
     """cgls: whether attenuation is kept at 0 or above"""
 

@@ -72,8 +72,9 @@ def read_geometry(
     Args:
         path: .json (legsim, TIGRE), .xml (RTK, CONRAD), .txt, .csv, .ompl, .npy or .mat (matrices,
             ASTRA's vectors, projtable.txt).
-        columns, rows: pixels of the detector, for files that do not say; RTK's XML then has its
-            detector centered.
+        columns: pixels in a row of the detector, for files that do not say; RTK's XML then has
+            its detector centered.
+        rows: rows of the detector, with ``columns``.
         pixel_mm: pixel pitch, or that between columns and that between rows, for files that do not
             say; RTK's XML is in mm on the detector and cannot be read without it.
         header_pixel_mm: what the projections' header says, used where nothing else does.

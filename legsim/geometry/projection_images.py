@@ -187,7 +187,9 @@ def read_counts(
     Args:
         i0: reading without an object.
         air: "X0:X1,Y0:Y1", columns and rows that see no object.
-        flat, dark, bad: images as of :func:`read_field`; bad pixels are those other than 0.
+        flat: image without an object, as of :func:`read_field`.
+        dark: image without a beam, likewise.
+        bad: image that is not 0 at bad pixels, likewise.
         raw: layout of a view, for images without a header.
 
     Raises:

@@ -177,6 +177,10 @@ def geometry(path: Path, root: ElementTree.Element, given: Given) -> ConeBeamGeo
     else:
         shape_vu = given.shape(path, (note["rows"], note["columns"]))
         pixel_mm = given.pixel(path, note["pixel_mm"])
+    if pixel_mm is None and given.shape_vu is not None:
+        raise file_error(
+            path, "does not say how large its pixels are", "give the pixel size (pixel_mm) in mm"
+        )
     if pixel_mm is None:
         raise file_error(
             path, "does not say how large the detector and its pixels are", NEEDS_DETECTOR

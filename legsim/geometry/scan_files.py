@@ -50,7 +50,8 @@ def read_scan(
             images do not say it. Default: the detector is centered.
         turn_rows: takes the images' rows from the last to the first.
         line_integrals: the images hold line integrals, whatever their values look like.
-        format, up: of the geometry.
+        format: of the geometry, as in :func:`legsim.geometry.files.read_geometry`.
+        up: the geometry's vertical axis, likewise.
 
     Raises:
         LegsimError: as of the two readers; or an origin with a geometry that places its pixels

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import hashlib
 import os
+import platform
+import sys
 from dataclasses import dataclass, field
 from functools import cache
 from importlib import resources
@@ -120,7 +122,7 @@ def open_device(wanted: str | None = None) -> Device:
             or "the OpenCL loader lists no device"
         )
         fix = runtimes.fault() or (
-            "install one with `pip install intel-opencl-rt intel-cmplr-lib-rt`"
+            f"get one by `{runtimes.installation(platform.machine(), sys.platform)}`"
         )
         raise LegsimError(f"no OpenCL device works ({seen}); {fix}, then see `legsim doctor`")
     matching = [

@@ -76,6 +76,17 @@ def fault() -> str:
     return f"OCL_ICD_VENDORS is {named!r}: {_wrong_with(named)}; unset it"
 
 
+def installation(machine: str, system: str) -> str:
+    """How to get an OpenCL runtime for a machine's CPU, as platform.machine() and sys.platform name
+    it; PyPI has one for x86-64 alone.
+    """
+    if machine in ("x86_64", "AMD64") and system != "darwin":
+        return "pip install intel-opencl-rt intel-cmplr-lib-rt"
+    if system == "linux":
+        return "apt install pocl-opencl-icd, or conda install -c conda-forge pocl"
+    return "conda install -c conda-forge pocl"
+
+
 def _wrong_with(named: str) -> str:
     place = Path(named)
     if not named or not place.exists():

@@ -1,36 +1,23 @@
 """PHANTOM.toml: any set of closed meshes as a phantom, checked.
 
 Errors name the file that causes them. Parts are in order of priority, outermost first where they
-nest: at each point the last part that contains it decides. Meshes are PLY, STL, OBJ or GLB with
-coordinates in world, at the reference pose where a part moves with a segment.
+nest: at each point the last part that contains it decides. Meshes are PLY, STL, OBJ, GLB or VTP
+with coordinates in world, at the reference pose where a part moves with a segment.
 """
 
-import io
 import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-import lazy_loader
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
-from scipy.spatial import KDTree
 
 from legsim.core import transforms
 from legsim.core.errors import LegsimError, file_error
 from legsim.core.values import FloatArray
-from legsim.phantom import materials
+from legsim.phantom import materials, mesh_files, surfaces
 from legsim.phantom.meshes import Part, Phantom
-
-if TYPE_CHECKING:
-    import trimesh
-else:
-    trimesh = lazy_loader.load("trimesh")
-
-
-SUFFIXES = (".ply", ".stl", ".obj", ".glb")
 
 UNITS = {"mm": 1e-3, "m": 1.0}
 
@@ -47,6 +34,7 @@ _KEYS = {
     "material": str,
     "attenuation_per_mm": (int, float),
     "segment": str,
+    "repair": bool,
 }
 
 _MOST_PER_MM = 1e6
@@ -54,12 +42,6 @@ _MOST_PER_MM = 1e6
 
 _LEAST_VOLUME = 1e-9
 """of the cube of a part's length: the volume of a flat part after rounding"""
-
-_GRAIN = 1e-6
-"""of a part's length: greatest distance of copies of a vertex
-
-Text formats and single precision may round them apart.
-"""
 
 _SAMPLES, _MORE_SAMPLES = 12, 100
 
@@ -108,11 +90,14 @@ def load_phantom(path: Path | str, *, energy_kev: float = materials.DEFAULT_ENER
     return read(path, energy_kev=energy_kev).phantom
 
 
-def read(path: Path | str, *, energy_kev: float = materials.DEFAULT_ENERGY_KEV) -> PhantomFile:
+def read(
+    path: Path | str, *, energy_kev: float = materials.DEFAULT_ENERGY_KEV, repair: bool = False
+) -> PhantomFile:
     """Reads a PHANTOM.toml and its meshes.
 
-    Doubled vertices (as in every STL) are merged. Meshes that face inward are turned, and a remark
-    reports it.
+    Doubled vertices (as in every STL) are merged. Shells that face inward, other than hollows in
+    another, are turned, and a remark reports it. ``repair``, or repair = true in the file, for all
+    parts or one, repairs what is open or disagrees (:func:`legsim.phantom.surfaces.repaired`).
 
     Raises:
         LegsimError: the file or a mesh is missing, malformed, open, inconsistently oriented, of an
@@ -121,7 +106,9 @@ def read(path: Path | str, *, energy_kev: float = materials.DEFAULT_ENERGY_KEV) 
     path = Path(path)
     tables = _tables(path)
     remarks: list[str] = []
-    parts = [_part(path, k, table, energy_kev, remarks) for k, table in enumerate(tables)]
+    parts = [
+        _part(path, k, table, energy_kev, remarks, repair=repair) for k, table in enumerate(tables)
+    ]
     names = [part.name for part in parts]
     doubled = sorted({name for name in names if names.count(name) > 1})
     if doubled:
@@ -152,10 +139,10 @@ def _tables(path: Path) -> list[dict[str, Any]]:
         ) from error
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise file_error(path, f"is not TOML ({error})", "fix that place") from error
-    unknown = sorted(set(content) - {"part"})
+    unknown = sorted(set(content) - {"part", "repair"})
     if unknown:
         raise file_error(
-            path, f"unknown key {unknown[0]!r}", "a phantom is a list of [[part]] tables"
+            path, f"unknown key {unknown[0]!r}", "known: repair, and a list of [[part]] tables"
         )
     tables = content.get("part")
     if (
@@ -168,7 +155,10 @@ def _tables(path: Path) -> list[dict[str, Any]]:
         )
     for k, table in enumerate(tables):
         _check_table(path, f"part {k + 1}", table)
-    return tables
+    whole = content.get("repair", False)
+    if not isinstance(whole, bool):
+        raise file_error(path, f"repair = {whole!r} is of the wrong type", "give true or false")
+    return [{**table, "repair": table.get("repair", whole)} for table in tables]
 
 
 def _check_table(path: Path, place: str, table: dict[str, Any]) -> None:
@@ -178,11 +168,11 @@ def _check_table(path: Path, place: str, table: dict[str, Any]) -> None:
             path, f"unknown key {unknown[0]!r}", f"known: {', '.join(_KEYS)}", place=place
         )
     for key, value in table.items():
-        if not isinstance(value, _KEYS[key]) or isinstance(value, bool):
+        if not isinstance(value, _KEYS[key]) or isinstance(value, bool) != (key == "repair"):
             raise file_error(
                 path,
                 f"{key} = {value!r} is of the wrong type",
-                "give text in quotes, or a number for attenuation_per_mm",
+                "give text in quotes, a number for attenuation_per_mm, true or false for repair",
                 place=place,
             )
     missing = [key for key in ("name", "file", "unit") if key not in table]
@@ -213,7 +203,13 @@ def _check_table(path: Path, place: str, table: dict[str, Any]) -> None:
 
 
 def _part(
-    path: Path, number: int, table: dict[str, Any], energy_kev: float, remarks: list[str]
+    path: Path,
+    number: int,
+    table: dict[str, Any],
+    energy_kev: float,
+    remarks: list[str],
+    *,
+    repair: bool,
 ) -> Part:
     name = table["name"]
     if "material" in table:
@@ -227,180 +223,88 @@ def _part(
     else:
         attenuation, material = table["attenuation_per_mm"] * 1e3, "stated"
     file = path.parent / table["file"]
-    vertices, triangles = _closed(file, name, *_mesh(file, name))
+    repair = repair or table.get("repair", False)
+    vertices, triangles, done = _surface(file, name, *mesh_files.read(file, name), repair=repair)
     vertices = vertices * UNITS[table["unit"]]
     _check_size(file, name, vertices, table["unit"])
-    volume = _volume(vertices, triangles)
-    if abs(volume) < _LEAST_VOLUME * np.ptp(vertices, axis=0).max() ** 3:
+    if surfaces.enclosed(vertices, triangles) < _LEAST_VOLUME * np.ptp(vertices, axis=0).max() ** 3:
         raise file_error(
             file,
             "the surface encloses no volume",
             "give it a thickness, or orient its pieces alike",
             place=f"part {name!r}",
         )
-    if volume < 0:
-        triangles = triangles[:, ::-1]
-        remarks.append(f"{file} (part {name!r}): its triangles faced inward and were turned")
+    triangles, turned = _facing_outward(file, name, vertices, triangles, repair=repair)
+    remarks += [f"{file} (part {name!r}): {what}" for what in (*done, *turned)]
     return Part(name, material, attenuation, vertices, triangles)
 
 
-def _mesh(file: Path, name: str) -> tuple[FloatArray, np.ndarray]:
-    """Vertices (p, 3) in the file's unit and triangles (t, 3), unchanged from the file."""
-    place = f"part {name!r}"
-    if file.suffix.lower() not in SUFFIXES:
-        raise file_error(
-            file,
-            f"unknown kind of mesh {file.suffix!r}",
-            f"convert it to one of {', '.join(SUFFIXES)}",
-            place=place,
-        )
-    if not file.is_file():
-        raise file_error(file, "no such file", "paths are relative to the TOML", place=place)
-    try:
-        if file.suffix.lower() == ".obj":
-            mesh = trimesh.load_mesh(
-                io.StringIO(_plain_obj(file.read_text("utf-8", "replace"))),
-                file_type="obj",
-                process=False,
-            )
-        else:
-            mesh = trimesh.load_mesh(file, process=False)
-    except Exception as error:  # trimesh's readers raise any exception at a malformed file
-        # a binary STL that was cut short is tried as text, for which a reader is missing
-        known = (
-            ""
-            if isinstance(error, ImportError) or not str(error)
-            else f" ({type(error).__name__}: {str(error).splitlines()[0]})"
-        )
-        mixed = (
-            ", or a binary PLY whose faces are not all triangles: export it again, in triangles"
-            if file.suffix.lower() == ".ply"
-            else ""
-        )
-        cure = f"it may be cut short or of another kind{mixed or ': export it again'}"
-        raise file_error(file, f"cannot be read as a mesh{known}", cure, place=place) from error
-    if not isinstance(mesh, trimesh.Trimesh) or len(mesh.faces) == 0:
-        raise file_error(file, "holds no triangles", "export a triangle mesh", place=place)
-    vertices, triangles = np.asarray(mesh.vertices, float), np.asarray(mesh.faces)
-    if triangles.min() < 0 or triangles.max() >= len(vertices):
-        raise file_error(
-            file,
-            f"a triangle names a vertex beyond the {len(vertices)} of the file",
-            "export it again",
-            place=place,
-        )
-    if not np.isfinite(vertices[triangles]).all():
-        raise file_error(file, "a vertex is not a finite number", "export it again", place=place)
-    used, corners = np.unique(triangles, return_inverse=True)
-    return vertices[used], corners.reshape(-1, 3)
-
-
-def _plain_obj(text: str) -> str:
-    """Removes comments from OBJ text and counts the vertices of faces from the first.
-
-    The reader trimesh fails at comments behind a face. It also counts indices below 0, which count
-    back from the vertex before the face, from the end of the file.
+def _surface(
+    file: Path, name: str, vertices: FloatArray, triangles: np.ndarray, *, repair: bool
+) -> tuple[FloatArray, np.ndarray, list[str]]:
+    """The closed surface, and what a repair did.
 
     Raises:
-        ValueError: a face names vertex 0, or no number.
+        LegsimError: it is open, or neighboring triangles disagree; with ``repair``, still.
     """
-    lines, so_far = [], 0
-    for line in text.replace("\\\n", " ").splitlines():
-        words = line.partition("#")[0].split()
-        if words[:1] == ["v"]:
-            so_far += 1
-        if words[:1] == ["f"]:
-            words[1:] = [str(_counted(word.partition("/")[0], so_far)) for word in words[1:]]
-        if words[:1] in (["v"], ["f"]):
-            lines.append(" ".join(words))
-    return "\n".join(lines)
-
-
-def _counted(number: str, so_far: int) -> int:
-    if int(number) == 0:
-        raise ValueError("a face names vertex 0, but OBJ counts from 1")
-    return int(number) if int(number) > 0 else so_far + 1 + int(number)
-
-
-def _closed(
-    file: Path, name: str, vertices: FloatArray, triangles: np.ndarray
-) -> tuple[FloatArray, np.ndarray]:
-    """Merges vertices where that closes the surface.
-
-    First the identical ones that STL, and normals or colors in OBJ and GLB, double; then those that
-    text formats rounded apart.
-    """
-    open_edges = _unpaired(triangles)
-    if len(open_edges):
-        vertices, triangles = _merged(vertices, triangles, vertices)
-        open_edges = _unpaired(triangles)
-    if len(open_edges):
-        rounded = _merged(
-            vertices, triangles, _clusters(vertices, _GRAIN * float(np.ptp(vertices, axis=0).max()))
+    closed = surfaces.closed(vertices, triangles)
+    open_edges = surfaces.unpaired(closed[1])
+    done: list[str] = []
+    if len(open_edges) and repair:
+        fixed = surfaces.repaired(vertices, triangles)
+        closed, done = fixed[:2], fixed[2]
+        open_edges = surfaces.unpaired(closed[1])
+    if len(open_edges) == 0:
+        return *closed, done
+    where = ", ".join(f"{x:.4g}" for x in closed[0][open_edges[0]].mean(axis=0))
+    unsigned = surfaces.unpaired(closed[1], signed=False)
+    if len(unsigned):
+        problem, cure = (
+            f"the surface is open: {len(unsigned)} edges, one at ({where}) in the file's unit",
+            "close its holes",
         )
-        if len(_unpaired(rounded[1])) == 0:
-            return rounded
-    if len(open_edges):
-        middle = vertices[open_edges[0]].mean(axis=0)
-        where = ", ".join(f"{x:.4g}" for x in middle)
-        unsigned = _unpaired(triangles, signed=False)
-        if len(unsigned):
-            problem, cure = (
-                f"the surface is open: {len(unsigned)} edges, one at ({where}) in the file's unit",
-                "close its holes",
-            )
-        else:
-            problem, cure = (
-                f"neighboring triangles disagree about the outside at {len(open_edges)} edges, "
-                f"one at ({where})",
-                "orient them alike",
-            )
-        raise file_error(file, problem, cure, place=f"part {name!r}")
-    return vertices, triangles
+    else:
+        problem, cure = (
+            f"neighboring triangles disagree about the outside at {len(open_edges)} edges, "
+            f"one at ({where})",
+            "orient them alike",
+        )
+    if repair:
+        problem += " that a repair leaves"
+    else:
+        cure += ", or give repair = true (--repair)"
+    raise file_error(file, problem, cure, place=f"part {name!r}")
 
 
-def _clusters(points: FloatArray, distance: float) -> np.ndarray:
-    """Labels points (p, 3) by cluster: (p, 1) numbers.
+def _facing_outward(
+    file: Path, name: str, vertices: FloatArray, triangles: np.ndarray, *, repair: bool
+) -> tuple[np.ndarray, list[str]]:
+    """The triangles with all shells but hollows facing outward, and what was turned.
 
-    Points connected by a chain of steps of at most ``distance`` share a number.
+    Raises:
+        LegsimError: two shells that overlap face opposite ways, and it is not to be repaired.
     """
-    near = KDTree(points).query_pairs(distance, output_type="ndarray")
-    linked = coo_array((np.ones(len(near), np.int8), near.T), shape=(len(points), len(points)))
-    return connected_components(linked, directed=False)[1][:, None]
-
-
-def _merged(
-    vertices: FloatArray, triangles: np.ndarray, keys: np.ndarray
-) -> tuple[FloatArray, np.ndarray]:
-    """Merges the vertices with equal ``keys``.
-
-    Triangles that lose a corner by it are dropped.
-    """
-    _, first, inverse = np.unique(keys + 0.0, axis=0, return_index=True, return_inverse=True)
-    merged = inverse.reshape(-1)[triangles]
-    kept = (
-        (merged[:, 0] != merged[:, 1])
-        & (merged[:, 1] != merged[:, 2])
-        & (merged[:, 2] != merged[:, 0])
-    )
-    return vertices[first], merged[kept]
-
-
-def _unpaired(triangles: np.ndarray, *, signed: bool = True) -> np.ndarray:
-    """Edges (n, 2) that occur more often in one direction than in the other.
-
-    Unsigned: edges that an odd number of triangles share.
-    """
-    begins, ends = triangles.ravel(), triangles[:, [1, 2, 0]].ravel()
-    edges, inverse = np.unique(
-        np.minimum(begins, ends).astype(np.int64) << 32 | np.maximum(begins, ends),
-        return_inverse=True,
-    )
-    balance = np.bincount(
-        inverse, weights=np.sign(ends - begins) if signed else None, minlength=len(edges)
-    )
-    chosen = edges[balance != 0] if signed else edges[balance % 2 == 1]
-    return np.stack([chosen >> 32, chosen & 0xFFFFFFFF], axis=-1)
+    done = []
+    if surfaces.volume(vertices, triangles) < 0:
+        triangles = triangles[:, ::-1]
+        done.append("its triangles faced inward and were turned")
+    alone, overlapping = surfaces.inverted_shells(vertices, triangles)
+    if overlapping and not repair:
+        where = ", ".join(f"{x:.4g}" for x in vertices[triangles[overlapping[0]]].mean((0, 1)))
+        raise file_error(
+            file,
+            f"a shell of {len(overlapping[0])} triangles about ({where}) m faces inward, but "
+            "overlaps one that faces outward: where they do would be a hole",
+            "orient them alike, or give repair = true (--repair)",
+            place=f"part {name!r}",
+        )
+    turned = [*alone, *overlapping]
+    if turned:
+        triangles = triangles.copy()
+        for group in turned:
+            triangles[group] = triangles[group][:, ::-1]
+        done.append(f"{len(turned)} of its shells faced inward and were turned")
+    return triangles, done
 
 
 def _check_size(file: Path, name: str, vertices: FloatArray, unit: str) -> None:
@@ -413,12 +317,6 @@ def _check_size(file: Path, name: str, vertices: FloatArray, unit: str) -> None:
             f"is its unit {other!r}?",
             place=f"part {name!r}",
         )
-
-
-def _volume(vertices: FloatArray, triangles: np.ndarray) -> float:
-    """Volume in m^3, negative where the surface faces inward."""
-    a, b, c = np.moveaxis((vertices - vertices.mean(axis=0))[triangles], 1, 0)
-    return float(np.einsum("ti,ti->", a, np.cross(b, c)) / 6)
 
 
 def _nesting(path: Path, parts: list[Part], tables: list[dict[str, Any]]) -> list[str]:
@@ -456,20 +354,6 @@ def _fraction_inside(part: Part, other: Part, samples: int = _SAMPLES) -> float:
     spread = np.linspace(0, len(used) - 1, min(samples, len(used))).astype(int)
     points = used[np.concatenate([spread, used.argmin(axis=0), used.argmax(axis=0)])]
     boxed = points[((points > low) & (points < high)).all(axis=1)]
-    return sum(abs(_winding(other, point)) > 0.5 for point in boxed) / len(points)
-
-
-def _winding(part: Part, point: FloatArray) -> float:
-    """Winding number of the surface around the point.
-
-    It is the solid angle over 4 pi (Van Oosterom and Strackee 1983).
-    """
-    a, b, c = np.moveaxis((part.vertices - point)[part.triangles], 1, 0)
-    la, lb, lc = (np.linalg.norm(corner, axis=1) for corner in (a, b, c))
-    ab, bc, ca = (np.einsum("ti,ti->t", p, q) for p, q in ((a, b), (b, c), (c, a)))
-    return float(
-        np.arctan2(
-            np.einsum("ti,ti->t", a, np.cross(b, c)), la * lb * lc + ab * lc + bc * la + ca * lb
-        ).sum()
-        / (2 * np.pi)
-    )
+    return sum(
+        abs(surfaces.winding(other.vertices[other.triangles], point)) > 0.5 for point in boxed
+    ) / len(points)

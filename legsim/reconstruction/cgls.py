@@ -7,6 +7,7 @@ than a pixel seen at the isocenter, or A's images have gaps between them.
 """
 
 import math
+import warnings
 from collections.abc import Callable, Iterator
 
 import numpy as np
@@ -19,6 +20,20 @@ from legsim.geometry.volume import Volume, VolumeGrid
 from legsim.opencl.device import Device, open_device
 from legsim.reconstruction import _backprojection_plan, backprojection
 from legsim.reconstruction.corrected_scan import CorrectedScan, images_and_motion
+from legsim.reconstruction.field_of_view import pixel_at_isocenter
+
+_MOST_ITERATIONS = 60
+
+_LEAST_DROP, _LEAST_DROP_NONNEGATIVE = 5e-3, 1e-3
+"""of the images' norm: a step that lowers the misfit by less is the last one"""
+
+_DISCREPANCY = 1.01
+"""misfit over noise at which the steps end"""
+
+
+class LargeVoxelWarning(UserWarning):
+    """Voxels larger than a pixel at the isocenter, whose images have gaps between them."""
+
 
 _IMAGES, _VOLUMES = 6, 5
 """copies of all images and of the volume that the steps hold at most"""
@@ -77,30 +92,38 @@ def cgls(
     grid: VolumeGrid,
     *,
     motion: Motion | None = None,
-    iterations: int = 15,
+    iterations: int | None = None,
+    noise: float | None = None,
     nonnegative: bool = False,
     start: Volume | None = None,
     device: Device | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Volume:
-    """Reconstructs linear attenuation (1/m) on ``grid`` by so many steps of conjugate gradients.
+    """Reconstructs linear attenuation (1/m) on ``grid`` by steps of conjugate gradients.
 
     Everything that absorbs must lie inside the grid. A step costs one projection and one
     back-projection, whether or not values are kept at 0 or above.
+
+    Later steps fit noise, and what voxels cannot show. With ``noise`` the steps end at the first
+    volume that explains the images to within it (the discrepancy principle of Morozov). With
+    neither ``noise`` nor ``iterations`` they end with the first one that lowers the misfit by less
+    than 0.5 % of the images' norm (0.1 % for the smaller steps to nonnegative values).
 
     Args:
         projections: line integrals (v, rows, columns); or a correction, whose motion is followed.
         grid: where to reconstruct, m in world.
         motion: what to follow, as in :func:`legsim.reconstruction.fdk.fdk`.
-        iterations: steps, at least 1. Fewer are smoother.
+        iterations: steps at most, at least 1; without ``noise`` exactly so many. None: at most 60.
+        noise: standard deviation of the line integrals, the same in all pixels.
         nonnegative: no value below 0: :func:`_nonnegative_steps` instead of CGLS.
         start: volume on the same grid to start from, such as an FDK volume; None: zero.
         device: None opens the fastest one.
         progress: called with (steps done, steps in all).
 
     Raises:
-        LegsimError: ``start`` lies on another grid, ``iterations`` is not positive, the motion has
-            another number of views, a correction comes with a second motion, or no device works.
+        LegsimError: ``start`` lies on another grid, ``iterations`` or ``noise`` is not positive,
+            the motion has another number of views, a correction comes with a second motion, or no
+            device works.
 
     Example:
         >>> geometry = ConeBeamGeometry.circular(
@@ -117,14 +140,17 @@ def cgls(
         >>> bool(volume.attenuation.min() >= 0)
         True
     """
-    if iterations < 1:
+    if iterations is not None and iterations < 1:
         raise LegsimError(f"{iterations} iterations were asked for; give at least 1")
+    if noise is not None and not noise > 0:
+        raise LegsimError(f"noise of {noise:g} was given; it must be positive")
     if start is not None and start.grid != grid:
         raise LegsimError(
             "the volume to start from lies on another grid; reconstruct it on the same one"
         )
     images, motion = images_and_motion(projections, motion)
     device = device if device is not None else open_device()
+    warn_of_large_voxels(images.geometry, grid)
     system = SystemMatrix(images.geometry, grid, device, motion)
     found = np.zeros(grid.shape_zyx, np.float32)
     if start is not None:
@@ -134,11 +160,37 @@ def cgls(
         if start is None
         else images.line_integrals - system.forward(found)
     )
+    most = _MOST_ITERATIONS if iterations is None else iterations
     take = _nonnegative_steps if nonnegative else _conjugate_steps
-    for step in take(system, found, residual, iterations):
+    least_drop = _LEAST_DROP_NONNEGATIVE if nonnegative else _LEAST_DROP
+    whole, before = math.sqrt(_energy(images.line_integrals)), math.sqrt(_energy(residual))
+    for step in take(system, found, residual, most):
         if progress is not None:
-            progress(step + 1, iterations)
+            progress(step + 1, most)
+        now = math.sqrt(_energy(residual))
+        if noise is not None:
+            done = now <= _DISCREPANCY * noise * math.sqrt(residual.size)
+        else:
+            done = iterations is None and before - now < least_drop * whole
+        if done:
+            break
+        before = now
+    if progress is not None:
+        progress(most, most)
     return Volume(grid, found)
+
+
+def warn_of_large_voxels(geometry: ConeBeamGeometry, grid: VolumeGrid) -> None:
+    """Warns (:class:`LargeVoxelWarning`) where voxels exceed a pixel at the isocenter."""
+    pixel = pixel_at_isocenter(geometry)
+    if max(grid.spacing_xyz) > 1.01 * pixel:
+        warnings.warn(
+            f"voxels of {1e3 * max(grid.spacing_xyz):.4g} mm are larger than a pixel at the "
+            f"isocenter ({1e3 * pixel:.4g} mm): their images leave gaps between them, which shows "
+            "as a pattern in the volume; take smaller voxels, or average pixels first",
+            LargeVoxelWarning,
+            stacklevel=3,
+        )
 
 
 def needed_bytes(

@@ -55,12 +55,11 @@ class AlignedDetector:
 def align(geometry: ConeBeamGeometry) -> AlignedDetector:
     """Finds how a scan's detector is aligned with its axis of rotation.
 
-    Images are turned where rows are off by over 3 degrees. Columns are added where all views of a
-    full turn are off to the same side by over a tenth of the width (half fan).
+    Images are turned where rows are off by over 3 degrees. Columns are added where all views are
+    off to the same side by over a tenth of the width (half fan).
 
     Raises:
-        LegsimError: no axis of rotation fits the sources, or a half-fan detector does not reach
-            the axis.
+        LegsimError: no axis of rotation fits the sources, or a detector does not reach the axis.
     """
     arc = source_arc(geometry)
     tilt = _tilt(geometry, arc)
@@ -124,22 +123,20 @@ def _turned_images(sources: Float32Array, angle: float, shape_vu: tuple[int, int
 
 def _missing_columns(geometry: ConeBeamGeometry, arc: SourceArc) -> tuple[int, int]:
     """(columns to add before the first, after the last), so that the axis is seen in the middle."""
-    if not arc.full_turn:
-        return 0, 0
     columns = geometry.shape_vu[1]
     at_axis = _columns_at_axis(geometry, arc)
     before, after = at_axis + 0.5, columns - 0.5 - at_axis
+    nearer = np.minimum(before, after)
+    if nearer.min() <= 0:
+        raise LegsimError(
+            f"view {int(np.argmin(nearer))}: the detector ends before the axis of rotation, so "
+            "nothing near it is measured; check the offsets of detector and source"
+        )
     longer = (after - before) / columns
     if np.abs(longer).min() <= _LEAST_OFFSET or np.ptp(np.sign(longer)) > 0:
         return 0, 0
-    short, long = (before, after) if longer[0] > 0 else (after, before)
-    if short.min() <= 0:
-        raise LegsimError(
-            f"view {int(np.argmin(short))}: the detector ends before the axis of rotation, so "
-            "nothing near it is measured; check the offsets of detector and source"
-        )
     # the axis is found in the images to a ten-thousandth of a column
-    added = int(np.ceil(long.max() - short.min() - 1e-3))
+    added = int(np.ceil(np.maximum(before, after).max() - nearer.min() - 1e-3))
     return (added, 0) if longer[0] > 0 else (0, added)
 
 

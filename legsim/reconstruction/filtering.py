@@ -29,6 +29,8 @@ class FilterPlan:
     """Everything about filtering that depends on the geometry alone."""
 
     geometry: ConeBeamGeometry
+    added: tuple[int, int]
+    """columns without a measurement before the first that has one, and after the last"""
     reach: int
     """columns added on either side for the truncation correction"""
     water_pixels: float | None
@@ -64,7 +66,7 @@ def plan_filter(
     Raises:
         LegsimError: the sources do not run on an arc.
     """
-    arc = source_arc(geometry)
+    arc = source_arc(geometry, one_sided=any(added))
     columns = geometry.shape_vu[1]
     reach = (
         columns // 2 if options.water_attenuation is not None and columns >= 2 * EDGE_COLUMNS else 0
@@ -72,14 +74,14 @@ def plan_filter(
     u = np.arange(-reach, columns + reach, dtype=float)
     fans = fan_angles(geometry, arc, u)
     weighted = options.redundancy == "parker"
+    edges = fan_angles(geometry, arc, np.array([added[0] - 0.5, columns - added[1] - 0.5]))
     if weighted:
-        warn_if_incomplete(arc, fan_angles(geometry, arc, np.array([-0.5, columns - 0.5])))
-    edges = (
-        fan_angles(geometry, arc, np.array([added[0] - 0.5, columns - added[1] - 0.5]))
-        if any(added)
-        else None
+        warn_if_incomplete(arc, edges, one_sided=any(added))
+    shares = (
+        redundancy_weights(arc, fans, edges if any(added) else None)
+        if weighted
+        else np.full(fans.shape, 0.5)
     )
-    shares = redundancy_weights(arc, fans, edges) if weighted else np.full(fans.shape, 0.5)
     length, response = filter_response(columns + reach, options.window)
     rays = _rays(geometry, arc)
     pixel_at_axis = float(np.mean(arc.radii / rays.row_factors[:, geometry.shape_vu[0] // 2]))
@@ -89,6 +91,7 @@ def plan_filter(
     weights = (shares * (arc.increments * arc.radii)[:, None]).astype(np.float32)
     return FilterPlan(
         geometry,
+        added,
         reach,
         water,
         length,
@@ -141,7 +144,7 @@ def filter_batch(plan: FilterPlan, images: Float32Array, views: slice) -> Float3
     """Filters images (n, rows, columns) of the given views."""
     columns = images.shape[-1]
     rows = (
-        extended_rows(images, plan.reach, plan.water_pixels)
+        _extended(images, plan.added, plan.reach, plan.water_pixels)
         if plan.reach and plan.water_pixels
         else images.copy()
     )
@@ -152,3 +155,13 @@ def filter_batch(plan: FilterPlan, images: Float32Array, views: slice) -> Float3
     spectrum *= plan.response
     filtered = np.asarray(fft.irfft(spectrum, plan.length, axis=-1, overwrite_x=True), np.float32)
     return np.ascontiguousarray(filtered[..., plan.reach : plan.reach + columns])
+
+
+def _extended(
+    images: Float32Array, added: tuple[int, int], reach: int, water_pixels: float
+) -> Float32Array:
+    """(..., columns + 2 reach): what was measured continued, also into the added columns."""
+    before, after = added
+    measured = images[..., before : images.shape[-1] - after]
+    wide = extended_rows(measured, reach + max(before, after), water_pixels)
+    return wide[..., max(after - before, 0) : wide.shape[-1] - max(before - after, 0)]

@@ -8,6 +8,14 @@ from legsim.core.errors import LegsimError
 from legsim.core.values import FloatArray, frozen
 from legsim.geometry.cone_beam import ConeBeamGeometry
 
+MOST_LEFT_OUT, MOST_LEFT_OUT_ONE_SIDED = np.radians(5.0), np.radians(20.0)
+"""rad: a turn that leaves out no more than this beyond a usual step is a full one
+
+The second is for a detector to one side of the axis, whose outer lines are measured once: only the
+views beside a gap can stand for them. A detector in front of the axis sees all lines of a wider gap
+from the opposite side, and the weights of an overscan take them from there.
+"""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SourceArc:
@@ -26,7 +34,7 @@ class SourceArc:
     span: float
     """rad between the first and the last view along the arc"""
     full_turn: bool
-    """the views close a full turn: every ray is measured twice"""
+    """the views close a full turn, but for small gaps: every ray is measured twice"""
 
     def __post_init__(self) -> None:
         for name in ("center", "axis", "angles", "increments", "radii"):
@@ -39,8 +47,10 @@ class SourceArc:
         return float(self.increments.sum())
 
 
-def source_arc(geometry: ConeBeamGeometry) -> SourceArc:
+def source_arc(geometry: ConeBeamGeometry, *, one_sided: bool = False) -> SourceArc:
     """Fits axis and circle to the source positions and measures the angles along it.
+
+    ``one_sided``: the detector stands to one side of the axis (:data:`MOST_LEFT_OUT_ONE_SIDED`).
 
     Raises:
         LegsimError: fewer than three views, or sources on a straight line: there is no axis.
@@ -55,7 +65,9 @@ def source_arc(geometry: ConeBeamGeometry) -> SourceArc:
     gaps = np.diff(absolute[order], append=absolute[order[0]] + turn)
     widest = int(np.argmax(gaps))
     others = np.delete(gaps, widest)
-    full_turn = bool(gaps[widest] <= 1.5 * max(np.median(others), others.max()))
+    left_out = gaps[widest] - np.median(others)
+    most = MOST_LEFT_OUT_ONE_SIDED if one_sided else MOST_LEFT_OUT
+    full_turn = bool(gaps[widest] <= 1.5 * others.max() or left_out <= most + 1e-6)
     steps = np.roll(gaps, -widest - 1)[:-1]
     apart = steps[
         steps > 1e-6 * steps.sum()

@@ -87,9 +87,11 @@ def _rays(geometry: ConeBeamGeometry, arc: SourceArc) -> RayWeights:
     )
 
 
-_GAP, _GAP_STEPS = np.radians(5.0), 4.0
+_GAP, _GAP_ONE_SIDED = (np.radians(5.0), 4.0), (np.radians(3.0), 1.9)
 """rad, and steps between views: a wider gap is no coarse or uneven scan but a missing part of
 one
+
+The second is for a turn whose outer lines are measured once.
 """
 
 
@@ -102,58 +104,81 @@ def redundancy_weights(
 ) -> FloatArray:
     """Shares (v, n) of rays at fan angles (v, n); those of one line's measurements sum to 1.
 
-    A line seen from angle b under fan angle g is seen again from b + pi + 2 g. The share is
-    sin^2(pi/2 x) with x = d / (d + d'), where d and d' are the distances of the two views from the
-    nearer end of the covered range, 0 where the second view is outside it. In a short scan this is
-    Parker's weight with Silver's virtual fan (Parker 1982; Silver 2000), in an overscan it stays
-    continuous, and below the minimum the lines that are measured once get 1. In a full turn it is
-    1/2, unless ``edges`` (v, 2), the fan angles at the outer edges of a detector that stands to one
-    side, are given: see :func:`_one_sided`.
+    A line seen from angle b under fan angle g is seen again from b + pi + 2 g under -g. The share
+    is sin^2(pi/2 x) with x = s d / (s d + s' d'). Here d and d' are the distances of the two views
+    from the nearer end of the covered range, 0 where the second view is outside it; they are alike
+    in a full turn. s and s' are alike too, unless ``edges`` (v, 2), the fan angles at the outer
+    edges of a detector that stands to one side, are given: see :func:`_one_sided`.
+
+    In a short scan this is Parker's weight with Silver's virtual fan (Parker 1982; Silver 2000), in
+    an overscan it stays continuous, and lines that are measured once get 1. In a full turn it is
+    1/2, or the weight of Wang (Med Phys 29, 2002) for a detector to one side.
     """
-    if arc.full_turn:
-        return np.full(fans.shape, 0.5) if edges is None else _one_sided(fans, edges)
+    own, other = (np.ones(fans.shape),) * 2 if arc.full_turn else _from_ends(arc, fans)
+    side = 0.5 if edges is None else _one_sided(fans, edges)
+    once = other == 0
+    total = np.where(once, 1.0, side * own + (1 - side) * other)
+    return np.sin(0.5 * np.pi * np.where(once, 1.0, side * own / total)) ** 2
+
+
+def _from_ends(arc: SourceArc, fans: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Rad (v, n) from a ray's view, and from the opposite one, to the nearer end of the range."""
     angles = np.broadcast_to(arc.angles[:, None], fans.shape)
     opposite = np.mod(angles + np.pi + 2 * fans, 2 * np.pi)
     own = np.minimum(angles, arc.coverage - angles)
-    other = np.maximum(np.minimum(opposite, arc.coverage - opposite), 0.0)
-    return np.sin(0.5 * np.pi * own / (own + other)) ** 2
+    return own, np.maximum(np.minimum(opposite, arc.coverage - opposite), 0.0)
 
 
 def _one_sided(fans: FloatArray, edges: FloatArray) -> FloatArray:
-    """Shares in a full turn with one side of the fan cut short: 0 there, 1 on the other (Wang).
+    """From 0 on the side of the fan that is cut short to 1 on the other, linear where both see.
 
-    Wang, Med Phys 29, 2002. Fan angle g is seen again at -g, and (1 + sin(pi/2 g / t)) / 2 for g
-    from -t to t, t being the short side of all views, adds up to 1.
+    It is (1 + g / t) / 2 for fan angles g from -t to t, t being the short side of all views.
     """
+    towards_long = fans if edges.max() > -edges.min() else -fans
+    return 0.5 + 0.5 * np.clip(towards_long / max(short_side(edges), 1e-6), -1.0, 1.0)
+
+
+def short_side(edges: FloatArray) -> float:
+    """Rad from the axis to the nearer edge (v, 2) of a detector, the least of all views."""
     widest = edges.max() > -edges.min()
-    short = -edges.min(1).max() if widest else edges.max(1).min()
-    towards_long = fans if widest else -fans
-    return 0.5 + 0.5 * np.sin(0.5 * np.pi * np.clip(towards_long / max(short, 1e-6), -1.0, 1.0))
+    return float(-edges.min(1).max() if widest else edges.max(1).min())
 
 
-def warn_if_incomplete(arc: SourceArc, fans: FloatArray) -> None:
-    """Warns (:class:`ShortScanWarning`) where the span is below half a turn plus the fan (v, n).
+def warn_if_incomplete(arc: SourceArc, edges: FloatArray, *, one_sided: bool = False) -> None:
+    """Warns (:class:`ShortScanWarning`) of lines that a scan does not measure; with the numbers.
 
-    Also where views are missing in between. The message gives the numbers.
+    ``edges`` (v, 2) are the fan angles at the outer edges of the detector. The span may be below
+    half a turn plus the fan, views may be missing in between, or the detector may stand to one side
+    of the axis in less than a full turn.
     """
-    fan = 2 * float(np.abs(fans).max())
+    fan = 2 * (short_side(edges) if one_sided else float(np.abs(edges).max()))
     if not arc.full_turn and arc.span < np.pi + fan:
-        warnings.warn(
+        _warn(
             f"short scan: the sources span {np.degrees(arc.span):.1f} deg "
             f"({np.degrees(arc.coverage):.1f} deg with half a step at "
             f"either end), but a complete one needs {180 + np.degrees(fan):.1f} deg (180 + fan of "
             f"{np.degrees(fan):.1f}); "
-            "lines that were not measured are missing from the volume",
-            ShortScanWarning,
-            stacklevel=3,
+            "lines that were not measured are missing from the volume"
         )
     steps = np.diff(np.sort(arc.angles))
-    widest = float(steps.max())
-    if widest > max(_GAP_STEPS * float(np.median(steps)), _GAP):
-        warnings.warn(
+    usual = float(np.median(steps))
+    widest = float(max(steps.max(), 2 * np.pi - arc.span if arc.full_turn else 0.0))
+    least, least_steps = _GAP_ONE_SIDED if one_sided and arc.full_turn else _GAP
+    if widest > max(least_steps * usual, least):
+        _warn(
             f"the sources leave {np.degrees(widest):.1f} deg out between two views, the step is "
-            f"{np.degrees(np.median(steps)):.2f} deg; "
-            "lines that were not measured there are taken from the views at either end",
-            ShortScanWarning,
-            stacklevel=3,
+            f"{np.degrees(usual):.2f} deg; "
+            "lines that were not measured there are taken from the views at either end"
         )
+    if one_sided and not arc.full_turn:
+        radius = float(np.mean(arc.radii)) * np.sin(short_side(edges))
+        _warn(
+            "the detector stands to one side of the axis and the sources span "
+            f"{np.degrees(arc.span):.1f} deg, which is no full turn: lines that pass the axis at "
+            f"{1e3 * radius:.0f} mm or more are missing from views that the near edge cuts off; "
+            "what lies there is estimated, and shades what lies within"
+        )
+
+
+def _warn(message: str) -> None:
+    warnings.warn(message, ShortScanWarning, stacklevel=4)

@@ -15,7 +15,7 @@ from legsim.reconstruction.fdk import FdkOptions
 
 _OPTIONS = {
     "fdk": ("window", "water_attenuation_per_mm", "redundancy"),
-    "cgls": ("iterations", "nonnegative"),
+    "cgls": ("iterations", "noise", "nonnegative"),
 }
 """options that each algorithm reads"""
 
@@ -83,6 +83,7 @@ def reconstruct(
             grid,
             motion=motion,
             iterations=settings.iterations,
+            noise=settings.noise,
             nonnegative=settings.nonnegative,
             device=device,
             progress=progress,

@@ -8,6 +8,9 @@ from legsim.core.values import FloatArray
 from legsim.geometry.cone_beam import ConeBeamGeometry
 from legsim.phantom.meshes import Phantom
 
+_LEAST_OFFSET = 0.1
+"""of the detector's width: views that are off to the same side by more make a half fan"""
+
 
 @dataclass(frozen=True, slots=True)
 class CutOff:
@@ -54,12 +57,15 @@ class GeometrySummary:
     field_radius: float
     """radius of the largest ball about the isocenter that every view sees across the columns"""
     cut_off: tuple[CutOff, ...]
+    far_side: float
+    """m from the isocenter to the farther edge of a detector that stands to one side; else 0"""
 
     def lines(self) -> tuple[str, ...]:
         """Formats the summary for people: mm and degrees."""
         rows, columns = self.shape_vu
         center = ", ".join(f"{1e3 * x:.1f}" for x in self.isocenter)
-        axis = ", ".join(f"{x:.3f}" for x in self.axis)
+        # a component that is rounding alone has no sign
+        axis = ", ".join(f"{round(x, 3) + 0.0:.3f}" for x in self.axis)
         needed = np.pi + self.fan_angle
         enough = "complete" if self.angular_range + self.largest_step >= needed else "incomplete"
         lines = [
@@ -79,6 +85,12 @@ class GeometrySummary:
             "at the isocenter",
             f"seen by all views  within {1e3 * self.field_radius:.1f} mm of the axis",
         ]
+        if self.far_side > 0:
+            lines.append(
+                f"half fan           the detector reaches {1e3 * self.field_radius:.1f} mm to one "
+                f"side of the axis and {1e3 * self.far_side:.1f} mm to the other: a full turn sees "
+                "all within the second, a shorter one within the first"
+            )
         return (*lines, *(_cut_line(part, self.views) for part in self.cut_off))
 
 
@@ -111,6 +123,7 @@ def summarize(geometry: ConeBeamGeometry, phantom: Phantom | None = None) -> Geo
         height=float((rows * row_pitch * distances / detector).min()),
         field_radius=float(edges.min()),
         cut_off=() if phantom is None else _cut_off(geometry, phantom, distances / detector),
+        far_side=_far_side(edges),
     )
 
 
@@ -170,6 +183,13 @@ def _edge_distances(geometry: ConeBeamGeometry, center: FloatArray) -> FloatArra
         [_column_planes(geometry, -0.5) @ point, -_column_planes(geometry, columns - 0.5) @ point],
         axis=1,
     )
+
+
+def _far_side(edges: FloatArray) -> float:
+    """Least distance to the farther edge (v, 2), where all views are off to one side; else 0."""
+    longer = (edges[:, 1] - edges[:, 0]) / edges.sum(axis=1)
+    one_sided = np.abs(longer).min() > _LEAST_OFFSET and np.ptp(np.sign(longer)) == 0
+    return float(edges.max(axis=1).min()) if one_sided else 0.0
 
 
 def _fan_angle(geometry: ConeBeamGeometry) -> float:

@@ -42,8 +42,8 @@ def project(
         progress: called as progress(views done, views).
 
     Raises:
-        LegsimError: a part is not closed, surrounds the source or reaches behind it, or posed
-            vertices do not fit.
+        LegsimError: a part is not closed, surrounds the source or reaches behind it where rays may
+            meet it, or posed vertices do not fit.
     """
     images = np.empty((len(geometry), *geometry.shape_vu), np.float32)
     attenuations = np.array([[0.0], *([part.attenuation] for part in phantom.parts)], np.float32)
@@ -108,7 +108,8 @@ def _views(
     uploaded = device.upload(values)
     sources = geometry.sources()
     for view, matrix in enumerate(geometry.matrices):
-        raster.move(None if posed is None else posed(view))
+        vertices = [p.vertices for p in phantom.parts] if posed is None else posed(view)
+        raster.move([_met(points, matrix, geometry.shape_vu) for points in vertices])
         _require_in_front(raster, matrix, sources[view], view)
         # (u w, v w, depth, w), depth measured from the phantom's middle so that float32 resolves it
         rows = np.vstack([matrix, matrix[2]])
@@ -119,6 +120,30 @@ def _views(
         target = device.zeros(images.size)
         integrate.run(raster.sort(geometry.shape_vu), (uploaded, directions), target)
         yield device.download(target, images)
+
+
+def _met(points: FloatArray, matrix: FloatArray, shape_vu: tuple[int, int]) -> FloatArray:
+    """The vertices (p, 3); where they reach behind the source and no ray meets them, all in one.
+
+    That place is in front of the source, and triangles there cover nothing. What lies on the outer
+    side of one of the planes about the rays is not met.
+    """
+    if (points @ matrix[2, :3] + matrix[2, 3]).min() >= NEAREST_DEPTH:
+        return points
+    rows, columns = shape_vu
+    planes = np.stack(
+        [
+            matrix[2],
+            matrix[0] + 0.5 * matrix[2],
+            (columns - 0.5) * matrix[2] - matrix[0],
+            matrix[1] + 0.5 * matrix[2],
+            (rows - 0.5) * matrix[2] - matrix[1],
+        ]
+    )
+    if not ((points @ planes[:, :3].T + planes[:, 3]).max(axis=0) < 0).any():
+        return points
+    ahead = np.linalg.solve(matrix[:, :3], [0.0, 0.0, 1.0] - matrix[:, 3])
+    return np.broadcast_to(np.asarray(ahead, np.float64), points.shape)
 
 
 def _require_in_front(

@@ -21,7 +21,7 @@ from legsim.kinematics import from_recording
 from legsim.mocap import files as mocap_files
 from legsim.mocap import opensim
 from legsim.mocap.trajectories import JointTrajectories, MarkerTrajectories
-from legsim.reconstruction import cgls, fdk
+from legsim.reconstruction import cgls, fdk, field_of_view
 from legsim.reconstruction.fdk import FdkOptions
 
 
@@ -140,6 +140,7 @@ def test_a_projected_ball_is_reconstructed_where_it_was_with_its_attenuation(bal
     assert abs(volume.attenuation[(distance > 0.034) & (distance < 0.038)].mean()) < 0.5
 
 
+@pytest.mark.filterwarnings("ignore:voxels of 2 mm")
 def test_options_of_the_reconstruction_reach_it(ball_scan, tmp_path):
     geometry = geometry_files.load_geometry(ball_scan / "geometry.json")
     projections = image_files.load_projections(ball_scan / "p.mha", geometry)
@@ -177,9 +178,25 @@ def test_like_takes_the_grid_of_another_volume(ball_scan, tmp_path):
     np.testing.assert_allclose(found.center, grid.center, atol=1e-9)
 
 
+def test_the_field_of_view_is_the_default_grid(ball_scan, tmp_path):
+    lines = reconstruct(ball_scan, tmp_path / "v.mha", shape_zyx=None, spacing_mm=None)
+    geometry = geometry_files.load_geometry(ball_scan / "geometry.json")
+    expected = field_of_view.grid_of(geometry)
+    found = image_files.load_volume(tmp_path / "v.mha").grid
+    assert found.shape_zyx == expected.shape_zyx
+    np.testing.assert_allclose(found.spacing_xyz, expected.spacing_xyz)
+    assert lines[0].startswith("grid: the field of view, ")
+    assert "MiB" in lines[0]
+    moved = (0.0, 0.0, 9.0)
+    reconstruct(ball_scan, tmp_path / "m.mha", shape_zyx=None, center_mm=moved)
+    found = image_files.load_volume(tmp_path / "m.mha").grid
+    np.testing.assert_allclose(found.center, (0, 0, 0.009), atol=1e-9)
+    assert found.spacing_xyz == pytest.approx((0.002,) * 3)
+
+
 def test_a_grid_must_be_said_once(ball_scan, tmp_path):
-    with pytest.raises(LegsimError, match="which grid"):
-        reconstruct(ball_scan, tmp_path / "v.mha", shape_zyx=None)
+    with pytest.raises(LegsimError, match="give both, or neither"):
+        reconstruct(ball_scan, tmp_path / "v.mha", spacing_mm=None)
     with pytest.raises(LegsimError, match="already says the grid"):
         reconstruct(ball_scan, tmp_path / "v.mha", like=ball_scan / "p.mha")
 

@@ -66,7 +66,7 @@ def test_show_names_the_format_and_what_it_cannot_know(matrices, capsys):
     assert "format matrices" in shown
     assert "the pixel size is not known and taken as 1 mm" in shown
     shown = printed(capsys, "geometry", "show", matrices, *DETECTOR, "--up", "z")
-    assert "axis               (-0.000, -0.000, 1.000)" in shown or "(0.000, 0.000, 1.000)" in shown
+    assert "axis               (0.000, 0.000, 1.000)" in shown
 
 
 def test_a_pixel_size_that_is_none_is_refused(matrices, capsys):

@@ -1,5 +1,6 @@
-"""The README's Python runs as it is written."""
+"""The Python of the README and of the notebook runs as it is written."""
 
+import json
 import re
 from pathlib import Path
 
@@ -11,7 +12,8 @@ from legsim.kinematics.from_recording import find_recording
 from legsim.mocap.files import load_markers
 from tests.references.c3d import c3d_bytes
 
-README = (Path(__file__).parents[2] / "README.md").read_text()
+ROOT = Path(__file__).parents[2]
+README = (ROOT / "README.md").read_text("utf-8")
 EXAMPLES = re.findall(r"```python\n(.*?)```", README, re.S)
 pytestmark = pytest.mark.filterwarnings("ignore::legsim.reconstruction.weights.ShortScanWarning")
 
@@ -75,3 +77,19 @@ def test_an_own_method_stands_beside_the_others(here):
     assert table["rigid"].of("leg").ssim > table["own"].of("leg").ssim
     assert "SSIM leg" in repr(table)
     assert "<th>RMSE thigh</th>" in table._repr_html_()
+
+
+def test_the_notebook_runs_from_top_to_bottom(here):
+    cells = json.loads((ROOT / "docs/notebook.ipynb").read_text("utf-8"))["cells"]
+    text = "\n".join("".join(cell["source"]) for cell in cells if cell["cell_type"] == "code")
+    for whole, small in (
+        ("ls.CArm.half()", "ls.CArm.half(shape_vu=(120, 155), pixel_pitch=2.464e-3)"),
+        ("scan.grid(256, 1e-3)", "scan.grid(64, 4e-3)"),
+        ("scan.grid(128, 2e-3)", "scan.grid(64, 4e-3)"),
+    ):
+        assert whole in text
+        text = text.replace(whole, small)
+    names: dict = {}
+    exec(text, names)
+    assert list(names["volumes"]) == ["static", "own", "rigid", "joints"]
+    assert (here / "scan.rrd").stat().st_size > 1e5

@@ -77,6 +77,6 @@ def test_pixels_that_nobody_knows_are_asked_for(tmp_path, images):
     (tmp_path / "g.xml").write_text(
         "\n".join(line for line in text.splitlines() if "legsim" not in line)
     )
-    with pytest.raises(LegsimError, match="does not say how large the detector and its pixels are"):
+    with pytest.raises(LegsimError, match="does not say how large its pixels are"):
         read_scan(images, tmp_path / "g.xml")
     assert read_scan(images, tmp_path / "g.xml", pixel_mm=0.616).geometry.shape_vu == (48, 62)

@@ -104,3 +104,17 @@ def test_a_setting_that_names_no_runtime_is_reported_with_the_fix(
             (place / name).write_bytes(content)
     monkeypatch.setenv("OCL_ICD_VENDORS", str(place))
     assert re.fullmatch(rf"OCL_ICD_VENDORS is '.*': .*{said}; unset it", runtimes.fault())
+
+
+@pytest.mark.parametrize(
+    ("machine", "system", "expected"),
+    [
+        ("x86_64", "linux", "pip install intel-opencl-rt"),
+        ("AMD64", "win32", "pip install intel-opencl-rt"),
+        ("aarch64", "linux", "apt install pocl-opencl-icd"),
+        ("arm64", "darwin", "conda install -c conda-forge pocl"),
+        ("x86_64", "darwin", "conda install -c conda-forge pocl"),
+    ],
+)
+def test_the_named_runtime_exists_for_the_machine(machine, system, expected):
+    assert runtimes.installation(machine, system).startswith(expected)

@@ -43,21 +43,23 @@ def opensim_peer():
 
 
 @pytest.mark.parametrize("name", MODELS)
-def test_bodies_markers_and_centers_agree_in_random_postures(opensim_peer, shared_data, rng, name):
+def test_bodies_markers_and_centers_agree_in_random_postures(
+    opensim_peer, shared_data, rng, name, agree
+):
     path = shared_data / f"opensim/{name}.osim"
-    check(opensim_peer.any_model(path), OsimLeg(osim_file.read(path)), opensim_peer, rng)
+    check(opensim_peer.any_model(path), OsimLeg(osim_file.read(path)), opensim_peer, rng, agree)
 
 
 @pytest.mark.parametrize("name", MODELS)
-def test_scaled_models_agree_with_opensims_scaling(opensim_peer, shared_data, rng, name):
+def test_scaled_models_agree_with_opensims_scaling(opensim_peer, shared_data, rng, name, agree):
     path = shared_data / f"opensim/{name}.osim"
     read = osim_file.read(path)
     factors = {body: rng.uniform(0.8, 1.2, 3) for body in read.bodies}
     leg = OsimLeg(osim_scaling.scaled(read, factors))
-    check(opensim_peer.any_model(path, factors), leg, opensim_peer, rng)
+    check(opensim_peer.any_model(path, factors), leg, opensim_peer, rng, agree)
 
 
-def check(model, leg, opensim_peer, rng):
+def check(model, leg, opensim_peer, rng, agree):
     """Bodies, joint centers and markers of both within 0.05 mm and 0.01 degrees."""
     theirs = opensim_peer.random_postures(model, POSTURES, rng)
     columns = [theirs.coordinates.index(n) for n in leg.coordinate_names]
@@ -66,24 +68,29 @@ def check(model, leg, opensim_peer, rng):
     assert set(ours) >= {"pelvis", "femur_r", "tibia_l", "talus_r", "calcn_l", "toes_r"}
     for body, pose in ours.items():
         away = pose[:, :3, 3] - theirs.bodies[body][:, :3, 3]
-        assert np.linalg.norm(away, axis=-1).max() < 0.05e-3
+        far = 1e3 * np.linalg.norm(away, axis=-1).max()
+        agree("positions of bodies, .osim", "OpenSim", far, 0.05, "mm")
         turned = np.swapaxes(pose[:, :3, :3], 1, 2) @ theirs.bodies[body][:, :3, :3]
-        assert np.degrees(transforms.rotation_angle(turned).max()) < 0.01
+        angle = np.degrees(transforms.rotation_angle(turned).max())
+        agree("rotations of bodies, .osim", "OpenSim", angle, 0.01, "deg")
     times = np.arange(POSTURES, dtype=float)
     poses = leg.segment_poses(JointTrajectories(times, leg.coordinate_names, values))
     centers = leg.joint_centers(poses)
     for center in JOINT_CENTERS:
         joint, side = center.split("_")
         true = theirs.centers[f"{CENTER_OF[joint]}_{side}"]
-        assert np.linalg.norm(centers.of(center) - true, axis=-1).max() < 0.05e-3
+        far = 1e3 * np.linalg.norm(centers.of(center) - true, axis=-1).max()
+        agree("joint centers, .osim", "OpenSim", far, 0.05, "mm")
     sites, _ = leg.marker_sites()
     for k, marker in enumerate(sites.names):
         away = leg.marker_positions(values, sites)[:, k] - theirs.markers[marker]
-        assert np.abs(away).max() < 0.05e-3
+        agree("markers, .osim", "OpenSim", 1e3 * np.abs(away).max(), 0.05, "mm")
 
 
 @pytest.mark.parametrize("name", ["gait2392_subject01_scaled", "Rajagopal2016"])
-def test_inverse_kinematics_by_the_models_own_markers_agrees(opensim_peer, shared_data, rng, name):
+def test_inverse_kinematics_by_the_models_own_markers_agrees(
+    opensim_peer, shared_data, rng, name, agree
+):
     """The walking trial of that subject; of the other model a walk of its own with 5 mm of noise."""
     path = shared_data / f"opensim/{name}.osim"
     leg, _ = on_osim_model.held_leg(OsimLeg(osim_file.read(path)))
@@ -115,10 +122,11 @@ def test_inverse_kinematics_by_the_models_own_markers_agrees(opensim_peer, share
         for p in (ours.modelled.positions_world, places)
     ]
     assert (costs[0] <= costs[1] * (1 + 1e-6)).all()
-    assert np.degrees(np.abs(ours.trajectories.values - values).max()) < 0.01
+    away = np.degrees(np.abs(ours.trajectories.values - values).max())
+    agree("coordinates by own markers, .osim", "OpenSim", away, 0.01, "deg")
 
 
-def test_tasks_are_weighed_as_opensims_tool_weighs_them(opensim_peer, shared_data, tmp_path):
+def test_tasks_are_weighed_as_opensims_tool_weighs_them(opensim_peer, shared_data, tmp_path, agree):
     """Markers of several weights, one without a task, coordinates held loosely and hard."""
     path = shared_data / "opensim/gait2392_subject01_scaled.osim"
     walk = shared_data / "mocap/walk_opensim/subject01_walk1.trc"
@@ -141,11 +149,13 @@ def test_tasks_are_weighed_as_opensims_tool_weighs_them(opensim_peer, shared_dat
     ).trajectories
     rows = np.searchsorted(ours.times, theirs.times - 1e-6)
     for name in ours.coordinate_names:
-        away = ours.coordinate(name)[rows] - theirs.coordinate(name)
-        assert np.degrees(np.abs(away).max()) < 0.01, name
+        away = np.degrees(np.abs(ours.coordinate(name)[rows] - theirs.coordinate(name)).max())
+        agree("coordinates by weighted tasks", "OpenSim", away, 0.01, "deg")
 
 
-def test_the_scaled_leg_opens_in_opensim_to_the_same_bodies_and_masses(opensim_peer, tmp_path, rng):
+def test_the_scaled_leg_opens_in_opensim_to_the_same_bodies_and_masses(
+    opensim_peer, tmp_path, rng, agree
+):
     scales = SegmentScales(rng.uniform(0.8, 1.2, (len(SEGMENTS), 3)), 62.0)
     leg, path = LegModel.load(scales), tmp_path / "scaled_model.osim"
     path.write_text(osim_export.text(leg, marker_sites.load(), name="person"))
@@ -156,11 +166,13 @@ def test_the_scaled_leg_opens_in_opensim_to_the_same_bodies_and_masses(opensim_p
     ours = leg.segment_poses(JointTrajectories(times, COORDINATES, values))
     for body in SEGMENTS:
         away = ours.of(body)[:, :3, 3] - theirs.bodies[body][:, :3, 3]
-        assert np.linalg.norm(away, axis=-1).max() < 0.05e-3
+        far = 1e3 * np.linalg.norm(away, axis=-1).max()
+        agree("positions of bodies, written .osim", "OpenSim", far, 0.05, "mm")
         assert model.getBodySet().get(body).getMass() == pytest.approx(leg.mass_of(body))
     places = leg.marker_positions(values, marker_sites.load())
     for k, marker in enumerate(marker_sites.load().names):
-        assert np.abs(places[:, k] - theirs.markers[marker]).max() < 0.05e-3
+        far = 1e3 * np.abs(places[:, k] - theirs.markers[marker]).max()
+        agree("markers, written .osim", "OpenSim", far, 0.05, "mm")
     assert sum(
         model.getBodySet().get(k).getMass() for k in range(model.getNumBodies())
     ) == pytest.approx(62.0)

@@ -12,7 +12,8 @@ from legsim.core.errors import LegsimError
 from legsim.geometry import files as geometry_files
 from legsim.phantom import files as phantom_files
 from legsim.phantom import materials
-from legsim.phantom.files import SUFFIXES, _volume
+from legsim.phantom.mesh_files import SUFFIXES
+from legsim.phantom.surfaces import volume
 
 
 def ball(radius_mm: float, center=(0.0, 0.0, 0.0)) -> trimesh.Trimesh:
@@ -49,7 +50,7 @@ def test_every_kind_of_mesh_gives_the_same_closed_surface(tmp_path, suffix):
     assert len(part.vertices) == 162
     assert len(part.triangles) == 320
     np.testing.assert_allclose(part.vertices.mean(axis=0), (0.005, 0, 0), atol=1e-7)
-    assert _volume(part.vertices, part.triangles) == pytest.approx(mesh.volume * 1e-9, rel=1e-5)
+    assert volume(part.vertices, part.triangles) == pytest.approx(mesh.volume * 1e-9, rel=1e-5)
     assert part.attenuation == materials.attenuation("water")
 
 
@@ -194,7 +195,7 @@ def test_an_inward_mesh_is_turned_and_said_so(tmp_path):
     mesh.invert()
     found = phantom_files.read(write(tmp_path, entry("ball", "ball.stl"), ball_stl=mesh))
     part = found.phantom.parts[0]
-    assert _volume(part.vertices, part.triangles) > 0
+    assert volume(part.vertices, part.triangles) > 0
     assert len(found.remarks) == 1
     assert "ball.stl (part 'ball'): its triangles faced inward" in found.remarks[0]
 
@@ -329,8 +330,8 @@ def test_a_hidden_part_is_reported(tmp_path):
             r"x\.ply \(part 'a'\): no such file",
         ),
         (
-            "[[part]]\nname = 'a'\nfile = 'x.vtp'\nunit = 'mm'\nmaterial = 'water'",
-            r"unknown kind of mesh '\.vtp'",
+            "[[part]]\nname = 'a'\nfile = 'x.vtk'\nunit = 'mm'\nmaterial = 'water'",
+            r"unknown kind of mesh '\.vtk'",
         ),
     ],
 )
@@ -357,7 +358,7 @@ def test_meshes_that_no_reader_takes_are_reported_in_words_of_the_file(tmp_path)
     (tmp_path / "cut.stl").write_bytes((tmp_path / "cut.stl").read_bytes()[:3000])
     refuse(
         write(tmp_path, entry("a", "cut.stl")),
-        r"cut\.stl \(part 'a'\): cannot be read as a mesh.*cut short",
+        r"cut\.stl \(part 'a'\): (cannot be read as a mesh|holds no triangles).*cut short",
     )
     ply = mesh.export(file_type="ply", encoding="ascii")
     assert isinstance(ply, bytes)
@@ -423,3 +424,48 @@ def test_the_phantom_and_geometry_in_the_documents_are_whole(tmp_path, monkeypat
     monkeypatch.chdir(tmp_path)
     exec(code, {})
     assert geometry_files.load_geometry(tmp_path / "geometry.json").shape_vu == (240, 310)
+
+
+def overlapping(*, inverted: bool, apart: float = 40.0) -> trimesh.Trimesh:
+    """Two balls of 30 mm in one mesh."""
+    other = ball(30, (apart, 0, 0))
+    if inverted:
+        other.invert()
+    return trimesh.util.concatenate([ball(30), other])
+
+
+def test_overlapping_shells_that_contradict_each_other_are_refused_or_repaired(tmp_path):
+    path = write(tmp_path, entry("a", "o.stl"), o_stl=overlapping(inverted=True))
+    refuse(path, r"o\.stl \(part 'a'\): a shell of 320 triangles .* faces inward, but overlaps")
+    read = phantom_files.read(path, repair=True)
+    assert "1 of its shells faced inward" in read.remarks[0]
+    part = read.phantom.parts[0]
+    expected = 2 * ball(30).volume * 1e-9
+    assert volume(part.vertices, part.triangles) == pytest.approx(expected, rel=1e-5)
+
+
+def test_shells_apart_are_turned_and_hollows_stay(tmp_path):
+    path = write(tmp_path, entry("a", "o.stl"), o_stl=overlapping(inverted=True, apart=100))
+    assert "1 of its shells faced inward" in phantom_files.read(path).remarks[0]
+    hollow = ball(10)
+    hollow.invert()
+    shell = trimesh.util.concatenate([ball(30), hollow])
+    for mesh in (shell, trimesh.Trimesh(shell.vertices, shell.faces[:, ::-1], process=False)):
+        part = phantom_files.load_phantom(write(tmp_path, entry("a", "h.ply"), h_ply=mesh)).parts[0]
+        expected = (ball(30).volume - ball(10).volume) * 1e-9
+        assert volume(part.vertices, part.triangles) == pytest.approx(expected, rel=1e-5)
+
+
+def test_repair_is_a_key_of_the_file_and_of_a_part(tmp_path):
+    holed = ball(30)
+    holed.update_faces(np.arange(len(holed.faces)) > 5)
+    path = write(tmp_path, entry("a", "h.ply"), h_ply=holed)
+    refuse(path, r"the surface is open.*or give repair = true \(--repair\)")
+    path = write(tmp_path, entry("a", "h.ply"))
+    path.write_text("repair = true\n" + path.read_text())
+    assert "holes closed" in phantom_files.read(path).remarks[0]
+    path = write(tmp_path, entry("a", "h.ply"))
+    path.write_text(path.read_text() + "repair = true\n")
+    assert "holes closed" in phantom_files.read(path).remarks[0]
+    path.write_text("repair = 1\n" + path.read_text())
+    refuse(path, "repair = 1 is of the wrong type")

@@ -10,8 +10,8 @@ from legsim.deformation.models import Motion, RigidMotion
 from legsim.geometry.cone_beam import ConeBeamGeometry, Projections
 from legsim.geometry.volume import Volume, VolumeGrid
 from legsim.opencl.device import Device
-from legsim.reconstruction import cgls
-from legsim.reconstruction.cgls import SystemMatrix
+from legsim.reconstruction import cgls, fdk
+from legsim.reconstruction.cgls import LargeVoxelWarning, SystemMatrix
 from tests.reconstruction.test_backprojection import as_field, bending
 from tests.references.backprojection import Ellipsoid, project
 
@@ -104,6 +104,7 @@ def residual(system: SystemMatrix, projections: Projections, found: np.ndarray) 
     return float(np.linalg.norm(system.forward(found) - projections.line_integrals))
 
 
+@pytest.mark.filterwarnings("ignore:voxels of 12 mm")
 def test_nonnegative_values_are_those_of_a_direct_solver(
     device: Device, rng: np.random.Generator
 ) -> None:
@@ -171,3 +172,57 @@ def test_refusals(device: Device) -> None:
             projections, GRID, device=device, start=Volume(other, np.zeros((4, 4, 4), np.float32))
         )
     assert not cgls.cgls(projections, GRID, device=device, iterations=3).attenuation.any()
+    with pytest.raises(LegsimError, match="noise of 0 was given"):
+        cgls.cgls(projections, GRID, device=device, noise=0.0)
+    with pytest.warns(LargeVoxelWarning, match="voxels of 12 mm are larger than a pixel"):
+        cgls.cgls(projections, SMALL, device=device)
+
+
+FEW = VolumeGrid((44, 30, 44), (0.0036,) * 3, (0.0, 0.0, 0.0))
+SOLIDS = [
+    Ellipsoid((0.0, 0.0, 0.0), (0.07, 0.04, 0.06), 20.0),
+    Ellipsoid((0.03, 0.0, 0.01), (0.018, 0.02, 0.018), 15.0),
+    Ellipsoid((-0.03, 0.0, -0.03), (0.015, 0.015, 0.02), -10.0),
+]
+
+
+def averaged_truth() -> np.ndarray:
+    """Attenuation of the ellipsoids on FEW, as a mean of 3 x 3 x 3 points of each voxel."""
+    z, y, x = np.meshgrid(*FEW.axes()[::-1], indexing="ij")
+    truth = np.zeros(FEW.shape_zyx)
+    for shift in np.ndindex(3, 3, 3):
+        points = np.stack([x, y, z], -1) + (np.array(shift) - 1) * 0.0012
+        for e in SOLIDS:
+            inside = (((points - e.center) / e.radii) ** 2).sum(-1) < 1
+            truth += e.attenuation / 27 * inside
+    return truth
+
+
+@pytest.mark.parametrize(("sigma", "noise"), [(0.02, None), (0.1, None), (0.1, 0.1)])
+def test_few_views_end_near_the_best_step_and_beat_fdk(
+    device: Device, rng: np.random.Generator, sigma: float, noise: float | None
+) -> None:
+    geometry = ConeBeamGeometry.circular(
+        times=np.arange(62) * 1.0,
+        angles=np.radians(np.arange(62) * 360 / 62),
+        source_isocenter=0.78,
+        source_detector=1.198,
+        shape_vu=(40, 52),
+        pixel_pitch=6e-3,
+    )
+    images = project(geometry, SOLIDS).line_integrals
+    images = images + sigma * rng.normal(size=images.shape)
+    scan_of_few, truth = Projections(geometry, images.astype(np.float32)), averaged_truth()
+
+    def error(volume: Volume) -> float:
+        return float(np.sqrt(np.mean((volume.attenuation - truth) ** 2)))
+
+    stopped = error(cgls.cgls(scan_of_few, FEW, noise=noise, device=device))
+    best = min(
+        error(cgls.cgls(scan_of_few, FEW, iterations=k, device=device)) for k in (4, 5, 6, 7, 8, 10)
+    )
+    assert stopped < 1.1 * best
+    kept = error(cgls.cgls(scan_of_few, FEW, noise=noise, nonnegative=True, device=device))
+    filtered = error(fdk.fdk(scan_of_few, FEW, device=device))
+    assert kept < filtered
+    assert sigma < 0.1 or stopped < filtered

@@ -1,9 +1,11 @@
-"""Scans whose detector is turned in its plane."""
+"""Scans whose detector is turned in its plane, or stands to one side."""
 
+import warnings
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy import ndimage
 
 from legsim.core.errors import LegsimError
 from legsim.geometry.cone_beam import ConeBeamGeometry, Projections
@@ -12,7 +14,7 @@ from legsim.opencl.device import Device
 from legsim.reconstruction import fdk
 from legsim.reconstruction.detector_alignment import align
 from legsim.reconstruction.source_path import fan_angles, source_arc
-from legsim.reconstruction.weights import redundancy_weights
+from legsim.reconstruction.weights import ShortScanWarning, redundancy_weights
 from tests.references.backprojection import Ellipsoid, project
 
 SOLIDS = [
@@ -163,22 +165,22 @@ def test_as_many_columns_are_added_as_the_short_side_lacks(
     assert align(half_fan(shift, mirrored=mirrored)).added == (added[::-1] if mirrored else added)
 
 
-def test_only_full_turns_of_one_side_are_widened(rng: np.random.Generator) -> None:
-    short = half_fan(20, span_deg=220)
+def test_only_detectors_of_one_side_are_widened(rng: np.random.Generator) -> None:
     swinging = half_fan(0)
     sideways = np.repeat(np.eye(3)[None], len(swinging), 0)
     sideways[:, 0, 2] = 25 * np.where(np.arange(len(swinging)) % 2, 1, -1)
     swinging = replace(swinging, matrices=sideways @ swinging.matrices)
-    for geometry in (short, swinging, half_fan(3)):
+    for geometry in (swinging, half_fan(3), half_fan(3, span_deg=220)):
         images = Projections(geometry, rng.normal(size=(len(geometry), *geometry.shape_vu)))
         aligned = align(geometry)
         assert aligned.geometry is geometry
         assert aligned.apply(images) is images
 
 
-def test_a_detector_that_ends_before_the_axis_is_refused() -> None:
+@pytest.mark.parametrize("span_deg", [360, 220])
+def test_a_detector_that_ends_before_the_axis_is_refused(span_deg: float) -> None:
     with pytest.raises(LegsimError, match="view 0: the detector ends before the axis of rotation"):
-        align(half_fan(50))
+        align(half_fan(50, span_deg=span_deg))
 
 
 @pytest.mark.parametrize("shift", [20, -20])
@@ -237,3 +239,85 @@ def test_attenuation_is_absolute_on_either_side(
     index = np.rint((places - grid.origin) / grid.spacing_xyz).astype(int)
     found = [volume[tuple(slice(i - 1, i + 2) for i in at[::-1])].mean() for at in index]
     np.testing.assert_allclose(found, [20.0, 30.0, 20.0, 20.0, 20.0], atol=0.005 * 30)
+
+
+FLAT_SOLIDS = [
+    Ellipsoid((0.0, 0.0, 0.0), (0.09, 0.03, 0.07), 20.0),
+    Ellipsoid((0.05, 0.0, 0.01), (0.022, 0.02, 0.02), 10.0),
+]
+FLAT = VolumeGrid((50, 1, 50), (0.004,) * 3, (0.0, 0.0, 0.0))
+
+
+def slow_error(
+    angles_deg: np.ndarray, device: Device, shift: float = 28, *, within: float = 0.095
+) -> float:
+    """Rms in % of the contrast, smoothed by 7.5 mm, in the plane of the sources, off edges."""
+    base = half_fan(shift, views=len(angles_deg))
+    turn = ConeBeamGeometry.circular(
+        times=base.times,
+        angles=np.radians(angles_deg),
+        source_isocenter=0.78,
+        source_detector=1.198,
+        shape_vu=(14, COLUMNS),
+        pixel_pitch=3.2e-3,
+    )
+    sideways = np.array([[1.0, 0, -shift], [0, 1, 0], [0, 0, 1]])
+    scan = replace(turn, matrices=sideways @ turn.matrices)
+    volume = fdk.fdk(project(scan, FLAT_SOLIDS), FLAT, device=device).attenuation[:, 0]
+    fine = (np.arange(4) - 1.5) / 4 * 0.004
+    x, _, z = FLAT.axes()
+    truth = np.zeros_like(volume)
+    for dx in fine:
+        for dz in fine:
+            across = np.stack(np.meshgrid(x + dx, z + dz), -1)
+            for solid in FLAT_SOLIDS:
+                offsets = (across - np.take(solid.center, [0, 2])) / np.take(solid.radii, [0, 2])
+                truth += solid.attenuation / 16 * ((offsets**2).sum(-1) < 1)
+    slow = ndimage.gaussian_filter(volume - truth, 0.0075 / 2.355 / 0.004)
+    even = ndimage.maximum_filter(truth, 7) - ndimage.minimum_filter(truth, 7) < 1e-6
+    seen = even & (np.hypot(*np.meshgrid(x, z)) < within)
+    return 100 * float(np.sqrt((slow[seen] ** 2).mean())) / 30
+
+
+TURN = np.arange(180) * 2.0
+
+
+@pytest.mark.parametrize(
+    ("angles", "warned"),
+    [
+        (TURN, ""),
+        (np.delete(TURN, 50), "leave 4.0 deg out"),
+        (TURN * 358 / 360, "leave 4.0 deg out"),
+        (np.delete(np.linspace(0, 360, 361), 150), ""),
+        (TURN[(TURN < 90) | (TURN > 98)], "leave 12.0 deg out"),
+    ],
+    ids=["full", "one missing", "358 deg", "one of 361 missing", "five missing"],
+)
+def test_half_fans_with_missing_views_are_full_turns(
+    device: Device, angles: np.ndarray, warned: str
+) -> None:
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        error = slow_error(angles, device)
+    assert error < (0.2 if len(angles) > 175 else 0.6)
+    assert [warned in str(w.message) for w in caught] == [True] * bool(warned)
+
+
+def test_gaps_cost_nothing_where_all_lines_are_seen_from_the_opposite_side(device: Device) -> None:
+    for angles in (np.delete(TURN, 50), TURN[(TURN < 100) | (TURN > 118)]):
+        assert slow_error(angles, device, shift=0, within=0.08) < 0.2
+
+
+def test_a_half_fan_in_a_partial_turn_says_from_where_on_lines_are_missing(
+    device: Device,
+) -> None:
+    """The short side of 17 columns ends 35 mm from the axis."""
+    with pytest.warns(ShortScanWarning, match="at 35 mm or more are missing"):
+        assert slow_error(np.arange(110) * 2.0, device) < 20
+    solids = [Ellipsoid((0.005, 0.0, 0.0), (0.025, 0.03, 0.02), 20.0)]
+    geometry = half_fan(28, span_deg=220, views=110)
+    with pytest.warns(ShortScanWarning):
+        volume = fdk.fdk(project(geometry, solids), FLAT, device=device).attenuation
+    inside = volume[23:27, 0, 23:27]
+    np.testing.assert_allclose(inside, 20, atol=0.5)
+    assert inside.mean() == pytest.approx(20, rel=0.005), "what is seen by all views is complete"

@@ -32,7 +32,7 @@ def shares_of(geometry: ConeBeamGeometry) -> tuple[np.ndarray, np.ndarray, np.nd
 
 
 @pytest.mark.end_to_end
-@given(span=st.floats(100, 359), start=st.floats(-180, 180), backwards=st.booleans())
+@given(span=st.floats(100, 353), start=st.floats(-180, 180), backwards=st.booleans())
 @settings(max_examples=40, deadline=None)
 def test_the_shares_of_one_line_add_up_to_one(span: float, start: float, backwards: bool) -> None:
     views = int(span) + 1
@@ -68,7 +68,7 @@ def test_a_complete_short_scan_has_parkers_weights() -> None:
 def test_a_full_turn_counts_every_line_twice_and_once_where_a_view_repeats() -> None:
     for geometry in (scan(359, 360), scan(360, 361), scan(719, 720)):
         _, _, shares, coverage = shares_of(geometry)
-        np.testing.assert_array_equal(shares, 0.5)
+        np.testing.assert_allclose(shares, 0.5, atol=1e-12)
         assert coverage == pytest.approx(2 * np.pi)
     assert source_arc(scan(360, 361)).increments[0] == pytest.approx(np.radians(0.5))
 

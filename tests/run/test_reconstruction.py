@@ -62,6 +62,7 @@ def test_every_option_belongs_to_an_algorithm():
     assert owned | {"algorithm"} == set(ReconstructionConfig.model_fields)
 
 
+@pytest.mark.filterwarnings("ignore:voxels of 3 mm")
 @pytest.mark.parametrize(
     "changes",
     [

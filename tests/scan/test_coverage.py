@@ -69,3 +69,25 @@ def test_what_is_cut_off_is_said_side_by_side():
     assert right.right == pytest.approx(0.15 - 310 * 0.616e-3 * 780 / 1198, abs=5e-4)
     assert found.lines()[-2].startswith("cut off            part 'tall' in 1 of 1 views: ")
     assert found.lines()[-1].endswith("mm right (at the isocenter)")
+
+
+def test_a_detector_to_one_side_says_what_either_side_reaches():
+    whole = ConeBeamGeometry.circular(
+        times=np.arange(60) / 30,
+        angles=np.radians(np.arange(60) * 6.0),
+        source_isocenter=0.8,
+        source_detector=1.2,
+        shape_vu=(10, 100),
+        pixel_pitch=3e-3,
+    )
+    aside = ConeBeamGeometry(
+        whole.times,
+        np.array([[1.0, 0, -25], [0, 1, 0], [0, 0, 1]]) @ whole.matrices,
+        (10, 100),
+        3e-3,
+    )
+    radii = [0.8 * np.sin(np.arctan(n * 3e-3 / 1.2)) for n in (25, 75)]
+    summary = summarize(aside)
+    assert (summary.field_radius, summary.far_side) == pytest.approx(radii)
+    assert any("half fan " in line for line in summary.lines())
+    assert not any("half fan " in line for line in summarize(whole).lines())

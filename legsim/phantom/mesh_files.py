@@ -1,0 +1,110 @@
+"""Meshes as their files hold them: PLY, STL, OBJ and GLB by trimesh, VTP by our own reader."""
+
+import io
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import lazy_loader
+import numpy as np
+
+from legsim.core.errors import file_error
+from legsim.core.values import FloatArray
+from legsim.phantom import vtp
+
+if TYPE_CHECKING:
+    import trimesh
+else:
+    trimesh = lazy_loader.load("trimesh")
+
+SUFFIXES = (".ply", ".stl", ".obj", ".glb", ".vtp")
+
+
+def read(file: Path, name: str) -> tuple[FloatArray, np.ndarray]:
+    """Vertices (p, 3) in the file's unit and triangles (t, 3), unchanged from the file.
+
+    Raises:
+        LegsimError: there is no such file, or no mesh of finite numbers in it; the line names the
+            part ``name``.
+    """
+    place = f"part {name!r}"
+    if file.suffix.lower() not in SUFFIXES:
+        raise file_error(
+            file,
+            f"unknown kind of mesh {file.suffix!r}",
+            f"convert it to one of {', '.join(SUFFIXES)}",
+            place=place,
+        )
+    if not file.is_file():
+        raise file_error(file, "no such file", "paths are relative to the TOML", place=place)
+    try:
+        vertices, triangles = _arrays(file)
+    except Exception as error:  # trimesh's readers raise any exception at a malformed file
+        # a binary STL that was cut short is tried as text, for which a reader is missing
+        known = (
+            ""
+            if isinstance(error, ImportError) or not str(error)
+            else f" ({type(error).__name__}: {str(error).splitlines()[0]})"
+        )
+        mixed = (
+            ", or a binary PLY whose faces are not all triangles: export it again, in triangles"
+            if file.suffix.lower() == ".ply"
+            else ""
+        )
+        cure = f"it may be cut short or of another kind{mixed or ': export it again'}"
+        raise file_error(file, f"cannot be read as a mesh{known}", cure, place=place) from error
+    if len(triangles) == 0:
+        cure = "it may be cut short: export a triangle mesh again"
+        raise file_error(file, "holds no triangles", cure, place=place)
+    if triangles.min() < 0 or triangles.max() >= len(vertices):
+        raise file_error(
+            file,
+            f"a triangle names a vertex beyond the {len(vertices)} of the file",
+            "export it again",
+            place=place,
+        )
+    if not np.isfinite(vertices[triangles]).all():
+        raise file_error(file, "a vertex is not a finite number", "export it again", place=place)
+    used, corners = np.unique(triangles, return_inverse=True)
+    return vertices[used], corners.reshape(-1, 3)
+
+
+def _arrays(file: Path) -> tuple[FloatArray, np.ndarray]:
+    """Vertices and triangles; none of a file that holds no mesh."""
+    kind = file.suffix.lower()
+    if kind == ".vtp":
+        return vtp.read(file)
+    if kind == ".obj":
+        plain = io.StringIO(_plain_obj(file.read_text("utf-8", "replace")))
+        mesh = trimesh.load_mesh(plain, file_type="obj", process=False)
+    else:
+        mesh = trimesh.load_mesh(file, process=False)
+    if not isinstance(mesh, trimesh.Trimesh):
+        return np.empty((0, 3)), np.empty((0, 3), np.int64)
+    return np.asarray(mesh.vertices, float), np.asarray(mesh.faces)
+
+
+def _plain_obj(text: str) -> str:
+    """Removes comments from OBJ text and counts the vertices of faces from the first.
+
+    The reader trimesh fails at comments behind a face. It also counts indices below 0, which count
+    back from the vertex before the face, from the end of the file.
+
+    Raises:
+        ValueError: a face names vertex 0, or no number.
+    """
+    lines, so_far = [], 0
+    for line in text.replace("\\\n", " ").splitlines():
+        words = line.partition("#")[0].split()
+        if words[:1] == ["v"]:
+            so_far += 1
+        if words[:1] == ["f"]:
+            words[1:] = [str(_counted(word.partition("/")[0], so_far)) for word in words[1:]]
+        if words[:1] in (["v"], ["f"]):
+            lines.append(" ".join(words))
+    return "\n".join(lines)
+
+
+def _counted(number: str, so_far: int) -> int:
+    if int(number) == 0:
+        raise ValueError("a face names vertex 0, but OBJ counts from 1")
+    return int(number) if int(number) > 0 else so_far + 1 + int(number)
