@@ -23,6 +23,7 @@ from legsim.cli import (
     console,
     correct_command,
     geometry_commands,
+    phantom_commands,
     run_commands,
     sensors_command,
     stage_commands,
@@ -48,6 +49,9 @@ geometry_app = typer.Typer(
 )
 app.add_typer(geometry_app, name="geometry")
 
+phantom_app = typer.Typer(help="Make a phantom from a segmentation.", no_args_is_help=True)
+app.add_typer(phantom_app, name="phantom")
+
 for _command in (
     *(
         run_commands.run,
@@ -63,6 +67,8 @@ for _command in (
 
 geometry_app.command()(kept(geometry_commands.show))
 geometry_app.command()(kept(geometry_commands.convert))
+
+phantom_app.command("from-labels")(kept(phantom_commands.from_labels))
 
 _INTERRUPTED = 130
 """exit code of a command that Ctrl-C ended, as shells have it and typer returns it"""

@@ -16,7 +16,10 @@ class PhantomConfig(ConfigSection):
 
     The other leg's edges leave streaks wherever the views are few.
     """
+    file: str = ""
+    """a PHANTOM.toml of imaged legs, as of `legsim phantom from-labels`; none: legsim's own"""
     detail: Literal["coarse", "fine"] = "coarse"
+    """of legsim's own legs"""
     energy_kev: float = Field(default=60.0, gt=10, le=500)
     tissue_swing: SoftTissueConfig = SoftTissueConfig()
     """how its soft tissue swings on its bones; the sensors have imu.soft_tissue

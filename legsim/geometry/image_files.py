@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 
 from legsim.core import files
 from legsim.core.errors import LegsimError, file_error
-from legsim.core.values import Float32Array
+from legsim.core.values import Float32Array, FloatArray
 from legsim.geometry import _meta_header
 from legsim.geometry.cone_beam import ConeBeamGeometry, Projections
 from legsim.geometry.volume import Volume, VolumeGrid
@@ -318,6 +318,21 @@ def read_header(path: Path | str) -> ImageHeader:
     return _ordered_header(path, reader)[0]
 
 
+def read_samples(path: Path | str) -> tuple[np.ndarray, FloatArray, FloatArray, FloatArray]:
+    """Reads a 3D image as it is: samples (k, j, i), spacing (3,) mm, origin (3,) mm, direction.
+
+    The columns of the direction (3, 3) are the index axes in ITK's physical axes.
+
+    Raises:
+        LegsimError: no image, not three-dimensional, more than one channel, or cut short.
+    """
+    path = Path(path)
+    reader = _open(path)
+    samples = sitk.GetArrayFromImage(_executed(path, reader))
+    direction = np.array(reader.GetDirection()).reshape(3, 3)
+    return samples, np.array(reader.GetSpacing()), np.array(reader.GetOrigin()), direction
+
+
 def _open(path: Path, dimensions: tuple[int, ...] = (3,)) -> sitk.ImageFileReader:
     if not path.is_file():
         raise file_error(path, "no such file", "check the name")
@@ -375,11 +390,7 @@ def _read(path: Path, physical: Axes | None = None) -> tuple[Float32Array, Image
     """(samples (z, y, x) float32, header), axes in order."""
     reader = _open(path)
     header, axes, flipped = _ordered_header(path, reader, physical)
-    try:
-        with _quiet():
-            image = reader.Execute()
-    except RuntimeError as error:
-        raise file_error(path, "cannot be read to its end", "write or copy it again") from error
+    image = _executed(path, reader)
     samples = sitk.GetArrayViewFromImage(image)
     if np.iscomplexobj(samples):
         raise file_error(path, "holds complex numbers", "expected real ones")
@@ -387,6 +398,14 @@ def _read(path: Path, physical: Axes | None = None) -> tuple[Float32Array, Image
     ordered = samples.transpose([2 - axes[w] for w in (2, 1, 0)])
     ordered = ordered[tuple(slice(None, None, -1 if flipped[w] else 1) for w in (2, 1, 0))]
     return np.array(ordered, np.float32, order="C"), header
+
+
+def _executed(path: Path, reader: sitk.ImageFileReader) -> sitk.Image:
+    try:
+        with _quiet():
+            return reader.Execute()
+    except RuntimeError as error:
+        raise file_error(path, "cannot be read to its end", "write or copy it again") from error
 
 
 @contextmanager

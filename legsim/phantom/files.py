@@ -6,8 +6,8 @@ with coordinates in world, at the reference pose where a part moves with a segme
 """
 
 import tomllib
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +16,7 @@ import numpy as np
 from legsim.core import transforms
 from legsim.core.errors import LegsimError, file_error
 from legsim.core.values import FloatArray
-from legsim.phantom import materials, mesh_files, surfaces
+from legsim.phantom import landmarks, materials, mesh_files, surfaces
 from legsim.phantom.meshes import Part, Phantom
 
 UNITS = {"mm": 1e-3, "m": 1.0}
@@ -55,6 +55,8 @@ class PhantomFile:
     """segment that carries each part, None for a part at rest"""
     remarks: tuple[str, ...]
     """repairs and overlapping parts, one line each"""
+    landmarks: Mapping[str, Mapping[str, FloatArray]] = field(default_factory=dict)
+    """points (3,) m in world by side and name, of :mod:`legsim.phantom.landmarks`"""
 
     def posed(
         self, segment_names: Sequence[str], moved_from_reference: FloatArray
@@ -104,7 +106,8 @@ def read(
             implausible size, or completely hidden by a later part.
     """
     path = Path(path)
-    tables = _tables(path)
+    content = _content(path)
+    tables = content.tables
     remarks: list[str] = []
     parts = [
         _part(path, k, table, energy_kev, remarks, repair=repair) for k, table in enumerate(tables)
@@ -115,7 +118,7 @@ def read(
         raise file_error(
             path, f"two parts are named {doubled[0]!r}", "give every part a name of its own"
         )
-    remarks += _nesting(path, parts, tables)
+    remarks += [] if content.overlaps == "intended" else _nesting(path, parts, tables)
     corners = np.concatenate(
         [[part.vertices.min(axis=0), part.vertices.max(axis=0)] for part in parts]
     )
@@ -126,11 +129,28 @@ def read(
             "files are in m, not mm"
         )
     return PhantomFile(
-        Phantom(tuple(parts)), tuple(table.get("segment") for table in tables), tuple(remarks)
+        Phantom(tuple(parts)),
+        tuple(table.get("segment") for table in tables),
+        tuple(remarks),
+        content.landmarks,
     )
 
 
-def _tables(path: Path) -> list[dict[str, Any]]:
+def named_meshes(path: Path) -> list[Path]:
+    """Paths of the meshes that a PHANTOM.toml names; errors are as in :func:`read`."""
+    return [path.parent / table["file"] for table in _content(path).tables]
+
+
+@dataclass(frozen=True, slots=True)
+class _Content:
+    """Content of the file itself, checked."""
+
+    tables: list[dict[str, Any]]
+    overlaps: str
+    landmarks: dict[str, dict[str, FloatArray]]
+
+
+def _content(path: Path) -> _Content:
     try:
         content = tomllib.loads(path.read_text("utf-8"))
     except OSError as error:
@@ -139,11 +159,15 @@ def _tables(path: Path) -> list[dict[str, Any]]:
         ) from error
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise file_error(path, f"is not TOML ({error})", "fix that place") from error
-    unknown = sorted(set(content) - {"part", "repair"})
+    unknown = sorted(set(content) - {"part", "repair", "overlaps", "landmarks"})
     if unknown:
-        raise file_error(
-            path, f"unknown key {unknown[0]!r}", "known: repair, and a list of [[part]] tables"
+        known = (
+            "known: repair, overlaps, [landmarks.l], [landmarks.r] and a list of [[part]] tables"
         )
+        raise file_error(path, f"unknown key {unknown[0]!r}", known)
+    overlaps = content.get("overlaps", "reported")
+    if overlaps not in ("reported", "intended"):
+        raise file_error(path, f"overlaps = {overlaps!r}", "known: reported, intended")
     tables = content.get("part")
     if (
         not isinstance(tables, list)
@@ -158,7 +182,8 @@ def _tables(path: Path) -> list[dict[str, Any]]:
     whole = content.get("repair", False)
     if not isinstance(whole, bool):
         raise file_error(path, f"repair = {whole!r} is of the wrong type", "give true or false")
-    return [{**table, "repair": table.get("repair", whole)} for table in tables]
+    tables = [{**table, "repair": table.get("repair", whole)} for table in tables]
+    return _Content(tables, overlaps, landmarks.read(path, content.get("landmarks", {})))
 
 
 def _check_table(path: Path, place: str, table: dict[str, Any]) -> None:

@@ -272,6 +272,19 @@ class LegPhantom:
         thigh, shank = (poses[name][:3, 3] for name in (of_thigh, of_shank))
         return moved + swing[:, None] * (thigh + weights.knee_share[:, None] * (shank - thigh))
 
+    def straightened(
+        self, points: FloatArray, pose: ArrayLike, segment_names: Sequence[str], side: str
+    ) -> FloatArray:
+        """Soft points (p, 3) of one pose (s, 4, 4) as of the straight leg, in its femur's frame."""
+        return self._straightened(points, _Poses.of(pose, segment_names), side)
+
+    def from_straight(
+        self, points: FloatArray, pose: ArrayLike, segment_names: Sequence[str], side: str
+    ) -> FloatArray:
+        """Inverse of :meth:`straightened`."""
+        poses = _Poses.of(pose, segment_names)
+        return self._soft(points, *self._weights(points, side), poses, side)
+
     def _straightened(self, points: FloatArray, poses: "_Poses", side: str) -> FloatArray:
         """Points of the straight leg that the soft map carries to world ``points`` (p, 3).
 
@@ -411,26 +424,23 @@ def load_leg_phantom(
             local.append(vertices)
             segments.append(f"{recipe.segment}_{side}")
     axes = (leg_axes(scales, "l"), leg_axes(scales, "r"))
-    swings = (
-        (
-            _swing_share(parts, segments, reference, "l"),
-            _swing_share(parts, segments, reference, "r"),
-        )
-        if swinging
-        else None
-    )
-    still = LegPhantom(Phantom(tuple(parts)), tuple(segments), reference, axes, swings, ())
-    return replace(still, _groups=_grouped(still, local))
+    still = LegPhantom(Phantom(tuple(parts)), tuple(segments), reference, axes, None, ())
+    still = with_mobile_tissue(still) if swinging else still
+    return replace(still, _groups=grouped(still, local))
 
 
-def _swing_share(
-    parts: Sequence[Part], segments: Sequence[str], reference: FloatArray, side: str
-) -> TissueMobility:
+def with_mobile_tissue(phantom: LegPhantom) -> LegPhantom:
+    """Prepares the soft tissue for poses that shift it; :func:`grouped` comes after."""
+    left, right = (_swing_share(phantom, side) for side in SIDES)
+    return replace(phantom, _swings=(left, right))
+
+
+def _swing_share(phantom: LegPhantom, side: str) -> TissueMobility:
     """Share of the swing at points of one leg, by the distance from all its rigid parts."""
-    femur_from_world = transforms.inverse(reference[SEGMENTS.index(f"femur_{side}")])
+    femur_from_world = transforms.inverse(phantom._reference(f"femur_{side}"))
     rigid = [
         part
-        for part, segment in zip(parts, segments, strict=True)
+        for part, segment in zip(phantom.phantom.parts, phantom.segments, strict=True)
         if segment.endswith(f"_{side}") and not segment.startswith("soft")
     ]
     return TissueMobility(
@@ -438,7 +448,8 @@ def _swing_share(
     )
 
 
-def _grouped(phantom: LegPhantom, local: Sequence[FloatArray]) -> tuple[_Group, ...]:
+def grouped(phantom: LegPhantom, local: Sequence[FloatArray]) -> tuple[_Group, ...]:
+    """Groups all parts by segment; ``local`` are their points (p, 3), as of :class:`_Group`."""
     groups, segments = [], phantom.segments
     for segment in sorted(set(segments)):
         members = tuple(k for k, name in enumerate(segments) if name == segment)

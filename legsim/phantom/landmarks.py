@@ -1,0 +1,231 @@
+"""Landmarks of a leg's bones, which register an imaged leg to the leg model.
+
+Condyles and head are centers of spheres fitted to their surfaces; ends of a bone whose joint is
+not in the image are middles of its shaft. The same finder measures the leg model's own bones, cut
+alike, so that what a landmark means precisely cancels.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from legsim.core import transforms
+from legsim.core.errors import LegsimError, file_error
+from legsim.core.values import FloatArray
+
+NAMES = ("condyle_medial", "condyle_lateral", "hip", "thigh", "ankle", "shank")
+"""condyles of the femur; its head, or else the middle of its shaft at the upper end; the middle of
+the tibia's lower end, or else of its shaft at the lower end of what was imaged
+"""
+
+_HEAD_RADIUS = (0.016, 0.034)
+"""m: radii of a sphere that may be a femoral head"""
+
+_CONDYLE_RADIUS = (0.010, 0.036)
+"""m: radii of a sphere that may be the back of a condyle"""
+
+_ROUND = 1.5e-3
+"""m: greatest RMS distance of a head from its sphere"""
+
+_WHOLE = 3.4
+"""length over width of a whole femur or tibia; both are about 5"""
+
+_PASSES = 4
+"""searches for landmarks, each on the bone as the one before stood it upright"""
+
+_SLAB = 0.015
+"""m: thickness of the slices whose middles show a shaft"""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BoneSurface:
+    """A bone's outer surface, upright in world."""
+
+    vertices: FloatArray
+    """(p, 3) m"""
+    triangles: np.ndarray
+    """(t, 3)"""
+
+    def samples(self) -> tuple[FloatArray, FloatArray]:
+        """Middles (t, 3) of the triangles and their areas (t,)."""
+        a, b, c = np.moveaxis(self.vertices[self.triangles], 1, 0)
+        return (a + b + c) / 3, np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2
+
+
+def read(path: Path, tables: Any) -> dict[str, dict[str, FloatArray]]:
+    """Reads ``[landmarks.l]`` and ``[landmarks.r]`` of a PHANTOM.toml, mm, to m.
+
+    Raises:
+        LegsimError: an unknown side or name, or no point.
+    """
+    found: dict[str, dict[str, FloatArray]] = {}
+    if not isinstance(tables, dict):
+        raise file_error(path, "landmarks is no table", "write [landmarks.l] or [landmarks.r]")
+    for side, points in tables.items():
+        if side not in ("l", "r") or not isinstance(points, dict):
+            raise file_error(path, f"unknown key landmarks.{side}", "known: landmarks.l and .r")
+        found[side] = {}
+        for name, point in points.items():
+            place = f"landmarks.{side}"
+            if name not in NAMES:
+                known = f"known: {', '.join(NAMES)}"
+                raise file_error(path, f"unknown landmark {name!r}", known, place=place)
+            numbers = isinstance(point, list) and len(point) == 3
+            if not numbers or not all(type(x) in (int, float) and np.isfinite(x) for x in point):
+                problem = f"{name} = {point!r}"
+                raise file_error(path, problem, "give x, y, z in mm, world", place=place)
+            found[side][name] = 1e-3 * np.array(point, float)
+    return found
+
+
+def find(
+    bones: Mapping[str, BoneSurface],
+    side: str,
+    *,
+    thigh_reach: float | None = None,
+    shank_reach: float | None = None,
+) -> dict[str, FloatArray]:
+    """Finds landmarks (3,) m of one leg on its ``femur`` and ``tibia``.
+
+    Args:
+        bones: surfaces by name; without a tibia its landmarks are left out.
+        side: "l" or "r".
+        thigh_reach: height (m) above the knee at which to take the femur's shaft instead of its
+            head; None: the head where it is there.
+        shank_reach: depth (m) below the knee at which to take the tibia's shaft instead of its end.
+
+    Raises:
+        LegsimError: no femur, or one without condyles.
+    """
+    if "femur" not in bones:
+        raise LegsimError(f"no femur of side {side}: the leg cannot be placed on the leg model")
+    points, areas = bones["femur"].samples()
+    thigh, upright = dict[str, FloatArray](), np.eye(4)
+    for _ in range(_PASSES):
+        turned = transforms.apply(transforms.inverse(upright), points)
+        thigh = _carried(upright, _of_femur(turned, areas, side, thigh_reach))
+        upright = femur_frame(thigh, side)
+    if "tibia" not in bones:
+        return thigh
+    points, areas = bones["tibia"].samples()
+    shank = dict[str, FloatArray]()
+    for _ in range(_PASSES):
+        turned = transforms.apply(transforms.inverse(upright), points)
+        shank = _carried(upright, _of_tibia(turned, areas, shank_reach))
+        (low,) = shank.values()
+        upright = _frame(middle_of_knee(thigh) - low, thigh, side)
+    return thigh | shank
+
+
+def middle_of_knee(points: Mapping[str, FloatArray]) -> FloatArray:
+    """Middle (3,) m between the condyles."""
+    return (points["condyle_medial"] + points["condyle_lateral"]) / 2
+
+
+def femur_frame(points: Mapping[str, FloatArray], side: str) -> FloatArray:
+    """World from a frame (4, 4) at the knee: y up the thigh, z along the condyles to the right."""
+    top = points["hip"] if "hip" in points else points["thigh"]
+    return _frame(top - middle_of_knee(points), points, side)
+
+
+def _frame(up: FloatArray, points: Mapping[str, FloatArray], side: str) -> FloatArray:
+    """World from a frame (4, 4) at the knee with y along ``up`` and z near the condyles' axis."""
+    across = (points["condyle_lateral"] - points["condyle_medial"]) * (1 if side == "r" else -1)
+    y = up / np.linalg.norm(up)
+    z = across - (across @ y) * y
+    z /= np.linalg.norm(z)
+    return transforms.rigid(np.stack([np.cross(y, z), y, z], axis=-1), middle_of_knee(points))
+
+
+def _carried(to_world: FloatArray, points: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
+    return {name: transforms.apply(to_world, point[None])[0] for name, point in points.items()}
+
+
+def _of_femur(
+    points: FloatArray, areas: FloatArray, side: str, reach: float | None
+) -> dict[str, FloatArray]:
+    """Landmarks of an upright femur; ``reach`` as ``thigh_reach`` of :func:`find`."""
+    found = _condyles(points, areas, side)
+    head = None if reach is not None else _head(points, areas, side)
+    if head is not None:
+        return found | {"hip": head}
+    knee = middle_of_knee(found)
+    top = points[:, 1].max() - _SLAB if reach is None else knee[1] + reach
+    return found | {"thigh": _middle(points, areas, top)}
+
+
+def _of_tibia(points: FloatArray, areas: FloatArray, reach: float | None) -> dict[str, FloatArray]:
+    """Lower landmark of an upright tibia, whose knee is at the origin."""
+    bottom, top = points[:, 1].min(), points[:, 1].max()
+    if reach is not None:
+        return {"shank": _middle(points, areas, -reach)}
+    if top - bottom > _WHOLE * np.ptp(points[:, 2]):
+        return {"ankle": _middle(points, areas, bottom + 1.5 * _SLAB)}
+    return {"shank": _middle(points, areas, bottom + _SLAB)}
+
+
+def _condyles(points: FloatArray, areas: FloatArray, side: str) -> dict[str, FloatArray]:
+    """Centers of spheres fitted to the backs of both condyles."""
+    bottom = points[:, 1].min()
+    distal = points[:, 1] < bottom + 0.06
+    width = float(np.ptp(points[distal, 2]))
+    low = points[:, 1] < bottom + 0.75 * width
+    middle = (points[low].max(0) + points[low].min(0)) / 2
+    back = low & (points[:, 0] < middle[0]) & (points[:, 1] < bottom + 0.6 * width)
+    found = {}
+    for name, outward in (("condyle_medial", -1.0), ("condyle_lateral", 1.0)):
+        away = (points[:, 2] - middle[2]) * outward * (1 if side == "r" else -1)
+        chosen = back & (away > 0.18 * width) & (away < 0.40 * width)
+        if chosen.sum() < 10:
+            raise LegsimError(f"femur_{side}: too few triangles at its condyles")
+        center, radius, _ = _sphere(points[chosen], areas[chosen])
+        if not _CONDYLE_RADIUS[0] <= radius <= _CONDYLE_RADIUS[1]:
+            raise LegsimError(
+                f"femur_{side}: no condyle was found at its lower end (a sphere of "
+                f"{1e3 * radius:.0f} mm fits there); give its landmarks in PHANTOM.toml"
+            )
+        found[name] = center
+    return found
+
+
+def _head(points: FloatArray, areas: FloatArray, side: str) -> FloatArray | None:
+    """Center of the femoral head; None where there is none."""
+    height = float(np.ptp(points[:, 1]))
+    bottom = points[:, 1].min()
+    width = float(np.ptp(points[points[:, 1] < bottom + 0.06, 2]))
+    if height < _WHOLE * width:
+        return None
+    medial = points[:, 2] * (-1 if side == "r" else 1)
+    top = points[:, 1] > bottom + height - 0.08
+    chosen = top & (medial > medial[top].max() - 0.025)
+    if chosen.sum() < 10:
+        return None
+    center, radius, error = _sphere(points[chosen], areas[chosen])
+    inside = _HEAD_RADIUS[0] <= radius <= _HEAD_RADIUS[1] and error < _ROUND
+    return center if inside else None
+
+
+def _sphere(points: FloatArray, areas: FloatArray) -> tuple[FloatArray, float, float]:
+    """(center, radius, RMS distance) of a sphere, by linear least squares.
+
+    Nothing is rejected as an outlier: the same surface gives the same sphere whatever its triangles
+    are.
+    """
+    weight = np.sqrt(areas)
+    matrix = np.concatenate([2 * points, np.ones((len(points), 1))], axis=1) * weight[:, None]
+    solution = np.linalg.lstsq(matrix, weight * (points**2).sum(1), rcond=None)[0]
+    center = solution[:3]
+    radius = float(np.sqrt(max(solution[3] + center @ center, 0.0)))
+    off = np.linalg.norm(points - center, axis=1) - radius
+    return center, radius, float(np.sqrt(np.average(off**2, weights=areas)))
+
+
+def _middle(points: FloatArray, areas: FloatArray, height: float) -> FloatArray:
+    """Middle of a slice of a bone at a height, m."""
+    near = np.abs(points[:, 1] - height) < 0.5 * _SLAB
+    if not near.any():
+        raise LegsimError(f"a bone has no surface at height {1e3 * height:.0f} mm")
+    return np.average(points[near], axis=0, weights=areas[near])

@@ -1,0 +1,85 @@
+"""Segmentations stand where the patient does: whatever the file's axes, world has its own."""
+
+import numpy as np
+import pytest
+import SimpleITK as sitk
+
+from legsim.core import transforms
+from legsim.core.errors import LegsimError
+from legsim.geometry.label_images import load_label_image
+
+STRAIGHT = np.eye(3)
+
+
+def image(labels=None, *, spacing=(1.0, 2.0, 3.0), origin=(0, 0, 0), direction=STRAIGHT):
+    if labels is None:
+        labels = np.zeros((4, 5, 6), np.uint8)
+        labels[3, 1, 2] = 7
+    made = sitk.GetImageFromArray(labels)
+    made.SetSpacing(spacing)
+    made.SetOrigin([float(x) for x in origin])
+    made.SetDirection(np.asarray(direction, float).ravel().tolist())
+    return made
+
+
+def place(loaded) -> np.ndarray:
+    """World (3,) mm of the voxel that is 7."""
+    k, j, i = np.argwhere(loaded.labels == 7)[0]
+    return 1e3 * transforms.apply(loaded.world_from_index, np.array([[i, j, k]], float))[0]
+
+
+@pytest.mark.parametrize("ending", ["nii.gz", "nrrd", "mha"])
+def test_left_posterior_superior_become_front_up_and_right(tmp_path, ending):
+    sitk.WriteImage(image(origin=(10, 20, 30)), str(tmp_path / f"a.{ending}"))
+    # ITK has it at (10 + 2, 20 + 2, 30 + 9): mm to the left, behind, above
+    found = place(load_label_image(tmp_path / f"a.{ending}"))
+    np.testing.assert_allclose(found, (-22, 39, -12), atol=1e-4)
+
+
+def test_the_axes_of_the_file_do_not_matter(tmp_path):
+    plain = image(origin=(10, 20, 30))
+    turned = sitk.DICOMOrient(plain, "ASR")
+    for name, one in (("plain", plain), ("turned", turned)):
+        sitk.WriteImage(one, str(tmp_path / f"{name}.nrrd"))
+    first, second = (load_label_image(tmp_path / f"{n}.nrrd") for n in ("plain", "turned"))
+    assert first.labels.shape != second.labels.shape
+    np.testing.assert_allclose(place(first), place(second), atol=1e-4)
+
+
+def test_an_oblique_image_keeps_its_direction(tmp_path):
+    tilt = transforms.rotation_from_vector(np.array([0.3, -0.2, 0.5]))
+    sitk.WriteImage(image(direction=tilt), str(tmp_path / "a.nrrd"))
+    loaded = load_label_image(tmp_path / "a.nrrd")
+    x, y, z = tilt @ (2 * 1.0, 1 * 2.0, 3 * 3.0)
+    np.testing.assert_allclose(place(loaded), (-y, z, -x), atol=1e-4)
+    np.testing.assert_allclose(1e3 * loaded.spacing, (1, 2, 3), atol=1e-6)
+
+
+def test_files_in_world_are_not_turned(tmp_path):
+    sitk.WriteImage(image(origin=(10, 20, 30)), str(tmp_path / "a.mha"))
+    found = place(load_label_image(tmp_path / "a.mha", axes="world"))
+    np.testing.assert_allclose(found, (12, 22, 39), atol=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("made", "words"),
+    [
+        (image(np.full((3, 3, 3), 0.5, np.float32)), "no whole numbers"),
+        (image(np.full((3, 3, 3), -1, np.int16)), "from -1 to -1"),
+        (image(np.zeros((3, 3, 3), np.uint8)), "from 0 to 0"),
+        (image(spacing=(0.001, 0.001, 0.001)), "fix the unit"),
+    ],
+)
+def test_what_is_no_segmentation_is_refused(tmp_path, made, words):
+    sitk.WriteImage(made, str(tmp_path / "a.nrrd"))
+    with pytest.raises(LegsimError, match=words) as caught:
+        load_label_image(tmp_path / "a.nrrd")
+    assert "a.nrrd" in str(caught.value)
+
+
+def test_grids_are_the_same_to_a_hundredth_of_a_voxel(tmp_path):
+    for name, x in (("a", 0.0), ("b", 0.005), ("c", 0.05)):
+        sitk.WriteImage(image(origin=(x, 0, 0)), str(tmp_path / f"{name}.nrrd"))
+    a, b, c = (load_label_image(tmp_path / f"{name}.nrrd") for name in "abc")
+    assert a.on_grid_of(b)
+    assert not a.on_grid_of(c)

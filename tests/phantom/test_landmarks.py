@@ -1,0 +1,96 @@
+"""Landmarks turn with the bones, and are where the leg model has its joints."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from legsim.core import transforms
+from legsim.core.errors import LegsimError
+from legsim.phantom import landmarks, leg_phantom
+from legsim.phantom.landmarks import BoneSurface
+
+LEGS = leg_phantom.load_leg_phantom()
+STILL = np.eye(4)
+
+
+def bones(side="l", motion=STILL, *names: str) -> dict[str, BoneSurface]:
+    found = {}
+    for name in names or ("femur", "tibia"):
+        part = LEGS.phantom.parts[LEGS.part_index(f"{name}_cortex_{side}")]
+        found[name] = BoneSurface(transforms.apply(motion, part.vertices), part.triangles)
+    return found
+
+
+@pytest.mark.parametrize("side", ["l", "r"])
+def test_they_are_near_the_joint_centers_of_the_leg_model(side):
+    found = landmarks.find(bones(side), side)
+    names = ("femur", "tibia", "talus")
+    hip, knee, ankle = (LEGS._reference(f"{name}_{side}")[:3, 3] for name in names)
+    assert np.linalg.norm(found["hip"] - hip) < 0.002
+    # the model's knee axis and the condyles' middle are two definitions of one place
+    assert np.linalg.norm(landmarks.middle_of_knee(found) - knee) < 0.010
+    assert np.linalg.norm(found["ankle"] - ankle) < 0.040
+
+
+def test_sides_are_mirror_images():
+    left, right = (landmarks.find(bones(side), side) for side in "lr")
+    for name, point in left.items():
+        np.testing.assert_allclose(point * [1, 1, -1], right[name], atol=1e-6)
+
+
+def test_a_leg_that_lies_otherwise_has_them_at_the_same_places_of_its_bones():
+    turn = transforms.rotation_from_vector(np.array([0.08, 0.2, -0.1]))
+    motion = transforms.rigid(turn, (0.1, -0.3, 0.5))
+    before, after = (landmarks.find(bones("l", m), "l") for m in (np.eye(4), motion))
+    assert before.keys() == after.keys()
+    for name, point in before.items():
+        # ends of slices and boxes fall between other triangles: coarse ones, 4 mm wide
+        carried = transforms.apply(motion, point[None])[0]
+        assert np.linalg.norm(after[name] - carried) < 0.0015, name
+
+
+def cut(bone: BoneSurface, low: float, high: float) -> BoneSurface:
+    middle = bone.vertices[bone.triangles].mean(1)[:, 1]
+    return BoneSurface(bone.vertices, bone.triangles[(middle > low) & (middle < high)])
+
+
+def test_bones_that_are_cut_have_the_middles_of_their_shafts():
+    whole = bones()
+    knee = landmarks.middle_of_knee(landmarks.find(whole, "l"))[1]
+    short = {name: cut(bone, knee - 0.15, knee + 0.15) for name, bone in whole.items()}
+    found = landmarks.find(short, "l")
+    assert found.keys() == {"condyle_medial", "condyle_lateral", "thigh", "shank"}
+    assert found["thigh"][1] == pytest.approx(knee + 0.135, abs=0.005)
+    same = landmarks.find(whole, "l", thigh_reach=0.135, shank_reach=0.135)
+    assert np.linalg.norm(same["thigh"] - found["thigh"]) < 0.005
+
+
+def test_without_a_femur_or_its_condyles_there_are_none():
+    with pytest.raises(LegsimError, match="no femur of side l"):
+        landmarks.find(bones("l", np.eye(4), "tibia"), "l")
+    shaft = cut(bones()["femur"], -0.3, -0.1)
+    with pytest.raises(LegsimError, match=r"femur_l: .*condyle"):
+        landmarks.find({"femur": shaft}, "l")
+
+
+def test_those_of_a_file_are_read_in_mm():
+    read = landmarks.read(Path("p.toml"), {"l": {"hip": [1, 2.5, -3]}})
+    np.testing.assert_allclose(read["l"]["hip"], (0.001, 0.0025, -0.003))
+
+
+@pytest.mark.parametrize(
+    ("tables", "words"),
+    [
+        (3, "no table"),
+        ({"left": {}}, "landmarks.left"),
+        ({"l": {"nose": [1, 2, 3]}}, "unknown landmark 'nose'"),
+        ({"l": {"hip": [1, 2]}}, "give x, y, z in mm"),
+        ({"l": {"hip": [1, 2, float("nan")]}}, "give x, y, z in mm"),
+        ({"l": {"hip": [1, 2, True]}}, "give x, y, z in mm"),
+    ],
+)
+def test_faults_of_a_file_name_it(tables, words):
+    with pytest.raises(LegsimError, match=words) as caught:
+        landmarks.read(Path("p.toml"), tables)
+    assert "p.toml" in str(caught.value)
