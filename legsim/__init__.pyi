@@ -1,5 +1,9 @@
 from .config import load_settings as load_settings
 from .core.errors import LegsimError as LegsimError
+from .correction.bead_scan import Beads as Beads
+from .correction.fused import FusedBeads as FusedBeads
+from .correction.fused import SensorPriors as SensorPriors
+from .correction.fused import Standing as Standing
 from .correction.marker_based import MarkerBased as MarkerBased
 from .correction.method import Correction as Correction
 from .correction.method import Scan as Scan
@@ -8,6 +12,8 @@ from .correction.nonrigid import NonRigid3D as NonRigid3D
 from .correction.oracle import Oracle as Oracle
 from .correction.rigid import Rigid as Rigid
 from .correction.rigid import Uncorrected as Uncorrected
+from .correction.rough_start import StartErrors as StartErrors
+from .correction.smoother import BeadShadows as BeadShadows
 from .deformation.models import ControlPointMotion as ControlPointMotion
 from .deformation.models import FieldMotion as FieldMotion
 from .deformation.models import RigidMotion as RigidMotion

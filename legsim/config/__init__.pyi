@@ -10,7 +10,9 @@ from .imu import SoftTissueConfig as SoftTissueConfig
 from .imu import VibrationConfig as VibrationConfig
 from .methods import BeadsConfig as BeadsConfig
 from .methods import FiducialsConfig as FiducialsConfig
+from .methods import FusedConfig as FusedConfig
 from .methods import MethodsConfig as MethodsConfig
+from .methods import RoughConfig as RoughConfig
 from .motion import MotionConfig as MotionConfig
 from .motion import TremorConfig as TremorConfig
 from .reconstruction import EvaluationConfig as EvaluationConfig

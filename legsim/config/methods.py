@@ -26,6 +26,20 @@ class FiducialsConfig(ConfigSection):
     """diameter of the rendered beads, tantalum"""
 
 
+class RoughConfig(ConfigSection):
+    """How far starts are off where methods.start is "rough": standard deviations per axis.
+
+    The speed is unknown: starts have none.
+    """
+
+    tilt_deg: float = Field(default=1.5, ge=0)
+    heading_deg: float = Field(default=3.0, ge=0)
+    """about the vertical"""
+    velocity_mm_per_s: float = Field(default=30.0, ge=0)
+    """speed that methods reckon with"""
+    place_mm: float = Field(default=5.0, ge=0)
+
+
 class BeadsConfig(ConfigSection):
     """Metal beads on the skin around the knee, for the marker-based method.
 
@@ -46,6 +60,23 @@ class BeadsConfig(ConfigSection):
     """
 
 
+class FusedConfig(ConfigSection):
+    """What the methods standing and fused-beads go by, beside sensor and start."""
+
+    beads: int = Field(default=2, ge=1, le=4)
+    """number of beads on the skin of the segment that carries the sensor; in no reconstruction"""
+    bead_mm: float = Field(default=2.0, gt=0)
+    """their diameter, tantalum"""
+    found: Literal["images", "exact"] = "images"
+    """"images" renders the beads and tracks their shadows; "exact" projects their true places"""
+    error_px: float = Field(default=0.2, ge=0)
+    """standard deviation along u and v added to exact places"""
+    spread_mm: float = Field(default=2.0, gt=0)
+    """RMS of each coordinate by which a knee is expected to move in a scan"""
+    clock_ms: float = Field(default=10.0, ge=0)
+    """standard deviation of the offset between the clocks of sensors and scanner"""
+
+
 class MethodsConfig(ConfigSection):
     """Which corrections are compared, and their inputs."""
 
@@ -57,8 +88,11 @@ class MethodsConfig(ConfigSection):
     """how poses are integrated from the IMU signals"""
     sensor: str = "shank_l"
     """the sensor that the rigid correction follows"""
-    start: Literal["truth", "fiducials"] = "truth"
-    """where each sensor's integration starts from at the first view"""
+    start: Literal["truth", "fiducials", "rough"] = "truth"
+    """where each sensor's integration starts from at the first view
+
+    "rough" is drawn around the truth, as far off as a sensor that is strapped on by hand.
+    """
     legs: Literal["scanned", "both"] = "scanned"
     """legs whose joints the non-rigid methods follow; the other leg needs its own sensors"""
     points_per_segment: int = Field(default=0, ge=0)
@@ -66,4 +100,6 @@ class MethodsConfig(ConfigSection):
     node_mm: float = Field(default=8.0, gt=0)
     """spacing of displacement fields: of oracle-nonrigid, and of more than three control points"""
     fiducials: FiducialsConfig = FiducialsConfig()
+    rough: RoughConfig = RoughConfig()
     beads: BeadsConfig = BeadsConfig()
+    fused: FusedConfig = FusedConfig()

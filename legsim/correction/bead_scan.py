@@ -46,6 +46,17 @@ class Beads:
     """m, farthest above and below the knee"""
     guess_error: float = 2e-3
     """m, standard deviation per axis of the positions from which the search starts"""
+    heights: tuple[float, float] | None = None
+    """m above the knee of the first and the last bead; None: as far below and above as they reach
+
+    One bead alone is at the first.
+    """
+
+    @classmethod
+    def on_one_side(cls, count: int = 2, *, below: bool = True, radius: float = 1e-3) -> "Beads":
+        """Beads on one segment alone: below the knee, or above it, and off the joint's folds."""
+        near, far = (-0.035, -0.060) if below else (0.035, 0.060)
+        return cls(count, radius, heights=(far, near))
 
 
 def bead_positions(phantom: LegPhantom, beads: Beads, side: str = "l") -> FloatArray:
@@ -54,8 +65,28 @@ def bead_positions(phantom: LegPhantom, beads: Beads, side: str = "l") -> FloatA
     They lie on a spiral around the knee.
     """
     turns = _GOLDEN_ANGLE * np.arange(beads.count)
-    heights = np.linspace(-beads.reach, beads.reach, beads.count)
+    heights = np.linspace(*(beads.heights or (-beads.reach, beads.reach)), beads.count)
     return phantom.skin_points(side, heights=heights, directions=turns)
+
+
+def bead_paths(
+    phantom: LegPhantom, poses: SegmentPoses, beads: Beads, side: str = "l"
+) -> FloatArray:
+    """Places (v, b, 3) m of the beads in world at each of the poses; they move with the skin."""
+    placed = bead_positions(phantom, beads, side)
+    # poses beyond the phantom's segments are swings of its soft tissue, which is at rest
+    # in the reference pose
+    start = [
+        phantom.reference_world_from_segment[SEGMENTS.index(n)] if n in SEGMENTS else np.eye(4)
+        for n in poses.segment_names
+    ]
+    return phantom.paths(
+        placed,
+        f"soft_{side}",
+        start=start,
+        poses=poses.world_from_segment,
+        segment_names=poses.segment_names,
+    )
 
 
 def add_beads(
@@ -75,20 +106,7 @@ def add_beads(
     A bead's whole attenuation is added, not the excess over the tissue it displaces, which is less
     than a hundredth of it.
     """
-    placed = bead_positions(phantom, beads, side)
-    # poses beyond the phantom's segments are swings of its soft tissue, which is at rest
-    # in the reference pose
-    start = [
-        phantom.reference_world_from_segment[SEGMENTS.index(n)] if n in SEGMENTS else np.eye(4)
-        for n in poses.segment_names
-    ]
-    at_views = phantom.paths(
-        placed,
-        f"soft_{side}",
-        start=start,
-        poses=poses.world_from_segment,
-        segment_names=poses.segment_names,
-    )
+    at_views = bead_paths(phantom, poses, beads, side)
     surface, triangles = sphere(beads.radius)
     value = materials.attenuation("tantalum", energy_kev)
     parts = [

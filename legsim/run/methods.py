@@ -7,7 +7,7 @@ import importlib.metadata
 import importlib.util
 import re
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import Any, cast
@@ -16,11 +16,13 @@ from legsim.core.errors import LegsimError, file_error
 from legsim.correction import method as correction_method
 from legsim.correction.bead_scan import BeadScan
 from legsim.correction.bead_tracking import Reference
+from legsim.correction.fused import FusedBeads, SensorPriors, Standing
 from legsim.correction.marker_based import MarkerBased
 from legsim.correction.method import Correction, CorrectionMethod, Scan
 from legsim.correction.nonrigid import NonRigid2D, NonRigid3D
 from legsim.correction.oracle import Oracle
 from legsim.correction.rigid import Rigid, Uncorrected
+from legsim.correction.smoother import BeadShadows
 from legsim.geometry.volume import VolumeGrid
 from legsim.imu.strapdown import Scheme
 from legsim.opencl.device import Device
@@ -51,11 +53,18 @@ class MethodInputs:
     """None for a measured scan"""
     beads: Callable[[], BeadScan] | None
     """the same scan with beads on the skin, simulated when called; None for a measured scan"""
+    priors: SensorPriors = field(default_factory=SensorPriors)
+    """what is known beforehand of the sensor that is followed"""
+    fused_beads: Callable[[], BeadScan | BeadShadows] | None = None
+    """few beads on the sensor's segment, made when called; None for a measured scan"""
     bead_reference: Reference = "bundle"
     """what the beads' poses are fitted to"""
 
 
-FOLLOW_ONE, FOLLOW_JOINTS = ("rigid", "rigid-paper-order"), ("nonrigid-2d", "nonrigid-3d")
+FOLLOW_ONE, FOLLOW_JOINTS = (
+    ("rigid", "rigid-paper-order", "standing", "fused-beads"),
+    ("nonrigid-2d", "nonrigid-3d"),
+)
 """methods that need the sensor of methods.sensor, and those that need thigh and shank"""
 
 
@@ -85,6 +94,15 @@ def _marker_based(given: MethodInputs) -> CorrectionMethod:
     return MarkerBased(given.beads, given.bead_reference)
 
 
+def _fused_beads(given: MethodInputs) -> CorrectionMethod:
+    if given.fused_beads is None:
+        raise LegsimError(
+            "fused-beads follows beads on the skin, which only a simulated scan has here; leave "
+            "it out, or call legsim.FusedBeads with the shadows that you found"
+        )
+    return FusedBeads(given.fused_beads, given.sensor, given.priors)
+
+
 BUILT_IN: dict[str, Callable[[MethodInputs], CorrectionMethod]] = {
     "uncorrected": lambda _: Uncorrected(),
     "oracle": _oracle,
@@ -93,6 +111,8 @@ BUILT_IN: dict[str, Callable[[MethodInputs], CorrectionMethod]] = {
     "rigid": lambda given: Rigid(given.sensor, given.scheme),
     "nonrigid-2d": lambda given: NonRigid2D(scheme=given.scheme, device=given.device),
     "nonrigid-3d": lambda given: NonRigid3D(given.nodes, given.scheme),
+    "standing": lambda given: Standing(given.sensor, given.priors),
+    "fused-beads": _fused_beads,
     "rigid-paper-order": lambda given: Rigid(given.sensor, given.scheme, "paper"),
 }
 

@@ -14,7 +14,7 @@ from legsim.core.errors import LegsimError
 from legsim.core.values import FloatArray
 from legsim.imu import catalogue, clock, readout, simulation
 from legsim.imu.calibration import Calibration
-from legsim.imu.errors import SensorErrors, TemperatureCourse
+from legsim.imu.errors import SensorErrors, TemperatureCourse, TriadErrors
 from legsim.imu.noise import ImuNoise, add_noise
 from legsim.imu.sensors import Sensor
 from legsim.imu.signals import ImuSignals
@@ -103,6 +103,28 @@ def errors_of(settings: NoiseConfig) -> SensorErrors | None:
             if "unknown sensor" not in str(error)
             else f"imu.noise.kind: {error}; or one of none, custom, {', '.join(WHITE)}"
         ) from None
+
+
+def prior_errors(settings: ImuConfig, *, view_rate_hz: float) -> SensorErrors:
+    """What methods may know of the sensors' errors: the data sheet's.
+
+    After a rest the gyroscope's bias is known to what white noise leaves of the mean. What six
+    positions say of the accelerometer is not taken off.
+    """
+    errors = errors_of(settings.noise)
+    if errors is not None and settings.noise.calibration != "none":
+        turn = errors.gyroscope.without(["turn-on-bias", "g-sensitivity", "temperature"])
+        left = turn.noise_density / float(np.sqrt(2 * settings.noise.rest_s))
+        return replace(errors, gyroscope=replace(turn, turn_on_bias=left))
+    if errors is not None:
+        return errors
+    noise = noise_of(settings.noise, imu_rate_hz=settings.rate_hz, view_rate_hz=view_rate_hz)
+    if noise is None:
+        return SensorErrors()
+    return SensorErrors(
+        TriadErrors(noise.acceleration_density, noise.acceleration_bias),
+        TriadErrors(noise.angular_velocity_density, noise.angular_velocity_bias),
+    )
 
 
 def _course(settings: NoiseConfig) -> TemperatureCourse:

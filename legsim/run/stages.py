@@ -7,13 +7,14 @@ from pathlib import Path
 import numpy as np
 
 from legsim import __version__
-from legsim.config import RunConfig
+from legsim.config import MethodsConfig, RoughConfig, RunConfig
 from legsim.core.errors import LegsimError
 from legsim.core.files import key_of, write_text
 from legsim.core.progress import OnProgress
-from legsim.correction import initialization
+from legsim.correction import initialization, rough_start
 from legsim.correction.fiducials import Fiducials
 from legsim.correction.initialization import FiducialOptions, FiducialScan, Starts
+from legsim.correction.rough_start import StartErrors
 from legsim.geometry import files as geometry_files
 from legsim.geometry import image_files
 from legsim.geometry.cone_beam import Projections
@@ -236,11 +237,38 @@ def starts(stage: StageContext, setup: ScanSetup, signals: ImuSignals) -> Starts
     return initialization.leveled(_starts(stage, setup, signals), signals)
 
 
+def start_errors(methods: MethodsConfig) -> StartErrors:
+    """How far starts may be off, by methods.start; fiducials are trusted no more than a hand."""
+    if methods.start == "truth":
+        return rough_start.EXACT
+    wanted = methods.rough
+    return StartErrors(
+        float(np.radians(wanted.tilt_deg)),
+        float(np.radians(wanted.heading_deg)),
+        1e-3 * wanted.velocity_mm_per_s,
+        1e-3 * wanted.place_mm,
+    )
+
+
+def _rough_sentence(rough: RoughConfig) -> str:
+    return (
+        f"Poses start roughly: {rough.tilt_deg:g} deg of tilt, {rough.heading_deg:g} deg of "
+        f"heading and {rough.place_mm:g} mm per axis off (standard deviations), with no speed."
+    )
+
+
 def _starts(stage: StageContext, setup: ScanSetup, signals: ImuSignals) -> Starts:
     settings, person = stage.settings, setup.person
+    exact = initialization.from_truth(
+        person.leg, person.splines, setup.sensors, float(setup.times[0])
+    )
     if settings.methods.start == "truth":
-        return initialization.from_truth(
-            person.leg, person.splines, setup.sensors, float(setup.times[0])
+        return exact
+    if settings.methods.start == "rough":
+        rng = np.random.default_rng([settings.seed, _STARTS])
+        return Starts(
+            rough_start.rough(exact.starts, start_errors(settings.methods), rng),
+            (_rough_sentence(settings.methods.rough),),
         )
     wanted = settings.methods.fiducials
     return initialization.from_fiducials(

@@ -1,18 +1,22 @@
 """Every method's volume of a simulated scan: which methods can run, and their inputs."""
 
 import warnings
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
 
 from legsim.config import RunConfig
+from legsim.core.constants import STANDARD_GRAVITY
 from legsim.core.errors import LegsimError
 from legsim.core.files import key_of
 from legsim.correction import bead_scan
 from legsim.correction.bead_scan import Beads, BeadScan
+from legsim.correction.fused import SensorPriors
 from legsim.correction.method import Correction, CorrectionMethod
+from legsim.correction.smoother import BeadShadows
 from legsim.geometry.volume import VolumeGrid
-from legsim.run import code, methods, reconstruction
+from legsim.run import code, methods, reconstruction, stages
 from legsim.run import sensors as run_sensors
 from legsim.run.corrected import Reconstructed, Reconstructor
 from legsim.run.methods import MethodInputs
@@ -22,6 +26,9 @@ from legsim.simulation.simulated_scan import SimulatedScan
 
 _BEADS = 3
 """random stream of the run's seed"""
+
+_FUSED = 6
+"""random stream of the run's seed, of few beads"""
 
 _NEED_NOTHING = (methods.REFERENCE, "uncorrected")
 """names whose volumes depend on the scan and the grid only"""
@@ -173,4 +180,48 @@ def _method_inputs(stage: StageContext, scan: SimulatedScan, grid: VolumeGrid) -
         truth=scan.truth,
         beads=beads,
         bead_reference=wanted.reference,
+        priors=sensor_priors(settings),
+        fused_beads=lambda: _fused_beads(stage, scan),
+    )
+
+
+def sensor_priors(settings: RunConfig) -> SensorPriors:
+    """What is known beforehand of a sensor: its data sheet, and how the start was found."""
+    errors = run_sensors.prior_errors(settings.imu, view_rate_hz=settings.scan.rate_hz)
+    start = stages.start_errors(settings.methods)
+    if settings.imu.noise.calibration != "none":
+        # a start that was leveled at rest is tilted by the accelerometer's bias
+        leveled = errors.accelerometer.turn_on_bias / STANDARD_GRAVITY
+        start = replace(start, tilt=max(start.tilt, leveled))
+    return SensorPriors(
+        errors,
+        start,
+        1e-3 * settings.methods.fused.spread_mm,
+        1e-3 * settings.methods.fused.clock_ms,
+    )
+
+
+def _fused_beads(stage: StageContext, scan: SimulatedScan) -> BeadScan | BeadShadows:
+    """Few beads on the segment that carries the followed sensor."""
+    settings, setup = stage.settings, scan.setup
+    wanted, followed = settings.methods.fused, settings.methods.sensor
+    segment = next(s.segment for s in settings.imu.sensors if s.name == followed)
+    beads = Beads.on_one_side(
+        wanted.beads, below=not segment.startswith("femur"), radius=0.5e-3 * wanted.bead_mm
+    )
+    rng, side = np.random.default_rng([settings.seed, _FUSED]), setup.side[0]
+    if wanted.found == "exact":
+        paths = bead_scan.bead_paths(setup.phantom, setup.poses, beads, side)
+        exact = setup.geometry.project(paths)[0]
+        return BeadShadows(exact + wanted.error_px * rng.standard_normal(exact.shape))
+    return bead_scan.add_beads(
+        scan.seen.projections,
+        setup.phantom,
+        setup.poses,
+        beads,
+        stage.device,
+        side=side,
+        energy_kev=settings.phantom.energy_kev,
+        rng=rng,
+        progress=partial(stage.on_progress, "projecting few beads"),
     )

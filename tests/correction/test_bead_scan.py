@@ -34,6 +34,29 @@ def test_beads_lie_around_the_knee_on_the_skin():
     assert np.linalg.norm(places[:, None] - vertices, axis=-1).min(-1).max() < 0.015
 
 
+def test_beads_on_one_side_of_the_knee_move_with_one_segment():
+    """Below it they follow the shank: the thigh alone turns by 1.7 degrees, and they stay to half a
+    millimeter, where those above move more.
+    """
+    names = list(SEGMENTS)
+    turned = np.array(PHANTOM.reference_world_from_segment)
+    thigh = names.index("femur_l")
+    about = transforms.rigid(
+        transforms.axis_rotation([0, 0, 1], 0.03), KNEE
+    ) @ transforms.translation(-KNEE)
+    turned[thigh] = about @ turned[thigh]
+    poses = SegmentPoses(
+        TIMES[:2], SEGMENTS, np.stack([PHANTOM.reference_world_from_segment, turned])
+    )
+    for count in (1, 2, 4):
+        moved = [
+            np.linalg.norm(np.diff(bead_scan.bead_paths(PHANTOM, poses, beads), axis=0), axis=-1)
+            for beads in (Beads.on_one_side(count), Beads.on_one_side(count, below=False))
+        ]
+        assert moved[0].shape == (1, count)
+        assert moved[0].max() < 5e-4 < moved[1].max()
+
+
 def test_beads_that_move_with_the_leg_are_found_where_they_are(rng: np.random.Generator):
     moved = np.stack([transforms.translation([0, 0.001 * k, 0.0005 * k]) for k in range(6)])
     poses = SegmentPoses(TIMES, SEGMENTS, moved[:, None] @ PHANTOM.reference_world_from_segment)

@@ -10,11 +10,15 @@ import trimesh
 from legsim.core import transforms
 from legsim.correction.bead_scan import BeadScan
 from legsim.correction.control_points import AttachedPoint
+from legsim.correction.fused import SensorPriors
 from legsim.correction.method import Scan
+from legsim.correction.rough_start import EXACT
+from legsim.correction.smoother import BeadShadows
 from legsim.deformation import models
 from legsim.deformation.models import FieldMotion, RigidMotion
 from legsim.geometry.cone_beam import ConeBeamGeometry, Projections
 from legsim.geometry.volume import VolumeGrid
+from legsim.imu.errors import SensorErrors
 from legsim.imu.signals import ImuSignals, SensorStart
 from legsim.opencl import device
 from legsim.phantom.meshes import Part, Phantom
@@ -31,7 +35,10 @@ SWAY = Sway.standing(3, position_mm=8.0, angle_deg=1.5)
 KNEE = SWAY.center
 JOINTS = KNEE + np.array([[-0.1, 0.4, 0.0], [0, 0, 0], [-0.05, -0.4, 0.02]])
 GRID = VolumeGrid.cubic(48, 4e-3, KNEE.tolist())
-MOVING = ("oracle", "oracle-nonrigid", "marker-based", "rigid", "nonrigid-2d", "nonrigid-3d")
+MOVING = (
+    *("oracle", "oracle-nonrigid", "marker-based", "rigid", "nonrigid-2d", "nonrigid-3d"),
+    *("standing", "fused-beads"),
+)
 DEVICE = device.open_device()
 
 
@@ -151,6 +158,8 @@ INPUTS = methods.MethodInputs(
     scanned_shank="tibia_l",
     truth=cast(ScanTruth, Truth(true_motion())),
     beads=beaded,
+    priors=SensorPriors(SensorErrors(), EXACT),
+    fused_beads=lambda: BeadShadows(c_arm().project(true_motion().carry(bead_places()[:2]))[0]),
 )
 
 
@@ -193,6 +202,7 @@ def test_joints_that_move_as_one_body_give_the_rigid_volume(scan: Scan):
     [
         "rigid",
         "rigid@thigh_l",
+        "standing",
         "nonrigid-2d",
         "nonrigid-3d",
         "rigid-paper-order",

@@ -121,6 +121,7 @@ def test_the_report_says_what_was_found(done):
     [
         (["oracle"], "oracle follows the true motion, which only a simulated scan has"),
         (["marker-based"], "marker-based follows beads"),
+        (["fused-beads"], "fused-beads follows beads"),
         (
             ["nonrigid-3d", "oracle"],
             "nonrigid-3d needs the joints on the sensors.*; oracle follows",

@@ -40,6 +40,7 @@ INPUTS = methods.MethodInputs(
     scanned_shank="tibia_l",
     truth=cast(ScanTruth, Truth()),
     beads=unwanted,
+    fused_beads=unwanted,
 )
 
 

@@ -293,3 +293,22 @@ def test_the_report_names_the_sensors_that_skin_moves():
     assert swings == "Sensors swing on soft tissue: shank_l, thigh_l."
     assert "thigh_l by 3 mg and 0 deg/s RMS" in shakes
     assert "shank" not in shakes
+
+
+def test_methods_know_the_data_sheet_and_after_a_rest_a_better_gyroscope():
+    """10 s of white noise leave density / sqrt(20) of the bias."""
+
+    def known(**noise_settings) -> SensorErrors:
+        imu = ImuConfig(noise=NoiseConfig(**noise_settings))
+        return sensors.prior_errors(imu, view_rate_hz=31)
+
+    sheet = load_sensor("bmi160").errors
+    assert known(kind="bmi160") == sheet
+    assert known() == SensorErrors()
+    rested = known(kind="bmi160", calibration="rest")
+    assert rested.accelerometer == sheet.accelerometer
+    left = sheet.gyroscope.noise_density / np.sqrt(20)
+    assert rested.gyroscope.turn_on_bias == pytest.approx(left)
+    white = known(kind="density", acceleration_bias_mg=2.0)
+    assert white.accelerometer.turn_on_bias == pytest.approx(2e-3 * 9.80665)
+    assert white.accelerometer.noise_density == pytest.approx(180e-6 * 9.80665)

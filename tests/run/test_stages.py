@@ -1,7 +1,10 @@
 from types import SimpleNamespace
 from typing import cast
 
+import numpy as np
+
 from legsim import config
+from legsim.correction.rough_start import EXACT
 from legsim.opencl.device import Device
 from legsim.run import stages
 from legsim.run.folder import RunFolder
@@ -46,3 +49,12 @@ def test_photons_are_others_in_every_recording_seed_and_exposure():
     assert (
         len({first(squat, 1, 0), first(other, 1, 0), first(squat, 2, 0), first(squat, 1, 1)}) == 4
     )
+
+
+def test_a_true_start_is_exact_and_others_are_as_far_off_as_the_settings_say():
+    methods = config.load_settings(overrides=("methods.rough.tilt_deg=2",)).methods
+    assert stages.start_errors(methods) == EXACT
+    for start in ("rough", "fiducials"):
+        found = stages.start_errors(methods.model_copy(update={"start": start}))
+        assert np.degrees(found.tilt) == 2
+        assert (found.velocity, found.place) == (0.03, 0.005)

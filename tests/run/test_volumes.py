@@ -210,6 +210,26 @@ def test_what_was_finished_before_a_method_failed_is_kept(tiny_run, tiny_setting
     assert "volume-fails" not in stages
 
 
+def test_a_consumer_sensor_and_few_beads_better_the_scan_from_a_rough_start(
+    tiny_run, tiny_settings, tmp_path
+):
+    """The sensor alone is useless, and a standing person's is left out where it does not help."""
+    wanted = changed(
+        tiny_settings.model_copy(
+            update={"imu": config.ImuConfig(noise=config.NoiseConfig(kind="bmi160"))}
+        ),
+        run=("uncorrected", "standing", "fused-beads"),
+        start="rough",
+        fused=config.FusedConfig(bead_mm=6.0),
+    )
+    found = pipeline.run_scan(wanted, branched(tiny_run, tmp_path), on_progress=quiet)
+    rmse = {m.method: m.metrics.of("shank").rmse for m in found.methods}
+    assert rmse["fused-beads"] < 0.7 * rmse["uncorrected"]
+    notes = json.loads((tmp_path / "correction-fused-beads.json").read_text())["notes"]
+    assert notes[0].startswith("2 beads: ")
+    assert "Poses start roughly: 1.5 deg of tilt" in (tmp_path / "report.html").read_text()
+
+
 def sensors(*segments: str) -> str:
     tables = (f'{{name="on {s}", segment="{s}", distance_mm=140}}' for s in segments)
     return f"imu.sensors=[{', '.join(tables)}]"

@@ -1,0 +1,137 @@
+"""Corrections by a consumer sensor whose drift is found: the person stands, beads are seen.
+
+Both follow the segment that carries one sensor, as :class:`legsim.correction.rigid.Rigid` does, but
+along the path that :mod:`legsim.correction.smoother` estimates. Where the data do not determine a
+motion that the images would see, they say so and leave the scan as it is.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from legsim.correction.bead_scan import BeadScan
+from legsim.correction.bead_tracking import track
+from legsim.correction.error_state import ErrorState, error_state
+from legsim.correction.method import Correction, Scan
+from legsim.correction.rough_start import StartErrors
+from legsim.correction.smoother import BeadShadows, SmoothedPath, StandingPrior, smooth
+from legsim.deformation.models import RigidMotion
+from legsim.imu.catalogue import load_sensor
+from legsim.imu.errors import SensorErrors
+
+_DISCERNED = float(np.sqrt(2))
+"""times its standard deviation that a motion must be seen by to be followed
+
+What is found of a motion m with an error e has m^2 + e^2 on average. Following it leaves e, not
+following it leaves m.
+"""
+
+_CLOCK_REACH = 5.0
+"""standard deviations of the clock by which a recording must go beyond the views to find it"""
+
+
+@dataclass(frozen=True, slots=True)
+class SensorPriors:
+    """What is known of a sensor and its wearer before the scan."""
+
+    errors: SensorErrors = field(default_factory=lambda: load_sensor("bmi160").errors)
+    """of the sensor, by its data sheet"""
+    start: StartErrors = field(default_factory=StartErrors)
+    """how far its start may be off"""
+    spread: float = 2e-3
+    """m, RMS of each coordinate by which a knee moves while its owner stands through a scan"""
+    clock: float = 0.01
+    """s, standard deviation of the offset between the clocks; the sensor's own filter delays too"""
+
+
+@dataclass(frozen=True, slots=True)
+class Standing:
+    """Rigid motion from one sensor of a person who stands: no image is used.
+
+    >>> Standing("shank_l", SensorPriors(load_sensor("icm42688").errors))(scan)
+    """
+
+    sensor: str = ""
+    """the sensor to follow; empty: the first one of the scan"""
+    priors: SensorPriors = field(default_factory=SensorPriors)
+
+    def __call__(self, scan: Scan, /) -> Correction:
+        found = smooth(
+            _state(scan, self.sensor, self.priors, clock=0.0), standing=_standing(scan, self.priors)
+        )
+        return _corrected("standing", scan, found, ())
+
+
+@dataclass(frozen=True, slots=True)
+class FusedBeads:
+    """Rigid motion from one sensor, a person who stands, and shadows of one to four skin beads.
+
+    >>> FusedBeads(scan.beads(Beads.on_one_side(2)), "shank_l")(scan.seen)
+    """
+
+    beads: BeadShadows | BeadScan | Callable[[], BeadShadows | BeadScan]
+    """their shadows, or the scan with beads in which they are tracked, or what makes either"""
+    sensor: str = ""
+    """the sensor to follow, on the segment that the beads are on; empty: the scan's first"""
+    priors: SensorPriors = field(default_factory=SensorPriors)
+
+    def __call__(self, scan: Scan, /) -> Correction:
+        beads = self.beads() if callable(self.beads) else self.beads
+        if isinstance(beads, BeadScan):
+            pixels = track(beads.projections, beads.guesses, radius=beads.radius)
+            beads = BeadShadows(pixels)
+        found = smooth(
+            _state(scan, self.sensor, self.priors, clock=self.priors.clock),
+            standing=_standing(scan, self.priors),
+            geometry=scan.projections.geometry,
+            beads=beads,
+        )
+        share = float(np.isfinite(beads.pixels).all(-1).mean())
+        note = (
+            f"{beads.pixels.shape[1]} beads: {100 * share:.0f} % of their shadows were found, "
+            f"{found.residual_px:.2f} px RMS from the sensor's path."
+        )
+        return _corrected("fused-beads", scan, found, (note,))
+
+
+def _state(scan: Scan, sensor: str, priors: SensorPriors, *, clock: float) -> ErrorState:
+    """The errors of one sensor; its clock is taken as known where the recording is too short."""
+    name = sensor or scan.signals.sensor_names[0]
+    times, views = scan.signals.times, scan.times
+    beyond = min(views[0] - times[0], times[-1] - views[-1])
+    return error_state(
+        scan.signals,
+        name,
+        scan.start(name),
+        views,
+        priors.errors,
+        priors.start,
+        clock=clock if beyond > _CLOCK_REACH * clock else 0.0,
+    )
+
+
+def _standing(scan: Scan, priors: SensorPriors) -> StandingPrior:
+    return StandingPrior.at(scan.projections.geometry.rotation_center(), priors.spread)
+
+
+def _corrected(name: str, scan: Scan, found: SmoothedPath, notes: tuple[str, ...]) -> Correction:
+    """The estimate and what images should see of its errors.
+
+    A motion that may be no larger than its error is not followed: that would risk more than it
+    undoes.
+    """
+    geometry = scan.projections.geometry
+    points = StandingPrior.at(geometry.rotation_center()).points
+    motion_px, error_px = found.seen_motion(geometry, points)
+    said = (
+        f"{name}: the images see {motion_px:.2g} px RMS of the motion that was found at the knee, "
+        f"and should see {error_px:.2g} px of its errors"
+    )
+    if found.settled and motion_px > _DISCERNED * error_px:
+        return Correction(name, scan.projections, found.motion, notes=(*notes, f"{said}."))
+    why = "its estimate did not settle" if not found.settled else "the data do not determine it"
+    left = f"{said}: {why}, and the scan is left as it is."
+    return Correction(
+        name, scan.projections, RigidMotion.identity(scan.times), notes=(*notes, left)
+    )

@@ -1,0 +1,178 @@
+"""Corrections by a consumer sensor whose drift is found: they help, or say that they cannot."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from legsim.correction.bead_scan import BeadScan
+from legsim.correction.error_state import error_state
+from legsim.correction.fused import FusedBeads, SensorPriors, Standing
+from legsim.correction.method import Correction, Scan
+from legsim.correction.rough_start import EXACT, StartErrors, rough
+from legsim.correction.smoother import BeadShadows, smooth
+from legsim.deformation.models import RigidMotion
+from legsim.geometry.cone_beam import ConeBeamGeometry, Projections
+from legsim.imu.catalogue import load_sensor
+from legsim.imu.errors import SensorErrors
+from legsim.imu.readout import read_out
+from legsim.imu.signals import ImuSignals, SensorStart
+from tests.references.sway import Sway
+
+VIEWS = np.arange(62) / 15.5
+SAMPLES = np.arange(-60, 540) / 120
+SWAY = Sway.standing(4, position_mm=1.5, angle_deg=0.3)
+STILL = Sway.standing(4, position_mm=0.0, angle_deg=0.0)
+KNEE = SWAY.center + np.array([0.0, 0.14, 0.0])
+BONE = KNEE + 1e-3 * np.array([[0.0, 0, 0], [30, -60, 0], [-30, -60, 10], [0, -30, -30]])
+PLACES = KNEE + 1e-3 * np.array([[45.0, -35.0, 20.0], [-50.0, -60.0, 10.0]])
+GEOMETRY = ConeBeamGeometry.circular(
+    times=VIEWS,
+    angles=np.radians(3.2) * np.arange(len(VIEWS)),
+    source_isocenter=0.78,
+    source_detector=1.198,
+    shape_vu=(24, 31),
+    pixel_pitch=1.232e-3,
+    isocenter=KNEE,
+)
+BMI160 = load_sensor("bmi160").errors
+
+
+def motion_of(sway: Sway) -> RigidMotion:
+    return RigidMotion.from_poses(VIEWS, sway.poses(VIEWS))
+
+
+def scanned(sway: Sway, seed: int, errors: SensorErrors = BMI160) -> Scan:
+    """One sensor with errors and a rough start; the images are empty and small."""
+    rng = np.random.default_rng(seed)
+    rate, force = sway.signals(SAMPLES)
+    exact = ImuSignals(SAMPLES, ("shank_l",), rate[:, None], force[:, None])
+    start = SensorStart(sway.poses(VIEWS[:1])[0], sway.velocities(VIEWS[:1])[0])
+    empty = Projections(GEOMETRY, np.zeros((len(VIEWS), 24, 31), np.float32))
+    # a filter that needs finer samples delays by what the clock takes up
+    read = read_out(exact, errors.without("low-pass"), rng)
+    return Scan(empty, read, rough([start], StartErrors(), rng))
+
+
+def shadows(sway: Sway, seed: int) -> BeadShadows:
+    exact = GEOMETRY.project(motion_of(sway).carry(PLACES))[0]
+    return BeadShadows(exact + 0.2 * np.random.default_rng(seed).standard_normal(exact.shape))
+
+
+def motion_found(found: Correction) -> RigidMotion:
+    assert isinstance(found.motion, RigidMotion)
+    return found.motion
+
+
+def left_px(motion: RigidMotion, sway: Sway) -> float:
+    """RMS distance of the bone's projections from where it is, which a volume is blurred by.
+
+    A constant similarity of the scene blurs nothing and is taken out, to first order.
+    """
+    off = GEOMETRY.project(motion.carry(BONE))[0] - GEOMETRY.project(motion_of(sway).carry(BONE))[0]
+    arms, slopes = BONE - BONE.mean(0), []
+    shifts = [np.broadcast_to(axis, arms.shape) for axis in np.eye(3)]
+    for change in (*shifts, *(np.cross(axis, arms) for axis in np.eye(3)), arms):
+        ends = [GEOMETRY.project(motion.carry(BONE + 1e-4 * k * change))[0] for k in (1, -1)]
+        slopes.append((ends[0] - ends[1]).reshape(-1))
+    design, seen = np.stack(slopes, -1), off.reshape(-1)
+    left = seen - design @ np.linalg.lstsq(design, seen, rcond=None)[0]
+    return float(np.sqrt(2 * np.mean(left**2)))
+
+
+def wobble_mm(motion: RigidMotion) -> float:
+    """RMS displacement of the bone about its mean over the views."""
+    carried = motion.carry(BONE)
+    return 1e3 * float(np.sqrt(((carried - carried.mean(0)) ** 2).sum(-1).mean()))
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_a_consumer_sensor_and_two_beads_undo_a_sway(seed: int):
+    found = FusedBeads(shadows(SWAY, seed), "shank_l", SensorPriors(BMI160))(scanned(SWAY, seed))
+    before = left_px(RigidMotion.identity(VIEWS), SWAY)
+    assert left_px(motion_found(found), SWAY) < 0.15 * before
+    assert found.method == "fused-beads"
+    assert "100 % of their shadows" in found.notes[0]
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_person_who_does_not_move_is_not_moved(seed: int):
+    """With a BMI160's noise, bias and scale: less than 0.1 mm, and a word why."""
+    scan, priors = scanned(STILL, seed), SensorPriors(BMI160)
+    for method in (Standing("", priors), FusedBeads(shadows(STILL, seed), "", priors)):
+        found = method(scan)
+        assert wobble_mm(motion_found(found)) < 0.1
+        assert "the scan is left as it is" in found.notes[-1]
+
+
+def test_what_a_consumer_sensor_alone_cannot_tell_is_said():
+    found = Standing("shank_l", SensorPriors(BMI160))(scanned(SWAY, 1))
+    np.testing.assert_array_equal(
+        motion_found(found).moved_from_reference, RigidMotion.identity(VIEWS).moved_from_reference
+    )
+    (note,) = found.notes
+    assert "the data do not determine it" in note
+
+
+def test_a_sensor_without_errors_leaves_no_more_than_a_trend_from_a_rough_start():
+    """Tilt and velocity of the start are a parabola of time, which standing bounds; the rest is
+    right to the heading's error of three degrees.
+    """
+    large, none = Sway.standing(4, position_mm=4.0, angle_deg=0.8), SensorErrors()
+    motion = motion_found(Standing("shank_l", SensorPriors(none))(scanned(large, 2, none)))
+    true = motion_of(large)
+    parabola = np.vander(VIEWS, 3)
+    off, path = ((m - BONE).reshape(len(VIEWS), -1) for m in (motion.carry(BONE), true.carry(BONE)))
+    off = off - path
+    left = off - parabola @ np.linalg.lstsq(parabola, off, rcond=None)[0]
+    assert np.sqrt((left**2).mean()) < 0.1 * np.sqrt((path**2).mean())
+    assert np.abs(off).max() < 0.02
+
+
+def test_an_exact_sensor_is_followed_as_it_is():
+    scan = scanned(SWAY, 0, SensorErrors())
+    true = SensorStart(SWAY.poses(VIEWS[:1])[0], SWAY.velocities(VIEWS[:1])[0])
+    exact = replace(scan, starts=(true,))
+    found = Standing("shank_l", SensorPriors(SensorErrors(), EXACT))(exact)
+    assert left_px(motion_found(found), SWAY) < 1e-4
+
+
+@pytest.mark.parametrize("late", [0.0, 0.02])
+def test_a_late_clock_is_found(late: float):
+    """To three standard deviations, which a lively sway makes small."""
+    lively, clock = Sway.standing(4, position_mm=5.0, angle_deg=1.0), 0.01
+    scan = scanned(lively, 3)
+    signals = replace(scan.signals, times=scan.signals.times + late)
+    state = error_state(
+        signals, "shank_l", scan.starts[0], VIEWS, BMI160, StartErrors(), clock=clock
+    )
+    found = smooth(state, geometry=GEOMETRY, beads=shadows(lively, 3))
+    sigma = clock * float(np.sqrt(found.covariance[-1, -1]))
+    assert sigma < 0.005
+    assert clock * found.errors[-1] == pytest.approx(late, abs=3 * sigma)
+
+
+def test_a_recording_no_longer_than_the_scan_is_enough():
+    scan = scanned(SWAY, 0)
+    during = (VIEWS[0] <= SAMPLES) & (VIEWS[-1] + 1 / 120 >= SAMPLES)
+    cut = ImuSignals(
+        SAMPLES[during],
+        ("shank_l",),
+        scan.signals.angular_velocity[during],
+        scan.signals.specific_force[during],
+    )
+    found = FusedBeads(shadows(SWAY, 0), "shank_l")(replace(scan, signals=cut))
+    assert left_px(motion_found(found), SWAY) < 0.5 * left_px(RigidMotion.identity(VIEWS), SWAY)
+
+
+def test_beads_are_made_when_the_method_runs():
+    asked: list[int] = []
+
+    def made() -> BeadShadows | BeadScan:
+        asked.append(1)
+        return shadows(SWAY, 0)
+
+    method = FusedBeads(made, "shank_l")
+    assert not asked
+    method(scanned(SWAY, 0))
+    assert asked == [1]
