@@ -431,7 +431,14 @@ def overlapping(*, inverted: bool, apart: float = 40.0) -> trimesh.Trimesh:
     other = ball(30, (apart, 0, 0))
     if inverted:
         other.invert()
-    return trimesh.util.concatenate([ball(30), other])
+    return joined(ball(30), other)
+
+
+def joined(*parts: trimesh.Trimesh) -> trimesh.Trimesh:
+    """The parts in one mesh."""
+    whole = trimesh.util.concatenate(parts)
+    assert isinstance(whole, trimesh.Trimesh)
+    return whole
 
 
 def test_overlapping_shells_that_contradict_each_other_are_refused_or_repaired(tmp_path):
@@ -449,7 +456,7 @@ def test_shells_apart_are_turned_and_hollows_stay(tmp_path):
     assert "1 of its shells faced inward" in phantom_files.read(path).remarks[0]
     hollow = ball(10)
     hollow.invert()
-    shell = trimesh.util.concatenate([ball(30), hollow])
+    shell = joined(ball(30), hollow)
     for mesh in (shell, trimesh.Trimesh(shell.vertices, shell.faces[:, ::-1], process=False)):
         part = phantom_files.load_phantom(write(tmp_path, entry("a", "h.ply"), h_ply=mesh)).parts[0]
         expected = (ball(30).volume - ball(10).volume) * 1e-9
