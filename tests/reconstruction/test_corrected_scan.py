@@ -17,7 +17,7 @@ from legsim.geometry.volume import Volume, VolumeGrid
 from legsim.opencl.device import open_device
 from legsim.reconstruction import cgls, fdk
 
-GRID = VolumeGrid.cubic(10, 0.006, (0.0, 0.0, 0.0))
+GRID = VolumeGrid.cubic(14, 0.0044, (0.0, 0.0, 0.0))
 RECONSTRUCTIONS = [fdk.fdk, cgls.cgls]
 
 

@@ -252,7 +252,8 @@ def test_a_calibrated_sensor_is_read_again_with_its_rest(standing, tmp_path, und
     person = from_recording.solve_kinematics(str(standing))
     first = float(person.trajectories.times[0])
     key = stages.motion_key(settings)
-    again = stages.read_sensors(settings, person, RunFolder(out, {}), key, rest_at=first)
+    with RunFolder(out, {}, kind="replay") as folder:
+        again = stages.read_sensors(settings, person, folder, key, rest_at=first)
     rng = np.random.default_rng([settings.seed, stages._NOISE])
     fresh = run_sensors.record(person, settings.imu, view_rate_hz=31.0, rest_at=first, rng=rng)
     np.testing.assert_array_equal(again.specific_force, fresh.specific_force)
