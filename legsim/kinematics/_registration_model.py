@@ -206,7 +206,8 @@ def joint_blocks(
     n, p = len(values), model.size
     flat = weighted.reshape(n, -1, p)
     mixed = np.swapaxes(by_pose.reshape(n, -1, values.shape[1]), 1, 2) @ flat
-    alone = np.tensordot(by_person.reshape(-1, p), flat.reshape(-1, p), (0, 0))
+    # frame by frame: one product over all rows would round by the number of threads
+    alone = (np.swapaxes(by_person.reshape(n, -1, p), 1, 2) @ flat).sum(0)
     where = person.leg.marker_positions(values, person.sites)
     residuals = np.where(weights[..., None] > 0, where - measured, 0.0)
     gradient = np.einsum("nmip,nmi->p", weighted, residuals)

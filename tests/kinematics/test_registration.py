@@ -2,6 +2,9 @@
 they do not.
 """
 
+import os
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -211,3 +214,22 @@ def test_registration_can_be_left_out():
     np.testing.assert_array_equal(
         plain.fit.sites.positions, plain.fit.scaling.sites.only(names).positions
     )
+
+
+def test_a_person_is_the_same_to_the_last_digit_on_any_number_of_threads():
+    program = (
+        "import hashlib; from legsim.kinematics.from_recording import solve_kinematics as solve; "
+        "found = solve('subject06/squat_60.trc'); "
+        "print(hashlib.sha256(found.trajectories.values.tobytes()).hexdigest())"
+    )
+    said = {
+        subprocess.run(
+            [sys.executable, "-c", program],
+            env={**os.environ, "OPENBLAS_NUM_THREADS": threads, "OMP_NUM_THREADS": threads},
+            capture_output=True,
+            text=True,
+            check=True,
+        ).stdout
+        for threads in ("1", "2")
+    }
+    assert len(said) == 1
