@@ -192,6 +192,8 @@ def _write_sides(ax: Axes, sides: tuple[str, str, str, str]) -> None:
             va=vertical,
             color="#ffd75e",
             fontsize=7,
+            # thin strokes of L and I may fall between two pixels
+            fontweight="bold",
         )
         written.set_path_effects([patheffects.withStroke(linewidth=1.5, foreground="black")])
 
