@@ -2,6 +2,7 @@
 
 import math
 import shutil
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -193,27 +194,28 @@ def _scans(
 
 
 def _ladders(study: StudyConfig, ladder: Ladder, base: Path, out: Path) -> tuple[LadderJob, ...]:
-    jobs = []
-    for subject in ladder.subjects or study.subjects:
-        for posture in ladder.postures or study.postures:
-            settings = config.run_settings(study, base, subject, posture, None, None)
-            jobs += [
-                LadderJob(out, subject, posture, convention, ladder, settings)
-                for convention in ladder.conventions
-            ]
-    return tuple(jobs)
+    return tuple(
+        LadderJob(out, subject, posture, convention, ladder, settings)
+        for subject, posture, settings in _climbed(study, ladder, base)
+        for convention in ladder.conventions
+    )
 
 
 def _sensors(study: StudyConfig, ladder: Ladder, base: Path, out: Path) -> tuple[SensorJob, ...]:
-    jobs = []
+    return tuple(
+        SensorJob(out, subject, posture, sensor, ladder, settings)
+        for subject, posture, settings in _climbed(study, ladder, base)
+        for sensor in ladder.sensors
+    )
+
+
+def _climbed(
+    study: StudyConfig, ladder: Ladder, base: Path
+) -> Iterator[tuple[str, str, RunConfig]]:
+    """Subject, posture and settings of each scan that a ladder climbs."""
     for subject in ladder.subjects or study.subjects:
         for posture in ladder.postures or study.postures:
-            settings = config.run_settings(study, base, subject, posture, None, None)
-            jobs += [
-                SensorJob(out, subject, posture, sensor, ladder, settings)
-                for sensor in ladder.sensors
-            ]
-    return tuple(jobs)
+            yield subject, posture, config.run_settings(study, base, subject, posture, None, None)
 
 
 def needs(planned: Plan, out: Path, workers: int = 0) -> str:
