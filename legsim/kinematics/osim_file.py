@@ -11,8 +11,8 @@ API documentation, Joint and SpatialTransform).
 """
 
 import re
-from collections.abc import Collection, Iterable
-from dataclasses import dataclass
+from collections.abc import Collection, Iterable, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
@@ -41,7 +41,8 @@ _PLAIN_JOINTS: dict[str, tuple[tuple[FloatArray, ...], tuple[FloatArray, ...]]] 
 
 SUPPORTED_JOINTS = ("CustomJoint", *_PLAIN_JOINTS)
 
-_AXIS_TAGS = ("coordinates", "coordinate", "axis", "is_rotation")
+AXIS_TAGS = ("coordinates", "coordinate", "axis", "is_rotation")
+"""children of a TransformAxis beside its function"""
 
 _SPATIAL = tuple(f"{kind}{k}" for kind in ("rotation", "translation") for k in (1, 2, 3))
 
@@ -133,6 +134,8 @@ class OsimModel:
     couplers: tuple[Coupler, ...]
     constraints: tuple[OtherConstraint, ...]
     markers: tuple[OsimMarker, ...]
+    factors: Mapping[str, FloatArray] = field(default_factory=dict)
+    """(3,) by which bodies have been scaled since the file was read, by their names"""
 
     def joint_of(self, body: str) -> Joint | None:
         """The joint that carries a body; None where there is none."""
@@ -193,6 +196,11 @@ def document(path: Path, *, bare: Collection[str] = ()) -> Element:
     if root.tag not in ("OpenSimDocument", *bare):
         raise file_error(path, f"begins with <{root.tag}>", "give a file that OpenSim wrote")
     return root
+
+
+def is_free(function: Element) -> bool:
+    """Whether an axis' function returns its coordinate: the axis is a free one."""
+    return functions.is_identity(functions.read(function, "its axis"))
 
 
 def _model(path: Path, model: Element, version: int) -> OsimModel:
@@ -352,7 +360,7 @@ def _axis(element: Element, place: str) -> JointAxis:
     if len(names) > 1:
         raise LegsimError(f"its {place} follows {len(names)} coordinates; one is supported")
     holder = element.find("function")
-    inner = [e for e in element if e.tag not in _AXIS_TAGS] if holder is None else list(holder)
+    inner = [e for e in element if e.tag not in AXIS_TAGS] if holder is None else list(holder)
     if len(inner) > 1 or (names and not inner):
         raise LegsimError(f"its {place} holds {len(inner)} functions, expected one")
     function = functions.read(inner[0], f"its {place}") if inner else functions.ZERO

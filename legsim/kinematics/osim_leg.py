@@ -42,7 +42,7 @@ class OsimLeg:
             LegsimError: the model has no two legs, or its legs have a joint, function, constraint
                 or axes that legsim does not support; the message names it.
         """
-        self.model = model
+        self.model, self.held = model, tuple(held)
         try:
             self._roles = bodies_by_segment(model.bodies)
             self._chain = Chain(_leg_joints(model, self._roles))
@@ -115,6 +115,30 @@ class OsimLeg:
         rotations, origins = self._chain.poses(self._all(self._checked(values)))
         poses = transforms.rigid(rotations, origins)
         return {name: poses[:, b] for b, name in enumerate(self._chain.bodies)}
+
+    @property
+    def bodies(self) -> tuple[str, ...]:
+        """Names of the model's bodies between the ground and the feet, parents first."""
+        return self._chain.bodies
+
+    def body_of(self, segment: str) -> str:
+        """Name of the model's body that carries a segment."""
+        return self._chain.bodies[self._frames.bodies[segment_index(segment)]]
+
+    def patella_body(self, side: str) -> str:
+        """Name of the model's own patella of a side; empty where it has none."""
+        return self._roles.get(f"patella_{side}", "")
+
+    def parent_of(self, body: str) -> str:
+        """Name of the body that carries one of ``bodies``; ``ground`` of the first."""
+        return self._chain.joint_of(self._chain.bodies.index(body)).parent
+
+    def growth(self, values: ArrayLike, factors: FloatArray) -> FloatArray:
+        """(n, b, 3, b, 3) shift (m) of the origins of ``bodies`` in world per relative growth of
+        each along each of its axes, at values (n, c); ``factors`` (b, 3) are those that the model
+        has been scaled by.
+        """
+        return self._chain.growth(self._all(self._checked(values)), factors)
 
     def joint_centers(self, poses: SegmentPoses) -> JointCenters:
         """Hip, knee and ankle centers: the origins of femur, tibia and talus."""

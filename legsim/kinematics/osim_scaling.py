@@ -101,8 +101,14 @@ def scaled(model: OsimModel, factors: Mapping[str, FloatArray]) -> OsimModel:
             f"{', '.join(model.bodies)}"
         )
     one = np.ones(3)
+    before = model.factors
     return replace(
         model,
+        factors={
+            body: frozen("factors", before.get(body, one) * factors.get(body, one), (3,))
+            for body in model.bodies
+            if body in before or body in factors
+        },
         joints=tuple(_scaled_joint(joint, factors) for joint in model.joints),
         markers=tuple(
             replace(m, location=frozen("location", m.location * factors.get(m.body, one), (3,)))

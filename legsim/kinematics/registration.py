@@ -23,7 +23,12 @@ from legsim.kinematics import _ik_branches, _planted_feet
 from legsim.kinematics._ik_newton import held_at_limits, minimize
 from legsim.kinematics._ik_problem import Problem, State
 from legsim.kinematics._planted_feet import Pegs
-from legsim.kinematics._registration_model import Person, PersonModel, joint_blocks
+from legsim.kinematics._registration_model import (
+    Parameters,
+    Person,
+    PersonModel,
+    joint_blocks,
+)
 from legsim.kinematics.ik_options import IkOptions, leg_priors
 from legsim.kinematics.leg import Leg
 from legsim.kinematics.marker_sites import MarkerSites
@@ -76,18 +81,15 @@ class Registration:
     """m, of the markers in those frames on the leg as scaled"""
     rms_after: float
     """m"""
-    model: PersonModel
+    model: Parameters
+    theta: FloatArray
+    """(p,) the parameters"""
     covariance: FloatArray
     """(p, p) of the parameters, given the markers, their errors and the priors"""
     error: float
     """m per axis, of a marker of weight 1: what the recording showed, or MARKER_ERROR where it has
     too few postures to show it
     """
-
-    def covariance_of(self, model: PersonModel) -> FloatArray:
-        """The covariance of the parameters of a model with some of the markers."""
-        columns = self.model.columns_of(model)
-        return self.covariance[np.ix_(columns, columns)]
 
 
 def register(
@@ -114,13 +116,31 @@ def register(
     sites = sites.only([name for name in motion.marker_names if name in sites.names])
     measured = motion.positions_world[:, [motion.marker_names.index(n) for n in sites.names]]
     problem = Problem(leg, sites, config)
-    chosen = _postures(problem, measured)
+    chosen = postures(problem, measured)
     pegs = _planted_feet.find(leg, sites, motion, chosen, _posed(problem, measured[chosen]))
     shown = measured[chosen]
     if pegs is not None:
         sites, shown = pegs.beside(sites), pegs.beside_markers(shown)
         shown[:, measured.shape[1] :][pegs.shares[chosen] < 1] = np.nan
-    fit = _Fit(PersonModel(leg, sites, loose), config, shown)
+    return settled(PersonModel(leg, sites, loose), config, shown, pegs=pegs)
+
+
+def settled(
+    model: Parameters,
+    config: IkOptions,
+    measured: FloatArray,
+    *,
+    error: float = MARKER_ERROR,
+    least_error: float = _LEAST_ERROR,
+    many: int = _MANY,
+    pegs: Pegs | None = None,
+) -> Registration:
+    """The parameters that follow markers and pegs (n, m, 3) of some postures best.
+
+    ``error`` (m) is that of a marker until ``many`` postures show their own, ``least_error`` the
+    smallest that they may show.
+    """
+    fit = _Fit(model, config, measured, error, least_error, many)
     fit.settle()
     return fit.result(pegs)
 
@@ -132,7 +152,7 @@ def _posed(problem: Problem, measured: FloatArray) -> FloatArray:
     return np.array([m.values[0] for m in minima])
 
 
-def _postures(problem: Problem, measured: FloatArray) -> np.ndarray:
+def postures(problem: Problem, measured: FloatArray) -> np.ndarray:
     """Frames that show the most markers and differ in posture, each the farthest from those before
     it.
     """
@@ -163,14 +183,23 @@ def _postures(problem: Problem, measured: FloatArray) -> np.ndarray:
 class _Fit:
     """Levenberg-Marquardt on the person's parameters; poses follow."""
 
-    def __init__(self, model: PersonModel, config: IkOptions, measured: FloatArray) -> None:
+    def __init__(
+        self,
+        model: Parameters,
+        config: IkOptions,
+        measured: FloatArray,
+        error: float,
+        least_error: float,
+        many: int,
+    ) -> None:
         self._model, self._config = model, config
+        self._least, self._many = least_error, many
         self._seen = np.asarray(np.isfinite(measured).all(-1))
         self._is_peg = np.array([_planted_feet.is_peg(name) for name in model.marker_names])
         self._measured = np.nan_to_num(measured)
         self._share = min(1.0, _INDEPENDENT / len(measured))
         self.theta = np.zeros(model.size)
-        self._expect(MARKER_ERROR)
+        self._expect(error)
         self.state = self._posed_from_scratch()
         self.rms_before = self._rms()
 
@@ -180,8 +209,8 @@ class _Fit:
         return person, Problem(person.leg, sites, self._settings(person))
 
     def _settings(self, person: Person) -> IkOptions:
-        """Hip rotation is pulled to the habitual one by as much as markers of this error leave it
-        open.
+        """Priors weigh as much as markers of this error leave open; hip rotation is pulled to the
+        habitual one.
         """
         return with_neutral(self._config, person.neutral, min(1.0, self.error / MARKER_ERROR) ** 2)
 
@@ -216,8 +245,8 @@ class _Fit:
             if cheaper:
                 self.state = again
             before = self.error
-            if len(self._measured) >= _MANY:
-                self._expect(float(np.clip(self._shown_error(), _LEAST_ERROR, _MOST_ERROR)))
+            if len(self._measured) >= self._many:
+                self._expect(float(np.clip(self._shown_error(), self._least, _MOST_ERROR)))
                 self.state = self._posed(self._problem, self.state.values)
             if not cheaper and abs(np.log(self.error / before)) < _SAME_ERROR:
                 break
@@ -301,22 +330,25 @@ class _Fit:
             rms_before=self.rms_before,
             rms_after=self._rms(),
             model=self._model,
+            theta=frozen("theta", self.theta, (self._model.size,)),
             error=self.error,
             covariance=frozen("covariance", self._unit * np.linalg.inv(hessian), hessian.shape),
         )
 
 
 def with_neutral(config: IkOptions, neutral: FloatArray, share: float) -> IkOptions:
-    """The settings with the hip's prior at the habitual rotations (2,) rad of right and left, its
-    weight times ``share``.
+    """The settings with the hip's prior at the habitual rotations (2,) rad of right and left, and
+    the weights of all priors times ``share``.
     """
     values: dict[str, float] = {
         f"hip_rotation_{side}": float(value) for side, value in zip("rl", neutral, strict=True)
     }
     priors = tuple(
-        replace(prior, weight=share * prior.weight, value=prior.value + values[prior.coordinate])
-        if prior.coordinate in values
-        else prior
+        replace(
+            prior,
+            weight=share * prior.weight,
+            value=prior.value + values.get(prior.coordinate, 0.0),
+        )
         for prior in config.priors or ()
     )
-    return replace(config, priors=priors)
+    return replace(config, priors=priors, flat_foot_weight=share * config.flat_foot_weight)

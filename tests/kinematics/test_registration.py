@@ -68,7 +68,7 @@ def test_the_jacobian_is_the_derivative_of_the_markers(rng: np.random.Generator)
     theta, h = 0.02 * rng.normal(size=model.size), 1e-6
     person = model(theta)
     values = squats(5)
-    jacobian = model.jacobian(person, person.leg.kinematics(values))
+    jacobian = model.jacobian(person, values)
     for parameter in range(model.size):
         ahead, behind = (model(theta + s * h * np.eye(model.size)[parameter]) for s in (1, -1))
         slope = (
@@ -169,10 +169,12 @@ def test_the_sum_has_its_minimum_where_registration_ends(rng: np.random.Generato
     scaled = scaling.fit(GENERIC, noisy, SITES)
     leg = LegModel.load(scaled.scales)
     sites = scaled.sites
-    chosen = registration._postures(
+    chosen = registration.postures(
         inverse_kinematics.Problem(leg, sites, IkOptions()), noisy.positions_world
     )
-    fit = registration._Fit(PersonModel(leg, sites, ()), IkOptions(), noisy.positions_world[chosen])
+    fit = registration._Fit(
+        PersonModel(leg, sites, ()), IkOptions(), noisy.positions_world[chosen], 3e-3, 3e-4, 8
+    )
     fit.settle()
     assert 1e-3 < fit.error < 3e-3
     least = fit._total(fit.state, fit.theta)
