@@ -15,7 +15,7 @@ from legsim.kinematics._osim_functions import is_linear
 from legsim.kinematics._osim_roles import bodies_by_segment
 from legsim.kinematics.leg_model import Kinematics, SensorMotion, marker_rows
 from legsim.kinematics.marker_sites import MarkerSites
-from legsim.kinematics.osim_file import Coupler, Joint, OsimModel
+from legsim.kinematics.osim_file import Coupler, Joint, OsimMarker, OsimModel
 from legsim.kinematics.skeleton import (
     SEGMENTS,
     JointCenters,
@@ -279,7 +279,7 @@ class OsimLeg:
             for k, s in enumerate(SEGMENTS)
             if s in self._roles and k not in _PATELLAE
         }
-        here = [m for m in self.model.markers if m.body in carriers]
+        here = self._markers_on(carriers)
         rows = [carriers[m.body] for m in here]
         places = [
             transforms.apply(
@@ -294,6 +294,23 @@ class OsimLeg:
             np.ones(len(here)),
         )
         return sites, tuple(m.name for m in self.model.markers if m.body not in carriers)
+
+    def _markers_on(self, bodies: Collection[str]) -> list[OsimMarker]:
+        """The markers on some bodies, one that is there twice at one place once.
+
+        Raises:
+            LegsimError: two places have one name.
+        """
+        found: dict[str, OsimMarker] = {}
+        for marker in self.model.markers:
+            if marker.body in bodies:
+                same = found.setdefault(marker.name, marker)
+                if same.body != marker.body or not np.allclose(same.location, marker.location):
+                    raise LegsimError(
+                        f"{self.model.path} (MarkerSet): two markers are named {marker.name}, on "
+                        f"{same.body} and {marker.body}; rename one"
+                    )
+        return list(found.values())
 
     def rotations(self) -> frozenset[str]:
         """Names of all coordinates of the model that a file in degrees has in degrees: those that

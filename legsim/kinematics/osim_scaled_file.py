@@ -13,7 +13,7 @@ from xml.etree.ElementTree import Element, SubElement
 import numpy as np
 
 from legsim.core.values import FloatArray
-from legsim.kinematics import osim_file
+from legsim.kinematics import osim_file, osim_xml
 from legsim.kinematics._leg_scaling import scaled_inertia
 from legsim.kinematics.osim_file import Joint, OsimMarker, OsimModel
 
@@ -30,7 +30,7 @@ def text(model: OsimModel) -> str:
     Raises:
         LegsimError: the file cannot be read any more.
     """
-    root, factors = osim_file.document(model.path), model.factors
+    root, factors = osim_xml.document(model.path), model.factors
     element = root.find("Model")
     assert element is not None
     for tag in _LEFT_OUT:

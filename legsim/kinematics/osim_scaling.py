@@ -12,7 +12,7 @@ from legsim.core import transforms
 from legsim.core.errors import LegsimError, file_error
 from legsim.core.values import FloatArray, frozen
 from legsim.kinematics import _osim_functions as functions
-from legsim.kinematics import osim_file
+from legsim.kinematics import osim_xml
 from legsim.kinematics.osim_file import Joint, JointAxis, OsimModel
 from legsim.kinematics.skeleton import SEGMENTS, SegmentScales
 
@@ -29,7 +29,7 @@ def read(path: Path | str) -> dict[str, FloatArray]:
     """
     path = Path(path)
     found: dict[str, FloatArray] = {}
-    for element in osim_file.document(path).iter("Scale"):
+    for element in osim_xml.document(path).iter("Scale"):
         body = (element.findtext("segment") or element.get("name") or "").strip()
         if (element.findtext("apply") or "true").strip().lower() != "true":
             continue
