@@ -218,6 +218,7 @@ def _markers_on_own_leg(
             scaled_from, lambda: registration.register(leg, reference, placed, loose, options)
         )
         leg, placed, options = registered.leg, registered.sites, registered.config
+        notes = (*notes, *registered.notes())
     # feet stand elsewhere in another recording
     pegs = registered.pegs if registered and same else None
     solution = named(

@@ -32,6 +32,7 @@ from legsim.kinematics._registration_model import (
 from legsim.kinematics.ik_options import IkOptions, leg_priors
 from legsim.kinematics.leg import Leg
 from legsim.kinematics.marker_sites import MarkerSites
+from legsim.kinematics.skeleton import segment_index
 from legsim.mocap.trajectories import MarkerTrajectories
 
 MARKER_ERROR = 0.003
@@ -59,6 +60,9 @@ _MOST_ROUNDS = 8
 
 _SAME_ERROR = 0.1
 """relative change of the markers' error that is none"""
+
+_HIPS_FAR = 0.015
+"""m: 2.5 standard deviations of the regression along one axis"""
 
 _SETTLED = 1e-5
 """relative decrease of the sum below which a step is the last"""
@@ -90,6 +94,23 @@ class Registration:
     """m per axis, of a marker of weight 1: what the recording showed, or MARKER_ERROR where it has
     too few postures to show it
     """
+    hips_moved: FloatArray
+    """(2,) m, how far registration moved the right and left hip center against the pelvis' markers
+    """
+
+    def notes(self) -> tuple[str, ...]:
+        """A warning where the recording moves the hips farther than people's hips lie from the
+        regression.
+        """
+        if self.hips_moved.max() <= _HIPS_FAR:
+            return ()
+        right, left = 1e3 * self.hips_moved
+        return (
+            f"warning: registration moves the hip centers by {right:.0f} and {left:.0f} mm (right, "
+            "left) from the regression, which people's hips seldom are; skin that slides in deep "
+            "squats does that, and shifts the angles of hips and knees: scale from a static trial "
+            "or from shallower squats (motion.scaling_file)",
+        )
 
 
 def register(
@@ -209,10 +230,19 @@ class _Fit:
         return person, Problem(person.leg, sites, self._settings(person))
 
     def _settings(self, person: Person) -> IkOptions:
-        """Priors weigh as much as markers of this error leave open; hip rotation is pulled to the
-        habitual one.
+        """Hip rotation is pulled to the habitual one by as much as markers of this error leave it
+        open; on a user's model, whose markers may be exact, all priors weigh by that.
         """
-        return with_neutral(self._config, person.neutral, min(1.0, self.error / MARKER_ERROR) ** 2)
+        share = min(1.0, self.error / MARKER_ERROR) ** 2
+        settings = with_neutral(self._config, person.neutral, share)
+        if isinstance(self._model, PersonModel):
+            return settings
+        hips = {f"hip_rotation_{side}" for side in "rl"}
+        priors = tuple(
+            p if p.coordinate in hips else replace(p, weight=share * p.weight)
+            for p in settings.priors or ()
+        )
+        return replace(settings, priors=priors, flat_foot_weight=share * settings.flat_foot_weight)
 
     def _posed_from_scratch(self) -> State:
         measured = np.where(self._seen[..., None], self._measured, np.nan)
@@ -317,6 +347,18 @@ class _Fit:
         squares = ((where - self._measured) ** 2).sum(-1)
         return float(np.sqrt(squares[self._seen & ~self._is_peg].mean()))
 
+    def _hips_moved(self) -> FloatArray:
+        """(2,) m, against the mean of the pelvis' markers."""
+        hips = []
+        for person in (self.person, self._model(np.zeros(self._model.size))):
+            pose = person.leg.kinematics(person.leg.default_coordinates[None])
+            pelvis = segment_index("pelvis")
+            femurs = [segment_index(f"femur_{side}") for side in "rl"]
+            away = (pose.origins[0, femurs] - pose.origins[0, pelvis]) @ pose.rotations[0, pelvis]
+            rows = [k for k, s in enumerate(person.sites.segments) if s == "pelvis"]
+            hips.append(away - person.sites.positions[rows].mean(0))
+        return frozen("hips_moved", np.linalg.norm(hips[0] - hips[1], axis=1), (2,))
+
     def result(self, pegs: Pegs | None) -> Registration:
         """What was found."""
         _, hessian, _ = self._system()
@@ -331,24 +373,23 @@ class _Fit:
             rms_after=self._rms(),
             model=self._model,
             theta=frozen("theta", self.theta, (self._model.size,)),
+            hips_moved=self._hips_moved(),
             error=self.error,
             covariance=frozen("covariance", self._unit * np.linalg.inv(hessian), hessian.shape),
         )
 
 
 def with_neutral(config: IkOptions, neutral: FloatArray, share: float) -> IkOptions:
-    """The settings with the hip's prior at the habitual rotations (2,) rad of right and left, and
-    the weights of all priors times ``share``.
+    """The settings with the hip's prior at the habitual rotations (2,) rad of right and left, its
+    weight times ``share``.
     """
     values: dict[str, float] = {
         f"hip_rotation_{side}": float(value) for side, value in zip("rl", neutral, strict=True)
     }
     priors = tuple(
-        replace(
-            prior,
-            weight=share * prior.weight,
-            value=prior.value + values.get(prior.coordinate, 0.0),
-        )
+        replace(prior, weight=share * prior.weight, value=prior.value + values[prior.coordinate])
+        if prior.coordinate in values
+        else prior
         for prior in config.priors or ()
     )
-    return replace(config, priors=priors, flat_foot_weight=share * config.flat_foot_weight)
+    return replace(config, priors=priors)
