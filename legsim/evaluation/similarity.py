@@ -163,12 +163,21 @@ def evaluate(
     if register and not np.array_equal(fixed, compared):
         pair = Compared(fixed, mask, moving, reference.grid.cropped(wide), inner)
         registration, compared = evaluation_registration.register(pair, opened)
-    del moving
-    others = [fixed] if phantom is None else [fixed, scale.of(phantom, box, "phantom")]
+    del moving, volume  # of 512^3 voxels, each whole volume more is half a GiB of the peak
+    masks = [r.mask[box] & np.isfinite(compared) for r in regions]
+    names = [r.name for r in regions]
+    seen = _agreement(compared, fixed, masks, names, window, opened)
+    del fixed
+    true: Sequence[tuple[float, float] | tuple[None, None]] = [(None, None)] * len(masks)
+    if phantom is not None:
+        scaled = scale.of(phantom, box, "phantom")
+        true = _agreement(compared, scaled, masks, names, window, opened)
+        del scaled
     steps = gradient_steps(compared)
-    maps = [ssim_map(compared, other, window=window, device=opened) for other in others]
-    beside = list(zip(others, maps, strict=True))
-    scores = tuple(_in_region(r.name, r.mask[box], compared, steps, beside) for r in regions)
+    scores = tuple(
+        RegionScores(name, *beside, _entropy(steps, mask), int(mask.sum()), *to_phantom)
+        for name, mask, beside, to_phantom in zip(names, masks, seen, true, strict=True)
+    )
     return Scores(scores, registration, scaling, window)
 
 
@@ -201,28 +210,26 @@ class _Scale:
         return found.scaled(volume.attenuation[part])
 
 
-def _in_region(
-    name: str,
-    mask: NDArray[np.bool_],
+def _agreement(
     compared: Float32Array,
-    steps: Float32Array,
-    beside: Sequence[tuple[Float32Array, Float32Array]],
-) -> RegionScores:
-    """Scores of a region; ``beside`` holds the reference, and perhaps the phantom, with SSIM."""
-    mask = mask & np.isfinite(compared)
-    measures: list[tuple[float, float]] = []
-    for other, similarity in beside:
+    other: Float32Array,
+    masks: Sequence[NDArray[np.bool_]],
+    names: Sequence[str],
+    window: Window,
+    device: Device,
+) -> list[tuple[float, float]]:
+    """SSIM and RMSE of two volumes (z, y, x) inside each mask; ``names`` are the regions'."""
+    similarity = ssim_map(compared, other, window=window, device=device)
+    found = []
+    for name, mask in zip(names, masks, strict=True):
         seen, total = _total(similarity, mask & np.isfinite(similarity))
         if not seen:
             raise LegsimError(
                 f"region {name!r} has no voxel far enough inside the grid for a window of SSIM"
             )
         count, squares = _total(compared - other, mask, lambda v, _: v**2)
-        measures.append((total / seen, math.sqrt(squares / count)))
-    entropy = _entropy(steps, mask)
-    ssim, rmse = measures[0]
-    true = measures[1] if len(measures) > 1 else (None, None)
-    return RegionScores(name, ssim, rmse, entropy, int(mask.sum()), *true)
+        found.append((total / seen, math.sqrt(squares / count)))
+    return found
 
 
 def _total(
