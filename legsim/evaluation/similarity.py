@@ -164,21 +164,21 @@ def evaluate(
         pair = Compared(fixed, mask, moving, reference.grid.cropped(wide), inner)
         registration, compared = evaluation_registration.register(pair, opened)
     del moving, volume  # of 512^3 voxels, each whole volume more is half a GiB of the peak
-    masks = [r.mask[box] & np.isfinite(compared) for r in regions]
-    names = [r.name for r in regions]
-    seen = _agreement(compared, fixed, masks, names, window, opened)
+    known = np.isfinite(compared)
+    seen = _agreement(compared, fixed, known, regions, box, window, opened)
     del fixed
-    true: Sequence[tuple[float, float] | tuple[None, None]] = [(None, None)] * len(masks)
+    true: Sequence[tuple[float, float] | tuple[None, None]] = [(None, None)] * len(regions)
     if phantom is not None:
         scaled = scale.of(phantom, box, "phantom")
-        true = _agreement(compared, scaled, masks, names, window, opened)
+        true = _agreement(compared, scaled, known, regions, box, window, opened)
         del scaled
     steps = gradient_steps(compared)
-    scores = tuple(
-        RegionScores(name, *beside, _entropy(steps, mask), int(mask.sum()), *to_phantom)
-        for name, mask, beside, to_phantom in zip(names, masks, seen, true, strict=True)
-    )
-    return Scores(scores, registration, scaling, window)
+    scores = []
+    for region, beside, to_phantom in zip(regions, seen, true, strict=True):
+        mask = region.mask[box] & known
+        count = int(np.count_nonzero(mask))
+        scores.append(RegionScores(region.name, *beside, _entropy(steps, mask), count, *to_phantom))
+    return Scores(tuple(scores), registration, scaling, window)
 
 
 class _Scale:
@@ -213,21 +213,26 @@ class _Scale:
 def _agreement(
     compared: Float32Array,
     other: Float32Array,
-    masks: Sequence[NDArray[np.bool_]],
-    names: Sequence[str],
+    known: NDArray[np.bool_],
+    regions: Sequence[Region],
+    box: Box,
     window: Window,
     device: Device,
 ) -> list[tuple[float, float]]:
-    """SSIM and RMSE of two volumes (z, y, x) inside each mask; ``names`` are the regions'."""
+    """SSIM and RMSE of two volumes (z, y, x) of ``box`` in each region, where ``known``."""
     similarity = ssim_map(compared, other, window=window, device=device)
     found = []
-    for name, mask in zip(names, masks, strict=True):
+    for region in regions:
+        mask = region.mask[box] & known
         seen, total = _total(similarity, mask & np.isfinite(similarity))
         if not seen:
             raise LegsimError(
-                f"region {name!r} has no voxel far enough inside the grid for a window of SSIM"
+                f"region {region.name!r} has no voxel far enough inside the grid for a window of "
+                "SSIM"
             )
-        count, squares = _total(compared - other, mask, lambda v, _: v**2)
+        count, squares = _total(
+            compared, mask, lambda v, k, inside=mask: (v - other[k][inside[k]]) ** 2
+        )
         found.append((total / seen, math.sqrt(squares / count)))
     return found
 
