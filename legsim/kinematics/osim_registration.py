@@ -310,8 +310,8 @@ def _notes(
     first = [groups.index(group) for group in dict.fromkeys(groups)]
     sizes = ", ".join(f"{groups[k]} {' '.join(f'{f:.3f}' for f in factors[k])}" for k in first)
     notes = [
-        f"the model was scaled to the person from {sized.frames} postures (factors along x, y, z): "
-        f"{sizes}; markers within {1e3 * sized.rms_after:.1f} mm RMS where the scaled model has "
+        f"the model was scaled to the person from {sized.frames} "
+        f"posture{'s' * (sized.frames > 1)} (factors along x, y, z): {sizes}; markers within {1e3 * sized.rms_after:.1f} mm RMS where the scaled model has "
         f"them, {1e3 * placed.rms_after:.1f} mm where the person wears them"
     ]
     bare = _without_landmarks(placed.sites)
