@@ -311,7 +311,8 @@ def _notes(
     sizes = ", ".join(f"{groups[k]} {' '.join(f'{f:.3f}' for f in factors[k])}" for k in first)
     notes = [
         f"the model was scaled to the person from {sized.frames} "
-        f"posture{'s' * (sized.frames > 1)} (factors along x, y, z): {sizes}; markers within {1e3 * sized.rms_after:.1f} mm RMS where the scaled model has "
+        f"posture{'s' * (sized.frames > 1)} (factors along x, y, z): {sizes}; "
+        f"markers within {1e3 * sized.rms_after:.1f} mm RMS where the scaled model has "
         f"them, {1e3 * placed.rms_after:.1f} mm where the person wears them"
     ]
     bare = _without_landmarks(placed.sites)
