@@ -6,12 +6,12 @@ four. Anything else is refused: read as 12 numbers per view it would be other ma
 """
 
 import re
-import tokenize
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from legsim.core import files
 from legsim.core.errors import file_error
 from legsim.core.values import FloatArray
 
@@ -146,19 +146,9 @@ def _number(path: Path, word: str, line: int) -> float:
         ) from error
 
 
-_UNREADABLE = (
-    *(ValueError, EOFError, TypeError, SyntaxError, OverflowError),
-    tokenize.TokenError,
-)
-"""what numpy raises for a damaged header"""
-
-
 def _npy_values(path: Path) -> FloatArray:
     fix = "write it with numpy.save of a (views, 3, 4) array"
-    try:
-        values = np.load(path, allow_pickle=False)
-    except _UNREADABLE as error:
-        raise file_error(path, "is not an .npy file of numbers", fix) from error
+    values = files.load_npy(path, fix)
     if not isinstance(values, np.ndarray) or values.dtype.kind not in "fiu":
         raise file_error(path, "is not an .npy file of real numbers", fix)
     return values.astype(float)
@@ -178,7 +168,7 @@ def mat_values(path: Path) -> FloatArray:
         raise file_error(
             path, "is of MATLAB's version 7.3 (HDF5)", "write it by save(..., '-v7')"
         ) from error
-    except (ValueError, TypeError, KeyError, IndexError) as error:
+    except Exception as error:  # scipy raises many kinds of errors on broken files
         raise file_error(path, "is not a MATLAB file", "write it by save(..., '-v7')") from error
     tables = {
         name: value

@@ -8,7 +8,7 @@ import lazy_loader
 import numpy as np
 from numpy.typing import NDArray
 
-from legsim.core.errors import file_error
+from legsim.core.errors import LegsimError, file_error
 
 if TYPE_CHECKING:
     import tifffile
@@ -57,7 +57,9 @@ def read(path: Path) -> NDArray:
             values = np.asarray(
                 file.asarray() if len(pages) == 1 else file.asarray(key=slice(None))
             )
-    except (tifffile.TiffFileError, ValueError, OSError, RuntimeError) as error:
+    except LegsimError:
+        raise
+    except Exception as error:  # tifffile raises many kinds of errors on broken files
         raise file_error(
             path, f"cannot be read as TIFF ({_line(error)})", "export it again, uncompressed"
         ) from error

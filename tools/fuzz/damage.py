@@ -21,7 +21,7 @@ NUMBERS = (0, 1, -1, 127, 128, 255, 256, 32767, 32768, 65535, 65536, 2**31 - 1, 
 
 
 def damaged(data: bytes, rng: np.random.Generator, others: Sequence[bytes] = ()) -> bytes:
-    """One random change, or up to four; ``others`` are files of the same kind to take pieces from."""
+    """One random change, or up to four; ``others`` are of the same kind, to take pieces of."""
     for _ in range(min(4, rng.geometric(0.6))):
         if others and rng.random() < 0.1:
             data = _spliced(data, others[rng.integers(len(others))], rng)

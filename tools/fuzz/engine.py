@@ -105,13 +105,17 @@ def _read_all(
     until: float,
 ) -> None:
     """Reads damaged files and logs a line for each; ends the process."""
-    with limited_memory(), log.open("w", encoding="utf-8", buffering=1) as stream:
-        with law.libraries_quiet(), law.watched():
-            for number in numbers:
-                path.write_bytes(_input(valid, seed, number))
-                stream.write(f"{number} {law.outcome(reader, path)}\n")
-                if time.monotonic() > until:
-                    break
+    with (
+        limited_memory(),
+        log.open("w", encoding="utf-8", buffering=1) as stream,
+        law.libraries_quiet(),
+        law.watched(),
+    ):
+        for number in numbers:
+            path.write_bytes(_input(valid, seed, number))
+            stream.write(f"{number} {law.outcome(reader, path)}\n")
+            if time.monotonic() > until:
+                break
     os._exit(0)
 
 

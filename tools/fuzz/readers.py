@@ -149,12 +149,8 @@ READERS: dict[str, Reader] = {
     ),
     "mot": _of_markers(".mot"),
     "sto": _of_markers(".sto", samples.recording, samples.content(samples.STATES)),
-    "angles_csv": _of_markers(
-        ".csv", lambda p: ls.save_recording(p, samples.coordinates())
-    ),
-    "osim": Reader(
-        ".osim", osim_file.read, (samples.osim(4), samples.osim(3)), may_hold="inf"
-    ),
+    "angles_csv": _of_markers(".csv", lambda p: ls.save_recording(p, samples.coordinates())),
+    "osim": Reader(".osim", osim_file.read, (samples.osim(4), samples.osim(3)), may_hold="inf"),
     "scales": Reader(".xml", osim_scaling.read, (samples.content(samples.SCALES),)),
     "ik_tasks": Reader(".xml", ik_tasks.read, (samples.content(samples.TASKS),)),
     "marker_set": Reader(
@@ -191,16 +187,12 @@ READERS: dict[str, Reader] = {
             samples.itk_image(samples.labels().astype(np.float32)),
         ),
     ),
-    "label_map": Reader(
-        ".toml", label_maps.load_label_map, (samples.content(samples.LABEL_MAP),)
-    ),
+    "label_map": Reader(".toml", label_maps.load_label_map, (samples.content(samples.LABEL_MAP),)),
     "projections_mha": _of_projections(".mha", samples.saved_projections),
     "projections_tiff": _of_projections(
         ".tif", samples.tiff(), samples.tiff(compression="zlib"), samples.tiff(bigtiff=True)
     ),
-    "projections_dicom": _of_projections(
-        ".dcm", samples.dicom(**samples.ANGLES), samples.dicom()
-    ),
+    "projections_dicom": _of_projections(".dcm", samples.dicom(**samples.ANGLES), samples.dicom()),
     "projections_npy": _of_projections(".npy", lambda p: np.save(p, samples.images())),
     "projections_raw": Reader(".raw", _raw_projections, (samples.raw,)),
     "projections_png": Reader(
@@ -214,9 +206,7 @@ READERS: dict[str, Reader] = {
     "imu_sto": Reader(".sto", imu_files.load_recordings, (samples.imu_storage,)),
     "imu_table": Reader(".csv", _imu_table, (samples.imu_table,)),
     "imu_toml": Reader(".toml", _imu_toml, (samples.content(samples.IMU_TOML),)),
-    "fiducials": Reader(
-        ".csv", measured.load_fiducials, (samples.content(samples.FIDUCIALS),)
-    ),
+    "fiducials": Reader(".csv", measured.load_fiducials, (samples.content(samples.FIDUCIALS),)),
     "sensor": Reader(".toml", catalogue.load_sensor, (samples.sensor_toml,)),
     "spectrum": Reader(".csv", spectrum.load, (samples.spectrum,)),
     "motion": Reader(".npz", motion_files.load_motion, (samples.motion,)),
@@ -234,7 +224,9 @@ READERS: dict[str, Reader] = {
     ),
     "settings": Reader(".toml", ls.load_settings, (samples.settings,)),
     "scan_toml": Reader(".toml", _scan, (samples.scan_toml,)),
-    "study_toml": Reader(".toml", lambda p: study_config.load(str(p)), (samples.content(samples.STUDY),)),
+    "study_toml": Reader(
+        ".toml", lambda p: study_config.load(str(p)), (samples.content(samples.STUDY),)
+    ),
     "toml": Reader(".toml", tree.read, (samples.content(samples.STUDY),), may_hold="naninf"),
     "results": Reader(".json", results.load, (samples.results,)),
     "manifest": Reader(".json", _manifest, (samples.manifest,)),

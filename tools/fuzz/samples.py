@@ -174,9 +174,15 @@ def tigre(path: Path) -> None:
     path.write_text(
         json.dumps(
             {
-                **{"mode": "cone", "DSD": 1536.0, "DSO": [1000.0] * 4, "COR": 4.0},
-                **{"nDetector": [6, 7], "dDetector": [10.0, 10.0], "offDetector": [0.0, 1.0]},
-                **{"rotDetector": [0.0, 0.0, 0.1], "angles": [0.0, 0.5, 1.0, 1.5]},
+                "mode": "cone",
+                "DSD": 1536.0,
+                "DSO": [1000.0] * 4,
+                "COR": 4.0,
+                "nDetector": [6, 7],
+                "dDetector": [10.0, 10.0],
+                "offDetector": [0.0, 1.0],
+                "rotDetector": [0.0, 0.0, 0.1],
+                "angles": [0.0, 0.5, 1.0, 1.5],
             }
         )
     )
@@ -268,8 +274,7 @@ def xsens(path: Path) -> None:
     head = "// Start Time: Unknown\n// Update Rate: 100.0Hz\nPacketCounter,SampleTimeFine,"
     head += "Acc_X,Acc_Y,Acc_Z,Gyr_X,Gyr_Y,Gyr_Z\n"
     rows = (
-        f"{(65520 + k) % 65536},,{','.join(map(repr, row[1:]))}"
-        for k, row in enumerate(imu_rows())
+        f"{(65520 + k) % 65536},,{','.join(map(repr, row[1:]))}" for k, row in enumerate(imu_rows())
     )
     path.write_text(head + "\n".join(rows) + "\n")
 
@@ -399,8 +404,12 @@ def results(path: Path) -> None:
     tree = json.loads(path.read_text())
     tree["ladder"] = [
         {
-            **{"subject": "s", "posture": "p", "repetition": 0, "translation_mm": 1.0},
-            **{"rotation_deg": 2.0, "noise": {"convention": "SI", "f_a": 1.0, "f_g": None}},
+            "subject": "s",
+            "posture": "p",
+            "repetition": 0,
+            "translation_mm": 1.0,
+            "rotation_deg": 2.0,
+            "noise": {"convention": "SI", "f_a": 1.0, "f_g": None},
         }
     ]
     path.write_text(json.dumps(tree))
