@@ -7,13 +7,13 @@ four. Anything else is refused: read as 12 numbers per view it would be other ma
 
 import re
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from legsim.core import files
 from legsim.core.errors import file_error
 from legsim.core.values import FloatArray
+from legsim.geometry import mat_file
 
 SUFFIXES = (".txt", ".csv", ".ompl", ".npy", ".mat")
 
@@ -160,21 +160,19 @@ def mat_values(path: Path) -> FloatArray:
     Raises:
         LegsimError: a file that is none or of version 7.3, or not exactly one such variable.
     """
-    from scipy.io import loadmat
-
     try:
-        content: dict[str, Any] = loadmat(path)
+        content = mat_file.arrays(path.read_bytes())
     except NotImplementedError as error:
         raise file_error(
             path, "is of MATLAB's version 7.3 (HDF5)", "write it by save(..., '-v7')"
         ) from error
-    except Exception as error:  # scipy raises many kinds of errors on broken files
-        raise file_error(path, "is not a MATLAB file", "write it by save(..., '-v7')") from error
+    except (ValueError, MemoryError) as error:
+        problem = f"is not a MATLAB file that can be read ({error})"
+        raise file_error(path, problem, "write it by save(..., '-v7')") from error
     tables = {
         name: value
         for name, value in content.items()
-        if isinstance(value, np.ndarray)
-        and value.dtype.kind in "fiu"
+        if value is not None
         and (
             value.shape[-1:] in ((12,), (13,), (16,))
             or {3, 4} <= {*value.shape}
@@ -182,7 +180,7 @@ def mat_values(path: Path) -> FloatArray:
         )
     }
     if len(tables) != 1:
-        names = ", ".join(tables) or ", ".join(n for n in content if not n.startswith("__"))
+        names = ", ".join(tables) or ", ".join(content)
         raise file_error(
             path,
             f"holds {len(tables)} variables with 12 numbers per view (variables: {names})",
