@@ -92,11 +92,11 @@ def geometry(path: Path | str, content: Mapping[str, Any], given: Given) -> Cone
     axes = turned @ detector
     step_u, step_v = pitch_u * axes[:, :, 1], pitch_v * axes[:, :, 2]
     first = middle - 0.5 * (columns - 1) * step_u - 0.5 * (rows - 1) * step_v
-    try:
-        forward = np.linalg.inv(np.stack([step_u, step_v, first - source], -1))
-    except np.linalg.LinAlgError as error:
+    back = np.stack([step_u, step_v, first - source], -1)
+    if (np.abs(np.linalg.det(back)) <= 1e-12 * np.prod(np.linalg.norm(back, axis=1), -1)).any():
         problem = "in a view the detector's plane holds the source"
-        raise file_error(path, problem, "correct DSD, DSO, dDetector, rotDetector") from error
+        raise file_error(path, problem, "correct DSD, DSO, dDetector and rotDetector")
+    forward = np.linalg.inv(back)
     matrices = np.concatenate([forward, -np.einsum("vij,vj->vi", forward, source)[..., None]], -1)
     return geometry_of(Path(path), given.times(views), matrices, shape_vu, float(pitch_u))
 
