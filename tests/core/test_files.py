@@ -120,7 +120,7 @@ def test_a_broken_npy_is_refused(tmp_path: Path, change) -> None:
     np.save(path, np.arange(3.0))
     np.testing.assert_array_equal(files.load_npy(path, "x"), np.arange(3))
     path.write_bytes(path.read_bytes().replace(*change))
-    with pytest.raises(LegsimError, match="a.npy: is not an .npy file of numbers; export it again"):
+    with pytest.raises(LegsimError, match=r"a\.npy: is not an \.npy file"):
         files.load_npy(path, "export it again")
     with pytest.raises(LegsimError, match="cannot be read"):
         files.load_npy(tmp_path, "export it again")
