@@ -1,10 +1,10 @@
 """Small faults put into modules one at a time: do the modules' own tests notice?
 
 A mutant has one comparison, operator, number, truth value or condition of a module changed, outside
-of error messages and texts. Its module's test file is run in a fork of this process in which the
-changed text stands in the module's place; a mutant survives where all tests pass. Tests must pass
-without a change first. Mutants are drawn at random, seeded. Survivors are listed by place and change, to be read: some change nothing that
-can be seen.
+of error messages and texts. Its module's test file, which must pass without a change, is run in a
+fork of this process in which the changed text stands in the module's place; a mutant survives where
+all tests pass. Mutants are drawn at random, seeded. Survivors are listed by place and change, to be
+read: some change nothing that can be seen.
 
     python -m tools.mutate core geometry --mutants 60 --seconds 1200
 """
@@ -176,8 +176,8 @@ def main(
     only: Annotated[str, typer.Option(help="A file of survivors' lines to try again.")] = "",
 ) -> None:
     """Draws mutants, runs their tests and lists those that survive."""
-    # libraries are loaded once, before the forks; no module of legsim is
-    for name in ("numpy", "scipy.spatial", "scipy.ndimage", "pytest", "hypothesis", "SimpleITK"):
+    # libraries are loaded once, before the forks; no module of legsim is, nor what pytest rewrites
+    for name in ("numpy", "scipy.spatial", "scipy.ndimage", "pytest", "SimpleITK"):
         importlib.import_module(name)
     drawn = [
         (module, k)
