@@ -232,6 +232,7 @@ def _fill(
             code = waited(process)
         (place / _KEPT).unlink(missing_ok=True)
         ends[ending(code, said.read_text())] += 1
+        typer.echo(f"{ends.total()} disks filled, {rounds} studies ended", err=True)
         if code == 0 or rng.random() < 0.1:
             finished(study, out, said)
             rounds, wrong = rounds + 1, wrong + (table(out) != calm)

@@ -84,7 +84,8 @@ def samples(reader: Reader, path: Path) -> tuple[bytes, ...]:
     made = []
     for maker in reader.makers:
         maker(path)
-        became = law.outcome(reader, path)
+        with law.watched():
+            became = law.outcome(reader, path)
         assert became == law.READ, f"a valid {path.suffix} is not read: {became}"
         made.append(path.read_bytes())
     return tuple(made)

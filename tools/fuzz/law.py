@@ -39,8 +39,6 @@ def watched() -> Iterator[None]:
     try:
         yield
     finally:
-        signal.setitimer(signal.ITIMER_VIRTUAL, 0)
-        signal.alarm(0)
         signal.signal(signal.SIGALRM, before)
 
 
@@ -76,6 +74,7 @@ def outcome(reader: Reader, path: Path) -> str:
         return f"{type(error).__name__} at {_place(error)}"
     finally:
         signal.alarm(0)
+        signal.setitimer(signal.ITIMER_VIRTUAL, 0)
 
 
 def _place(error: BaseException) -> str:
