@@ -6,6 +6,5 @@ than ten seconds or asks for more than 2 GiB, and what ends the process is count
 the first input that shows it.
 
     python -m tools.fuzz trc --inputs 1e5
-    python -m tools.fuzz all --inputs 1e4 --keep found
-    python -m tools.fuzz.guided trc --seconds 600 --corpus corpus    # by coverage, with Atheris
+    python -m tools.fuzz all --inputs 1e4 --seconds 60 --keep found
 """

@@ -17,7 +17,9 @@ def main(
     inputs: Annotated[float, typer.Option(help="Damaged files for each reader.")] = 1e4,
     seed: Annotated[int, typer.Option(help="Of the damage.", min=0)] = 0,
     seconds: Annotated[float, typer.Option(help="For each reader, at most.")] = float("inf"),
-    corpus: Annotated[Path | None, typer.Option(help="Folder of a guided search.")] = None,
+    corpus: Annotated[
+        Path | None, typer.Option(help="Folder of further files, one folder a reader.")
+    ] = None,
     keep: Annotated[Path | None, typer.Option(help="Folder for inputs that must not be.")] = None,
 ) -> None:
     """Damages valid files at random and reads them."""

@@ -133,7 +133,7 @@ def limited_memory() -> Iterator[None]:
 
 
 def corpus_of(folder: Path | None, name: str) -> tuple[bytes, ...]:
-    """Files that a guided search has kept for a reader, in the order of their names."""
+    """Further files of a reader, in ``folder/name``, in the order of their names."""
     if folder is None or not (folder / name).is_dir():
         return ()
     return tuple(path.read_bytes() for path in sorted((folder / name).iterdir()))

@@ -200,7 +200,7 @@ READERS: dict[str, Reader] = {
         lambda p: projection_images.read_images(p).values,
         (samples.itk_image((1e4 * samples.images()[0]).astype(np.uint16)),),
     ),
-    "imu": Reader(".csv", imu_files.load_imu, (samples.imu,)),
+    "imu": Reader(".csv", imu_files.load_imu, (samples.imu,), may_hold="nan"),
     "imu_rows": Reader(".csv", imu_files.load_recordings, (samples.imu,)),
     "xsens": Reader(".txt", imu_files.load_recordings, (samples.xsens,)),
     "imu_sto": Reader(".sto", imu_files.load_recordings, (samples.imu_storage,)),
