@@ -38,8 +38,6 @@ COMPARED = {
     ast.NotEq: ast.Eq,
     ast.Is: ast.IsNot,
     ast.IsNot: ast.Is,
-    ast.In: ast.NotIn,
-    ast.NotIn: ast.In,
 }
 
 COMPUTED = {
@@ -87,7 +85,7 @@ def sites(tree: ast.AST) -> Iterator[ast.AST]:
 
 def mutated(node: ast.AST) -> tuple[str, str, Any] | None:
     """(what is changed, field, new value) of a node; None where nothing can be."""
-    if isinstance(node, ast.Compare) and len(node.ops) == 1:
+    if isinstance(node, ast.Compare) and len(node.ops) == 1 and type(node.ops[0]) in COMPARED:
         new = COMPARED[type(node.ops[0])]
         return f"{_name(node.ops[0])} to {new.__name__}", "ops", [new()]
     if isinstance(node, ast.BinOp) and type(node.op) in COMPUTED:
