@@ -81,7 +81,7 @@ class ImuFileConfig(ConfigSection):
     """beside this TOML, or an absolute path"""
     clock_offset_s: float = 0.0
     """the sensors' clock minus the views' (or the markers')"""
-    rate_hz: float | None = Field(default=None, gt=0)
+    rate_hz: float | None = Field(default=None, ge=1e-3, le=1e9)
     time: str | None = None
     """column of times"""
     time_unit: Literal["s", "ms", "us"] = "s"

@@ -55,7 +55,7 @@ class MeasuredScanConfig(ConfigSection):
     """of the detector, where the geometry does not say"""
     rows: int | None = Field(default=None, gt=0)
     pixel_mm: float | None = Field(default=None, gt=0)
-    view_rate_hz: float | None = Field(default=None, gt=0)
+    view_rate_hz: float | None = Field(default=None, ge=1e-3, le=1e9)
     """views per second, where the geometry holds no times; the first view is at 0 s"""
     view_times: str = ""
     """text file of one time in s per view, in place of the geometry's"""

@@ -7,8 +7,12 @@ from pathlib import Path
 class LegsimError(Exception):
     """Bad input or an unusable machine.
 
-    The message is one line and names the fix. The CLI prints it without a traceback.
+    The message is one line and names the fix. The CLI prints it without a traceback. Line ends and
+    other characters that cannot be printed, which come from files, become blanks.
     """
+
+    def __init__(self, message: str = "") -> None:
+        super().__init__("".join(c if c.isprintable() else " " for c in message))
 
 
 def file_error(path: Path | str, problem: str, fix: str, *, place: str = "") -> LegsimError:

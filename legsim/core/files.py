@@ -63,6 +63,21 @@ def read(path: Path, kind: str) -> list[str]:
     return _split(_text(data))
 
 
+def load_npy(path: Path, fix: str) -> Any:
+    """What numpy reads from an .npy file, of plain numbers or not an array at all.
+
+    Raises:
+        LegsimError: it cannot be read, or asks for more memory than there is; ``fix`` says what to
+            do.
+    """
+    try:
+        return np.load(path, allow_pickle=False)
+    except OSError as error:
+        raise file_error(path, f"cannot be read ({error.strerror or error})", fix) from error
+    except Exception as error:  # a broken header raises many kinds of errors
+        raise file_error(path, "is not an .npy file of numbers", fix) from error
+
+
 _UTF16 = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
 """how "Unicode text" of spreadsheets begins"""
 

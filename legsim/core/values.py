@@ -11,6 +11,12 @@ FloatArray = NDArray[np.float64]
 
 Float32Array = NDArray[np.float32]
 
+LARGEST = 1e30
+"""beyond any length, angle, time or attenuation in any unit; squares of it are still numbers"""
+
+_LEAST_STEP = 1e-12
+"""s between two times; less is no clock's"""
+
 
 def frozen(
     name: str, values: ArrayLike, shape: Sequence[int | None], dtype: DTypeLike = np.float64
@@ -49,13 +55,14 @@ def increasing_times(name: str, values: ArrayLike) -> FloatArray:
     """Returns times (n,) in seconds as a read-only array, finite and strictly increasing.
 
     Raises:
-        LegsimError: a time is not finite or not after the one before.
+        LegsimError: a time is not finite, beyond :data:`LARGEST`, or not after the one before by a
+            picosecond.
     """
     times = frozen(name, values, (None,))
-    if not np.isfinite(times).all():
+    if not within(times):
         raise LegsimError(
-            f"{name} holds a time that is not a number at index "
-            f"{int(np.flatnonzero(~np.isfinite(times))[0])}"
+            f"{name} holds a time that is not a number, or too large a one, at index "
+            f"{int(np.argmin(np.abs(times) <= LARGEST))}"
         )
     steps = np.diff(times)
     if (steps <= 0).any():
@@ -64,7 +71,17 @@ def increasing_times(name: str, values: ArrayLike) -> FloatArray:
             f"{name} must increase strictly; sample {k + 1} ({times[k + 1]:g} s) does not come "
             f"after sample {k} ({times[k]:g} s)"
         )
+    if (steps < _LEAST_STEP).any():
+        k = int(np.flatnonzero(steps < _LEAST_STEP)[0])
+        raise LegsimError(
+            f"{name} must be apart; sample {k + 1} comes {steps[k]:.3g} s after sample {k}"
+        )
     return times
+
+
+def within(values: NDArray) -> bool:
+    """Whether all numbers are finite and none is beyond :data:`LARGEST`."""
+    return bool((np.abs(values) <= LARGEST).all())
 
 
 def unique_names(kind: str, names: Sequence[str]) -> tuple[str, ...]:

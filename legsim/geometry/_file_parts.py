@@ -7,10 +7,8 @@ from typing import Any
 import numpy as np
 
 from legsim.core.errors import LegsimError, file_error
-from legsim.core.values import FloatArray
+from legsim.core.values import LARGEST, FloatArray, within
 from legsim.geometry.cone_beam import ConeBeamGeometry
-
-_LARGEST = float(np.finfo(float).max)
 
 _MOST_PIXELS = 1 << 20
 """in a row or column; more is no detector"""
@@ -93,6 +91,8 @@ def geometry_of(
     """
     try:
         matrices = np.asarray(matrices_mm, float) * np.array([1.0, 1.0, 1.0, 1e-3])
+        if not within(matrices):
+            raise LegsimError("holds numbers that are not finite or too large for a geometry")
         return ConeBeamGeometry(
             times, matrices, shape_vu, 1e-3 if pixel_mm is None else pixel_mm * 1e-3
         )
@@ -109,13 +109,13 @@ def geometry_of_matrices(
         LegsimError: numbers that are not finite, no detector, or pixels that are not as wide and
             high as was given by over a hundredth.
     """
-    finite = np.isfinite(matrices_mm).all(axis=(1, 2))
-    if not finite.all():
+    wrong = [k for k, matrix in enumerate(matrices_mm) if not within(matrix)]
+    if wrong:
         raise file_error(
             path,
-            "holds numbers that are not finite",
+            "holds numbers that are not finite or too large for a geometry",
             "correct them there",
-            place=f"matrix {int(np.flatnonzero(~finite)[0])}",
+            place=f"matrix {wrong[0]}",
         )
     shape_vu = given.shape(path, shape_vu)
     pixel_mm = given.pixel_mm or given.header_pixel_mm
@@ -214,9 +214,7 @@ def pixel_of(path: Path, value: Any) -> tuple[float, float]:
 
 
 def is_number(value: Any) -> bool:
-    return (
-        isinstance(value, (int, float)) and not isinstance(value, bool) and abs(value) <= _LARGEST
-    )
+    return isinstance(value, (int, float)) and not isinstance(value, bool) and abs(value) <= LARGEST
 
 
 def count_of(path: Path, content: dict[str, Any], key: str) -> int:

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from legsim.core.errors import file_error
-from legsim.core.values import FloatArray
+from legsim.core.values import FloatArray, within
 from legsim.geometry._file_parts import Given, geometry_of, pixel_text
 from legsim.geometry.cone_beam import ConeBeamGeometry
 
@@ -26,10 +26,13 @@ def geometry(path: Path, vectors: FloatArray, given: Given) -> ConeBeamGeometry:
         LegsimError: numbers that are not finite, no detector size, a detector through its source,
             or pixels of another shape than was given.
     """
-    if not np.isfinite(vectors).all():
-        view = int(np.flatnonzero(~np.isfinite(vectors).all(1))[0])
+    wrong = [k for k, vector in enumerate(vectors) if not within(vector)]
+    if wrong:
         raise file_error(
-            path, "holds numbers that are not finite", "correct them there", place=f"view {view}"
+            path,
+            "holds numbers that are not finite or too large for a geometry",
+            "correct them there",
+            place=f"view {wrong[0]}",
         )
     rows, columns = given.shape(path, None)
     source, middle, step_u, step_v = (vectors[:, k : k + 3] for k in (0, 3, 6, 9))
@@ -54,7 +57,7 @@ def geometry(path: Path, vectors: FloatArray, given: Given) -> ConeBeamGeometry:
 
 def scale(path: Path, vectors: FloatArray, given: Given) -> float:
     """mm of a unit of length in vectors (v, 12): 1, unless the pixel size is given."""
-    if given.pixel_mm is None:
+    if given.pixel_mm is None or not within(vectors):
         return 1.0
     return given.pixel_mm[0] / _pixel(path, vectors[:, 6:9], vectors[:, 9:], given)[0]
 
@@ -100,6 +103,8 @@ def looks_like_vectors(rows: FloatArray) -> bool:
     Steps of one length and perpendicular to each other in all views, small beside the distance to
     the source, and a detector that roughly faces it.
     """
+    if not within(rows):
+        return False
     source, middle, step_u, step_v = (rows[:, k : k + 3] for k in (0, 3, 6, 9))
     wide, high = np.linalg.norm(step_u, axis=1), np.linalg.norm(step_v, axis=1)
     ray, normal = middle - source, np.cross(step_u, step_v)

@@ -11,7 +11,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from legsim.core.errors import LegsimError
-from legsim.core.values import Float32Array, FloatArray, frozen, frozen_owned, increasing_times
+from legsim.core.values import (
+    Float32Array,
+    FloatArray,
+    frozen,
+    frozen_owned,
+    increasing_times,
+    within,
+)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -41,17 +48,20 @@ class ConeBeamGeometry:
                 f"{(len(self.times), 3, 4)}, all finite"
             )
         # numbers near the largest that there are overflow here, and are refused
-        with np.errstate(over="ignore", invalid="ignore"):
+        with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
             determinants = np.abs(np.linalg.det(matrices[:, :, :3]))
             scale = np.linalg.norm(matrices[:, 2, :3], axis=-1)
             regular = determinants > 1e-12 * scale**3
+            scaled = matrices / scale[:, None, None]
         if not regular.all():
             raise LegsimError(
                 f"ConeBeamGeometry.matrices[{int(np.argmin(regular))}] is singular: it has "
                 "no source position"
             )
-        matrices /= scale[:, None, None]
+        matrices = scaled
         try:
+            if not within(matrices):
+                raise np.linalg.LinAlgError
             nearest = _nearest_point_to_principal_rays(matrices)
         except np.linalg.LinAlgError as error:
             raise LegsimError(

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from legsim.core.errors import file_error
-from legsim.core.values import FloatArray
+from legsim.core.values import LARGEST, FloatArray, within
 from legsim.geometry._file_parts import Given, geometry_of, matrices_mm
 from legsim.geometry.cone_beam import ConeBeamGeometry
 
@@ -87,7 +87,7 @@ def _stated(root: ElementTree.Element, name: str) -> float | None:
         value = float((element.text or "") if element is not None else "")
     except ValueError:
         return None
-    return value if value > 0 else None
+    return value if 0 < value <= LARGEST else None
 
 
 def _matrices(path: Path, root: ElementTree.Element) -> FloatArray:
@@ -108,9 +108,9 @@ def _matrices(path: Path, root: ElementTree.Element) -> FloatArray:
         text = element.findtext(".//void[@property='PMatrixSerialization']/string", "")
         found[element.get("index", "")] = _matrix(path, text, f"projection {element.get('index')}")
     count = arrays[0].get("length", str(len(found)))
-    missing = [k for k in range(int(count)) if str(k) not in found] if count.isdigit() else []
-    if missing or not count.isdigit() or len(found) != int(count):
-        place = f"projection {missing[0]}" if missing else "length"
+    absent = next(k for k in range(len(found) + 1) if str(k) not in found)
+    if count != str(len(found)) or absent < len(found):
+        place = f"projection {absent}"
         raise file_error(
             path,
             f"{count} matrices are announced, {len(found)} are there",
@@ -130,7 +130,7 @@ def _matrix(path: Path, text: str, place: str) -> FloatArray:
         values = np.array(rows, float)
     except ValueError:
         values = np.empty(0)
-    if values.shape != (3, 4) or not np.isfinite(values).all():
+    if values.shape != (3, 4) or not within(values):
         raise file_error(
             path,
             f"{' '.join(text.split())[:60]!r} is no matrix of 3 rows and 4 columns",

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from legsim.core.errors import LegsimError, file_error
-from legsim.core.values import FloatArray
+from legsim.core.values import FloatArray, within
 
 if TYPE_CHECKING:
     from pydicom.dataset import Dataset  # pyright: ignore[reportMissingImports]  # an extra
@@ -52,7 +52,18 @@ def read_projections(path: Path) -> DicomViews:
     if int(data.get("SamplesPerPixel", 1)) != 1:
         raise file_error(path, "holds colors", "export gray images")
     values = values[None] if values.ndim == 2 else values
+    try:
+        return _views(data, values)
+    except (TypeError, ValueError, AttributeError, OverflowError) as error:
+        problem = f"its rescaling, pixel size or angles are no numbers ({error})"
+        raise file_error(path, problem, "correct them, or export it again") from error
+
+
+def _views(data: "Dataset", values: NDArray) -> DicomViews:
+    """The frames (v, rows, columns) with what the elements say of them."""
     slope, intercept = float(data.get("RescaleSlope", 1)), float(data.get("RescaleIntercept", 0))
+    if not within(np.array([slope, intercept])):
+        raise ValueError(f"rescaled by {slope:g} and {intercept:g}")
     notes: tuple[str, ...] = ()
     if (slope, intercept) != (1.0, 0.0):
         values = values * slope + intercept
@@ -112,7 +123,12 @@ def require_pydicom(path: Path):
 def _pixel_mm(data: "Dataset") -> tuple[float, float] | None:
     """(between columns, between rows): the detector's; DICOM states rows first."""
     stated = data.get("ImagerPixelSpacing")
-    return None if stated is None else (float(stated[1]), float(stated[0]))
+    if stated is None:
+        return None
+    pixel = (float(stated[1]), float(stated[0]))
+    if not (within(np.array(pixel)) and min(pixel) > 0):
+        raise ValueError(f"pixels of {pixel[0]:g} x {pixel[1]:g} mm")
+    return pixel
 
 
 def _angles(data: "Dataset", views: int) -> tuple[FloatArray | None, tuple[str, ...]]:

@@ -243,7 +243,8 @@ def _xml_root(path: Path) -> ElementTree.Element:
             path.read_bytes(),
             ElementTree.XMLParser(target=ElementTree.TreeBuilder(insert_comments=True)),
         )
-    except ElementTree.ParseError as error:
+    except (ElementTree.ParseError, LookupError, ValueError) as error:
+        # of an encoding that Python does not know, or of several bytes
         raise file_error(path, f"is not XML ({error})", "correct it there") from error
 
 

@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 
 from legsim.core import files
 from legsim.core.errors import LegsimError, file_error
-from legsim.core.values import Float32Array, FloatArray
+from legsim.core.values import LARGEST, Float32Array, FloatArray, within
 from legsim.geometry import _meta_header
 from legsim.geometry.cone_beam import ConeBeamGeometry, Projections
 from legsim.geometry.volume import Volume, VolumeGrid
@@ -106,10 +106,11 @@ def load_volume(path: Path | str, *, axes: Axes | None = None) -> Volume:
     """
     path = Path(path)
     values, header = _read(path, axes)
-    if not np.isfinite(values).all():
+    if not within(values):
         raise file_error(
             path,
-            f"{np.count_nonzero(~np.isfinite(values))} voxels are not finite numbers",
+            f"{np.count_nonzero(~(np.abs(values) <= LARGEST))} voxels are not finite numbers, or "
+            "too large for an attenuation",
             "replace them before reading the volume",
         )
     values *= np.float32(1e3)

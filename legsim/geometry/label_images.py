@@ -19,6 +19,9 @@ from legsim.geometry.image_files import LPS_FROM_WORLD, Axes
 _SPACING_MM = (0.02, 20.0)
 """least and largest voxel spacing of a segmentation; beyond, its unit is taken for mistaken"""
 
+_LARGEST_NUMBER = 1 << 20
+"""of a structure; no list of structures is that long"""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LabelImage:
@@ -75,13 +78,17 @@ def load_label_image(path: Path | str, *, axes: Axes = "lps") -> LabelImage:
             f"has voxels of {', '.join(f'{s:.4g}' for s in spacing_mm)} mm",
             f"expected {_SPACING_MM[0]:g} to {_SPACING_MM[1]:g} mm: fix the unit of its spacing",
         )
-    whole = np.asarray(samples, np.int32)
+    with np.errstate(invalid="ignore"):  # NaN is no whole number either
+        whole = np.asarray(samples).astype(np.int32)
     if not np.array_equal(whole, samples):
         raise file_error(
             path,
             "holds values that are no whole numbers",
             "give the segmentation, one whole number per structure, not the image",
         )
+    if whole.max() > _LARGEST_NUMBER:
+        problem = f"holds the number {whole.max()}"
+        raise file_error(path, problem, f"number its structures up to {_LARGEST_NUMBER}")
     if whole.min() < 0 or whole.max() == 0:
         problem = f"its values go from {whole.min()} to {whole.max()}"
         raise file_error(path, problem, "expected 0 outside and a number above 0 per structure")

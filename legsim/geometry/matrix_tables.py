@@ -6,14 +6,14 @@ four. Anything else is refused: read as 12 numbers per view it would be other ma
 """
 
 import re
-import tokenize
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
+from legsim.core import files
 from legsim.core.errors import file_error
 from legsim.core.values import FloatArray
+from legsim.geometry import mat_file
 
 SUFFIXES = (".txt", ".csv", ".ompl", ".npy", ".mat")
 
@@ -146,19 +146,9 @@ def _number(path: Path, word: str, line: int) -> float:
         ) from error
 
 
-_UNREADABLE = (
-    *(ValueError, EOFError, TypeError, SyntaxError, OverflowError),
-    tokenize.TokenError,
-)
-"""what numpy raises for a damaged header"""
-
-
 def _npy_values(path: Path) -> FloatArray:
     fix = "write it with numpy.save of a (views, 3, 4) array"
-    try:
-        values = np.load(path, allow_pickle=False)
-    except _UNREADABLE as error:
-        raise file_error(path, "is not an .npy file of numbers", fix) from error
+    values = files.load_npy(path, fix)
     if not isinstance(values, np.ndarray) or values.dtype.kind not in "fiu":
         raise file_error(path, "is not an .npy file of real numbers", fix)
     return values.astype(float)
@@ -170,21 +160,19 @@ def mat_values(path: Path) -> FloatArray:
     Raises:
         LegsimError: a file that is none or of version 7.3, or not exactly one such variable.
     """
-    from scipy.io import loadmat
-
     try:
-        content: dict[str, Any] = loadmat(path)
+        content = mat_file.arrays(path.read_bytes())
     except NotImplementedError as error:
         raise file_error(
             path, "is of MATLAB's version 7.3 (HDF5)", "write it by save(..., '-v7')"
         ) from error
-    except (ValueError, TypeError, KeyError, IndexError) as error:
-        raise file_error(path, "is not a MATLAB file", "write it by save(..., '-v7')") from error
+    except (ValueError, MemoryError) as error:
+        problem = f"is not a MATLAB file that can be read ({error})"
+        raise file_error(path, problem, "write it by save(..., '-v7')") from error
     tables = {
         name: value
         for name, value in content.items()
-        if isinstance(value, np.ndarray)
-        and value.dtype.kind in "fiu"
+        if value is not None
         and (
             value.shape[-1:] in ((12,), (13,), (16,))
             or {3, 4} <= {*value.shape}
@@ -192,7 +180,7 @@ def mat_values(path: Path) -> FloatArray:
         )
     }
     if len(tables) != 1:
-        names = ", ".join(tables) or ", ".join(n for n in content if not n.startswith("__"))
+        names = ", ".join(tables) or ", ".join(content)
         raise file_error(
             path,
             f"holds {len(tables)} variables with 12 numbers per view (variables: {names})",

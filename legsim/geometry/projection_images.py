@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from legsim.core import files
 from legsim.core.errors import LegsimError, file_error
 from legsim.core.values import FloatArray
 from legsim.geometry import counts as geometry_counts
@@ -302,10 +303,7 @@ def _read_series(place: Path, raw: RawLayout | None) -> ProjectionImages:
 
 def _npy_values(path: Path) -> NDArray:
     fix = "write it with numpy.save of a (views, rows, columns) array"
-    try:
-        values = np.load(path, allow_pickle=False)
-    except (ValueError, EOFError) as error:
-        raise file_error(path, "is not an .npy file of numbers", fix) from error
+    values = files.load_npy(path, fix)
     if not isinstance(values, np.ndarray) or values.dtype.kind not in "bfiu":
         raise file_error(path, "is not an .npy file of real numbers", fix)
     values = values.astype(np.uint8) if values.dtype.kind == "b" else values

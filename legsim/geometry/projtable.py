@@ -37,7 +37,7 @@ def matrices(path: Path, text: str) -> FloatArray:
     starts = [k for k, (_, line) in enumerate(lines) if line.startswith("@")]
     if not starts:
         raise file_error(path, "holds no view (a line with @ and its number)", _FIX)
-    announced = [int(line) for _, line in lines[: starts[0]] if line.isdigit()]
+    announced = [int(line) for _, line in lines[: starts[0]] if line.isdecimal()]
     if announced and announced[-1] != len(starts):
         raise file_error(
             path, f"announces {announced[-1]} views, {len(starts)} are there", "write it again"
@@ -46,7 +46,7 @@ def matrices(path: Path, text: str) -> FloatArray:
     for start, end in zip(starts, [*starts[1:], len(lines)], strict=True):
         number = lines[start][1][1:].strip()
         place = f"line {lines[start][0]}"
-        if not number.isdigit() or (first is not None and int(number) != first + len(found)):
+        if not number.isdecimal() or (first is not None and int(number) != first + len(found)):
             raise file_error(
                 path, f"view {number!r} is out of order", "count views up by one", place=place
             )

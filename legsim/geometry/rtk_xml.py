@@ -16,7 +16,7 @@ import numpy as np
 
 from legsim.core import transforms
 from legsim.core.errors import file_error
-from legsim.core.values import FloatArray
+from legsim.core.values import FloatArray, within
 from legsim.geometry._file_parts import (
     NEEDS_DETECTOR,
     Given,
@@ -321,11 +321,11 @@ def _numbers(path: Path, element: ElementTree.Element, place: str, count: int) -
             f"expected {count} numbers",
             place=place,
         ) from error
-    if len(values) != count or not np.isfinite(values).all():
+    if len(values) != count or not within(values):
         raise file_error(
             path,
             f"<{element.tag}> holds {len(values)} numbers",
-            f"expected {count}, all finite",
+            f"expected {count}, all finite and none too large for a geometry",
             place=place,
         )
     return values

@@ -1,14 +1,17 @@
 """TIFF stacks, and the files of a folder in the order of their view numbers."""
 
+import logging
 import re
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import lazy_loader
 import numpy as np
 from numpy.typing import NDArray
 
-from legsim.core.errors import file_error
+from legsim.core.errors import LegsimError, file_error
 
 if TYPE_CHECKING:
     import tifffile
@@ -16,6 +19,9 @@ else:
     tifffile = lazy_loader.load("tifffile")
 
 SUFFIXES = (".tif", ".tiff")
+
+_PAGE_BYTES = 32
+"""of the smallest description of a page: a count, two tags, and where the next one is"""
 
 _VIEWS = (
     *SUFFIXES,
@@ -37,13 +43,11 @@ def read(path: Path) -> NDArray:
     """(v, rows, columns) of all pages. TIFF's resolution is for printers and not used.
 
     Raises:
-        LegsimError: no TIFF, pages of several sizes, or colors.
+        LegsimError: no TIFF, one that is broken, pages of several sizes, or colors.
     """
     try:
-        with tifffile.TiffFile(path) as file:
-            if not file.pages:
-                raise ValueError("no page")
-            pages = [(page.shape, page.dtype) for page in file.pages]
+        with _without_a_word(), tifffile.TiffFile(path) as file:
+            pages = _pages(file, path.stat().st_size)
             first = file.pages.first
             colors = first.samplesperpixel > 1 and first.planarconfig == 1
             others = [k for k, page in enumerate(pages) if page != pages[0]]
@@ -57,7 +61,9 @@ def read(path: Path) -> NDArray:
             values = np.asarray(
                 file.asarray() if len(pages) == 1 else file.asarray(key=slice(None))
             )
-    except (tifffile.TiffFileError, ValueError, OSError, RuntimeError) as error:
+    except LegsimError:
+        raise
+    except Exception as error:  # tifffile raises many kinds of errors on broken files
         raise file_error(
             path, f"cannot be read as TIFF ({_line(error)})", "export it again, uncompressed"
         ) from error
@@ -71,6 +77,33 @@ def read(path: Path) -> NDArray:
     if values.dtype.kind not in "fiu":
         raise file_error(path, f"holds {values.dtype} numbers", "export real numbers")
     return values
+
+
+def _pages(file: "tifffile.TiffFile", size: int) -> list[tuple[Any, Any]]:
+    """(shape, type) of each page of a file of ``size`` bytes.
+
+    Raises:
+        ValueError: there is none, or their list runs in circles.
+    """
+    found = []
+    for page in file.pages:
+        found.append((page.shape, page.dtype))
+        if len(found) * _PAGE_BYTES > size:
+            raise ValueError("its list of pages runs in circles")
+    if not found:
+        raise ValueError("no page")
+    return found
+
+
+@contextmanager
+def _without_a_word() -> Iterator[None]:
+    """Drops what tifffile logs about broken tags: what it cannot read, it raises as well."""
+    logger = logging.getLogger("tifffile")
+    before, logger.disabled = logger.disabled, True
+    try:
+        yield
+    finally:
+        logger.disabled = before
 
 
 def _line(error: Exception) -> str:

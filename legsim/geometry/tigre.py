@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike
 
 from legsim.core import transforms
 from legsim.core.errors import LegsimError, file_error
-from legsim.core.values import FloatArray
+from legsim.core.values import FloatArray, within
 from legsim.geometry._file_parts import (
     Given,
     geometry_of,
@@ -92,7 +92,11 @@ def geometry(path: Path | str, content: Mapping[str, Any], given: Given) -> Cone
     axes = turned @ detector
     step_u, step_v = pitch_u * axes[:, :, 1], pitch_v * axes[:, :, 2]
     first = middle - 0.5 * (columns - 1) * step_u - 0.5 * (rows - 1) * step_v
-    forward = np.linalg.inv(np.stack([step_u, step_v, first - source], -1))
+    back = np.stack([step_u, step_v, first - source], -1)
+    if (np.abs(np.linalg.det(back)) <= 1e-12 * np.prod(np.linalg.norm(back, axis=1), -1)).any():
+        problem = "in a view the detector's plane holds the source"
+        raise file_error(path, problem, "correct DSD, DSO, dDetector and rotDetector")
+    forward = np.linalg.inv(back)
     matrices = np.concatenate([forward, -np.einsum("vij,vj->vi", forward, source)[..., None]], -1)
     return geometry_of(Path(path), given.times(views), matrices, shape_vu, float(pitch_u))
 
@@ -141,10 +145,11 @@ def _per_view(
 def _numbers(path: Path | str, value: Any, name: str) -> FloatArray:
     try:
         numbers = np.asarray(value, float)
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         raise file_error(path, "is not of numbers", "correct it there", place=name) from error
-    if not np.isfinite(numbers).all():
-        raise file_error(path, "holds numbers that are not finite", "correct it", place=name)
+    if not within(numbers):
+        problem = "holds numbers that are not finite or too large for a geometry"
+        raise file_error(path, problem, "correct it", place=name)
     return numbers
 
 

@@ -19,6 +19,7 @@ import numpy as np
 from legsim.core import resources
 from legsim.core.constants import STANDARD_GRAVITY
 from legsim.core.errors import LegsimError, file_error
+from legsim.core.values import LARGEST
 from legsim.imu.errors import SensorErrors, TriadErrors
 
 Triad = Literal["accelerometer", "gyroscope"]
@@ -220,11 +221,11 @@ def _value(
         raise file_error(path, f"{place} has the keys {', '.join(entry)}", f"write {form}")
     value, sheet = entry["value"], entry["sheet"]
     number = isinstance(value, (int, float)) and not isinstance(value, bool)
-    if not (number and np.isfinite(value) and value >= 0):
+    if not (number and 0 <= value <= LARGEST):
         raise file_error(path, f"{place} has the value {value!r}", "give a number, 0 or greater")
     if key in ("bits", "filter_order") and value != int(value):
         raise file_error(path, f"{place} has the value {value!r}", "give a whole number")
-    if sheet not in sheets:
+    if not isinstance(sheet, str) or sheet not in sheets:
         known = ", ".join(sheets)
         raise file_error(path, f"{place} is from the sheet {sheet!r}", f"name one of: {known}")
     note = f"; {entry['note']}" if "note" in entry else ""

@@ -10,7 +10,7 @@ import numpy as np
 
 from legsim.core import files
 from legsim.core.errors import file_error
-from legsim.core.values import FloatArray
+from legsim.core.values import LARGEST, FloatArray
 from legsim.imu import tables
 from legsim.imu.recording import ImuRecording
 from legsim.imu.signals import ImuSignals
@@ -59,6 +59,9 @@ def _numbers(path: Path, line: int, row: list[str], count: int) -> list[float]:
         numbers = [float(cell) for cell in row]
     except ValueError as error:
         raise file_error(path, str(error), "repair the line", place=f"line {line}") from error
+    if any(abs(number) > LARGEST for number in numbers):
+        problem = f"holds {max(numbers, key=abs):g}, beyond any signal"
+        raise file_error(path, problem, "repair the line", place=f"line {line}")
     if len(numbers) != count:
         problem = f"holds {len(numbers)} numbers instead of {count}"
         raise file_error(path, problem, "repair the line", place=f"line {line}")
@@ -239,11 +242,15 @@ def _sto_columns(path: Path) -> dict[tuple[str, str], tuple[FloatArray, FloatArr
             place="header",
         )
     rows = [line.split("\t") for line in lines[end + 1 :] if line.strip()]
+    if len(rows) < 2:
+        raise file_error(path, "holds no row of vectors", "export it again")
     times, cells = [], []
     for number, row in enumerate(rows[1:], end + 3):
         try:
             times.append(float(row[0]))
             cells.append([[float(x) for x in cell.split(",")] for cell in row[1:]])
+            if any(abs(x) > LARGEST for vector in cells[-1] for x in vector):
+                raise ValueError("a number beyond any signal")
             if len(row) != len(rows[0]) or any(len(vector) != 3 for vector in cells[-1]):
                 raise ValueError(f"{len(row)} cells")
         except ValueError as error:
@@ -252,7 +259,7 @@ def _sto_columns(path: Path) -> dict[tuple[str, str], tuple[FloatArray, FloatArr
             ) from None
     values = np.array(cells).reshape(len(times), -1, 3)
     found = {}
-    for k, label in enumerate(rows[0][1:] if rows else []):
+    for k, label in enumerate(rows[0][1:]):
         name, kind = _sto_label(label, path.stem)
         if kind:
             found[name, kind] = (np.array(times), values[:, k])

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from legsim.core import files
 from legsim.core.constants import STANDARD_GRAVITY
 from legsim.core.errors import LegsimError, file_error
-from legsim.core.values import FloatArray
+from legsim.core.values import LARGEST, FloatArray
 from legsim.imu import packets
 from legsim.imu.recording import ImuRecording, check_plausible, gap_note
 
@@ -220,7 +220,10 @@ def _number(path: Path, line: int, text: str, column: str) -> float:
     if not text or re.fullmatch(r"(?i)[-+]?nan|n/a|null", text):
         return math.nan
     try:
-        return float(text.replace(",", "."))  # a decimal comma: commas between columns are gone
+        value = float(text.replace(",", "."))  # a decimal comma: commas between columns are gone
+        if abs(value) > LARGEST or "_" in text:
+            raise ValueError
+        return value
     except ValueError:
         raise file_error(
             path,

@@ -161,8 +161,13 @@ def read(path: Path | str) -> OsimModel:
             f"its {elsewhere[0]} is in another file",
             "open the model in OpenSim and save it, so that one file holds it all",
         )
+    version = root.get("Version", "0")
+    if not (version.isascii() and version.isdecimal()):
+        raise file_error(
+            path, f"its Version is {version[:20]!r}", "expected OpenSim's whole number, as 40000"
+        )
     try:
-        return _model(path, model, int(root.get("Version", "0")))
+        return _model(path, model, int(version[:10]))
     except LegsimError as error:
         raise LegsimError(f"{path}: {error}") from error
 

@@ -33,6 +33,8 @@ def document(path: Path, *, bare: Collection[str] = ()) -> Element:
             "copy the file again, or save it again from OpenSim",
             place=f"line {line}, column {column + 1}",
         ) from error
+    except (LookupError, ValueError) as error:  # an encoding that Python does not know
+        raise file_error(path, f"is not XML ({error})", "save it again from OpenSim") from error
     if root.tag not in ("OpenSimDocument", *bare):
         raise file_error(path, f"begins with <{root.tag}>", "give a file that OpenSim wrote")
     return root

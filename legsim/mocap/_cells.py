@@ -3,6 +3,8 @@
 import math
 import re
 
+from legsim.core.values import LARGEST
+
 _NAN = re.compile(
     r"""[+-]?(
         nan | nan\([\w\s]*\) | [qs]nan | nan[qs]          # C, with its payload; Fortran; AIX
@@ -16,13 +18,13 @@ _NAN = re.compile(
 
 def number(text: str) -> float | None:
     """The finite number that a cell holds, NaN for any spelling of it, None for anything else:
-    infinity, digits grouped by "_", words.
+    infinity and what is beyond any quantity, digits grouped by "_", words.
     """
     try:
         value = float(text)
     except ValueError:
         return math.nan if _NAN.fullmatch(text.strip()) else None
-    return None if math.isinf(value) or "_" in text else value
+    return None if abs(value) > LARGEST or "_" in text else value
 
 
 def decimals(text: str) -> int:

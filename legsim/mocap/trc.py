@@ -13,6 +13,7 @@ import numpy as np
 
 from legsim.core import files
 from legsim.core.errors import file_error, printable
+from legsim.core.values import LARGEST
 from legsim.mocap._cells import number
 from legsim.mocap._trc_times import TimeColumn, row_times
 from legsim.mocap.raw import RawMarkers
@@ -334,7 +335,8 @@ def _plain_numbers(cells: list[str]) -> list[float] | None:
         values = list(map(float, cells))
     except ValueError:
         return None
-    return None if any(map(math.isinf, values)) or any("_" in cell for cell in cells) else values
+    beyond = any(abs(value) > LARGEST for value in values)
+    return None if beyond or any("_" in cell for cell in cells) else values
 
 
 def _number(path: Path, place: str, text: str, name: str) -> float:

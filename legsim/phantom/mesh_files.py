@@ -8,7 +8,7 @@ import lazy_loader
 import numpy as np
 
 from legsim.core.errors import file_error
-from legsim.core.values import FloatArray
+from legsim.core.values import FloatArray, within
 from legsim.phantom import vtp
 
 if TYPE_CHECKING:
@@ -52,6 +52,9 @@ def read(file: Path, name: str) -> tuple[FloatArray, np.ndarray]:
         )
         cure = f"it may be cut short or of another kind{mixed or ': export it again'}"
         raise file_error(file, f"cannot be read as a mesh{known}", cure, place=place) from error
+    if vertices.ndim != 2 or vertices.shape[1] != 3:
+        cure = "give x, y and z of each"
+        raise file_error(file, "its vertices are not of three numbers", cure, place=place)
     if len(triangles) == 0:
         cure = "it may be cut short: export a triangle mesh again"
         raise file_error(file, "holds no triangles", cure, place=place)
@@ -62,8 +65,9 @@ def read(file: Path, name: str) -> tuple[FloatArray, np.ndarray]:
             "export it again",
             place=place,
         )
-    if not np.isfinite(vertices[triangles]).all():
-        raise file_error(file, "a vertex is not a finite number", "export it again", place=place)
+    if not within(vertices[triangles]):
+        problem = "a vertex is not a finite number, or too far away for a leg"
+        raise file_error(file, problem, "export it again", place=place)
     used, corners = np.unique(triangles, return_inverse=True)
     return vertices[used], corners.reshape(-1, 3)
 

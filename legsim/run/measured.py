@@ -11,6 +11,7 @@ from legsim.config.imu_file import ImuFileConfig, StartConfig
 from legsim.config.measured_scan import JointConfig, MeasuredGridConfig, MeasuredScanConfig
 from legsim.core import transforms
 from legsim.core.errors import LegsimError, file_error
+from legsim.core.values import within
 from legsim.correction import initialization
 from legsim.correction.control_points import AttachedPoint
 from legsim.correction.fiducials import FIDUCIAL_NAMES, Fiducials
@@ -215,6 +216,8 @@ def load_fiducials(path: Path) -> np.ndarray:
     for number, (view, point, u, v) in rows:
         try:
             key, pixel = (int(view), point.lower()), (float(u), float(v))
+            if not within(np.array(pixel)):
+                raise ValueError
         except ValueError:
             raise file_error(
                 path, f"{view}, {u} or {v} is not a number", "correct it", place=f"line {number}"
@@ -228,13 +231,17 @@ def load_fiducials(path: Path) -> np.ndarray:
             )
         seen[key] = pixel
     count = 1 + max(view for view, _ in seen)
-    missing = [(k, name) for k in range(count) for name in FIDUCIAL_NAMES if (k, name) not in seen]
+    # views cannot outnumber the points by what is there, whatever the largest number says
+    needed = ((k, name) for k in range(count) for name in FIDUCIAL_NAMES)
+    missing = next((one for one in needed if one not in seen), None)
     if missing:
         raise file_error(
             path,
-            f"lacks point {missing[0][1]!r} of view {missing[0][0]}",
+            f"lacks point {missing[1]!r} of view {missing[0]}",
             "give all four points of consecutive views from 0",
         )
+    if len(seen) > 4 * count:
+        raise file_error(path, "holds points of views below 0", "count views from 0")
     return np.array([[seen[k, name] for name in FIDUCIAL_NAMES] for k in range(count)])
 
 

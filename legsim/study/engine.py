@@ -25,6 +25,12 @@ from legsim.core.errors import LegsimError
 _PATIENCE_S = 30
 """for the first worker of a scheduler"""
 
+_GONE_S = 300
+"""for another worker when all of a scheduler are gone"""
+
+_LOOK_S = 2
+"""between two looks at whether workers are there"""
+
 _PRELOAD = (
     "import logging; logging.getLogger('distributed.worker.state_machine').setLevel(logging.ERROR)"
 )
@@ -113,7 +119,8 @@ def run_on_cluster(
     """As many tasks at once as the cluster has workers.
 
     A worker that is lost costs the task that it was at, which another one starts again; three
-    workers lost at one task fail it.
+    workers lost at one task fail it. When all workers are gone, or the scheduler is, a warning says
+    so; without another one for five minutes all tasks that have not ended fail.
 
     Args:
         scheduler: address of a Dask scheduler whose workers see ``shared_folder``; None starts
@@ -156,7 +163,7 @@ def run_on_cluster(
                 pending.add(future)
 
         send()
-        for future in pending if running else ():
+        for future in _arriving(pending, client):
             name = running[future.key]
             came = (
                 future.result()
@@ -168,6 +175,9 @@ def run_on_cluster(
             ended[name] = _told(came)
             on_step(_end(name, ended, len(tasks), came.seconds))
             send()
+        for name in (task.name for task in tasks if task.name not in ended):
+            ended[name] = _Failure(_no_workers(client))
+            on_step(_end(name, ended, len(tasks), 0.0))
     return _outcome({task.name: ended[task.name] for task in tasks})
 
 
@@ -223,8 +233,51 @@ def _told(ended: _Warned) -> Any:
     return ended.value
 
 
+def _arriving(pending: Any, client: Any) -> Iterator[Any]:
+    """Futures as they end; breaks off where there was no worker for :data:`_GONE_S`."""
+    looked, seen, warned = time.monotonic(), time.monotonic(), False
+    while not pending.is_empty():
+        if pending.has_ready():
+            seen, warned = time.monotonic(), False
+            yield next(pending)
+            continue
+        time.sleep(0.02)
+        if time.monotonic() < looked + _LOOK_S:
+            continue
+        looked = time.monotonic()
+        if _has_workers(client):
+            seen, warned = looked, False
+        elif not warned:
+            warned = True
+            warnings.warn(
+                f"no worker of {client.scheduler.address} is left: waiting {_GONE_S} s for another "
+                "(`dask worker`)",
+                stacklevel=3,
+            )
+        elif looked > seen + _GONE_S:
+            return
+
+
+def _has_workers(client: Any) -> bool:
+    """Whether the scheduler answers and has any."""
+    try:
+        return client.status == "running" and bool(client.nthreads())
+    except (OSError, TimeoutError):
+        return False
+
+
+def _no_workers(client: Any) -> str:
+    return (
+        f"{client.scheduler.address} has had no worker for {_GONE_S} s; start some with `dask "
+        "worker` and the study again, which goes on where it was"
+    )
+
+
 def _lost(future: Any) -> str:
-    error = future.exception()
+    try:
+        error = future.exception()
+    except Exception as cancelled:  # its scheduler is gone
+        error = cancelled
     return f"{type(error).__name__}: {str(error).splitlines()[0] if str(error) else ''}"
 
 

@@ -18,3 +18,12 @@ def test_a_name_that_is_no_utf8_becomes_text_that_can_be_encoded():
     assert printable(name) == "bad\N{REPLACEMENT CHARACTER}.trc"
     str(file_error(name, "is bad", "rename it")).encode()
     assert printable(Path("Größe.trc")) == "Größe.trc"
+
+
+def test_a_message_is_one_line_whatever_a_file_holds():
+    odd = "a\nb\r\x0b\x1b[31m\u2028\x85c é ∞"
+    line = str(errors.file_error("a.csv", f"{odd} is no number", "fix it"))
+    assert len(line.splitlines()) == 1
+    assert line.isprintable()
+    assert line.startswith("a.csv: a b")
+    assert "c é ∞ is no number" in line

@@ -1,6 +1,7 @@
 import os
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from legsim.core import files
@@ -111,3 +112,15 @@ def test_what_is_being_read_is_not_written_over_under_any_name(tmp_path: Path) -
     assert source.read_text() == "mine"
     files.write_text(source, "other")
     assert (source.read_text(), hard.read_text()) == ("other", "mine")
+
+
+@pytest.mark.parametrize("change", [(b"(3,)", b"(3, "), (b"<f8", b"|O "), (b"(3,)", b"(9,)")])
+def test_a_broken_npy_is_refused(tmp_path: Path, change) -> None:
+    path = tmp_path / "a.npy"
+    np.save(path, np.arange(3.0))
+    np.testing.assert_array_equal(files.load_npy(path, "x"), np.arange(3))
+    path.write_bytes(path.read_bytes().replace(*change))
+    with pytest.raises(LegsimError, match=r"a\.npy: is not an \.npy file"):
+        files.load_npy(path, "export it again")
+    with pytest.raises(LegsimError, match="cannot be read"):
+        files.load_npy(tmp_path, "export it again")

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from legsim.core.errors import LegsimError
-from legsim.core.values import frozen, increasing_times
+from legsim.core.values import LARGEST, frozen, increasing_times, within
 
 
 def test_frozen_arrays_are_copied_once_and_cannot_be_written():
@@ -39,3 +39,23 @@ def test_times_must_increase():
     np.testing.assert_array_equal(increasing_times("t", [0, 1, 3]), [0, 1, 3])
     with pytest.raises(LegsimError, match="sample 2"):
         increasing_times("t", [0, 1, 1])
+
+
+@pytest.mark.parametrize("step", [1e-320, 1e-13])
+def test_times_closer_than_any_clock_are_refused(step):
+    """Rates would overflow."""
+    with pytest.raises(LegsimError, match=r"sample 1 comes .* s after sample 0"):
+        increasing_times("t", [0, step, 1])
+
+
+@pytest.mark.parametrize("time", [np.nan, np.inf, -1e31])
+def test_times_beyond_any_quantity_are_refused(time):
+    with pytest.raises(LegsimError, match="not a number, or too large a one, at index 1"):
+        increasing_times("t", [0, time, 1])
+
+
+def test_numbers_are_within_up_to_the_largest():
+    assert within(np.array([0, -LARGEST, 1e-320]))
+    assert within(np.array([], int))
+    for wrong in (np.nan, np.inf, -np.inf, 1.1 * LARGEST):
+        assert not within(np.array([0, wrong]))

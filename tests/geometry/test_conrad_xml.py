@@ -64,3 +64,9 @@ def test_what_is_not_there_is_refused(tmp_path, content, message):
     (tmp_path / "c.xml").write_text(content)
     with pytest.raises(LegsimError, match=message):
         files.read_geometry(tmp_path / "c.xml")
+
+
+def test_an_endless_count_of_matrices_is_refused_at_once(tmp_path):
+    (tmp_path / "c.xml").write_text(configuration(texts(), 10**20))
+    with pytest.raises(LegsimError, match=r"\(projection 5\): 1000.* are announced, 5 are there"):
+        files.read_geometry(tmp_path / "c.xml")

@@ -113,3 +113,19 @@ def test_files_of_a_series_are_taken_by_their_instance_numbers(tmp_path, values)
     written(tmp_path / "d.dcm", values[:1])
     with pytest.raises(LegsimError, match="has no instance number"):
         projection_images.read_images(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("element", "value"),
+    [
+        (b"0.0001", b"0.00x1"),
+        (b"0.0001", b"1e400\0"),
+        (b"0.3\\0.4", b"0.3\\x.4"),
+        (b"0.3\\0.4", b"0.3\\0.0"),
+    ],
+)
+def test_elements_that_are_no_numbers_are_refused(tmp_path, values, element, value):
+    path = written(tmp_path / "x.dcm", values, RescaleSlope="0.0001", ImagerPixelSpacing=[0.3, 0.4])
+    path.write_bytes(path.read_bytes().replace(element, value))
+    with pytest.raises(LegsimError, match=r"x\.dcm: (its rescaling|holds no image)"):
+        dicom.read_projections(path)

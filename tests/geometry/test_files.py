@@ -4,6 +4,7 @@ files are told.
 
 import contextlib
 import json
+import re
 
 import numpy as np
 import pytest
@@ -332,3 +333,24 @@ def test_a_detector_that_contradicts_the_file_is_refused(tmp_path):
         files.read_geometry(tmp_path / "g.txt", format="rtx")
     with pytest.raises(LegsimError, match=r"'astra' is not written with the ending '\.xml'"):
         files.save_geometry(tmp_path / "g.xml", circular(), format="astra")
+
+
+@pytest.mark.parametrize("format", ["matrices", "astra", "projtable", "conrad", "rtk", "tigre"])
+@pytest.mark.parametrize("number", ["1e300", "-1e160", "1e-320"])
+def test_numbers_with_which_nothing_can_be_computed_are_refused(tmp_path, format, number):
+    """Each number of the file in turn; some may be that small, none that large."""
+    path = tmp_path / f"g{files.FORMATS[format][0]}"
+    files.save_geometry(path, circular(3), format=format)
+    text = path.read_text()
+    places = [m.span() for m in re.finditer(r"-?\d+\.\d+(e[-+]?\d+)?", text)]
+    for begin, end in places[:: max(1, len(places) // 25)]:
+        path.write_text(text[:begin] + number + text[end:])
+        with contextlib.suppress(LegsimError):
+            found = files.read_geometry(path, columns=62, rows=48, pixel_mm=0.616)
+            assert np.abs(found.geometry.matrices).max() < 1e31
+
+
+def test_an_encoding_that_nobody_knows_is_refused(tmp_path):
+    (tmp_path / "g.xml").write_text('<?xml version="1.0" encoding="utf-9"?><java/>')
+    with pytest.raises(LegsimError, match="is not XML"):
+        files.read_geometry(tmp_path / "g.xml")

@@ -285,3 +285,12 @@ def test_a_data_file_that_is_no_name_is_refused_before_itk_reads_it(tmp_path, na
     path.write_bytes(path.read_bytes().replace(b"= LOCAL", f"= {name}".encode()))
     with pytest.raises(LegsimError, match=r"v\.mha: its header says ElementDataFile = "):
         image_files.load_volume(path)
+
+
+def test_voxels_too_large_for_an_attenuation_are_refused(tmp_path: Path) -> None:
+    """In 1/m they would be infinite."""
+    values = np.zeros((2, 3, 4), np.float32)
+    values[1, 1, 1] = 1e37
+    sitk.WriteImage(sitk.GetImageFromArray(values), str(tmp_path / "a.mha"))
+    with pytest.raises(LegsimError, match="1 voxels are not finite numbers, or too large"):
+        image_files.load_volume(tmp_path / "a.mha")

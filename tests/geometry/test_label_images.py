@@ -83,3 +83,18 @@ def test_grids_are_the_same_to_a_hundredth_of_a_voxel(tmp_path):
     a, b, c = (load_label_image(tmp_path / f"{name}.nrrd") for name in "abc")
     assert a.on_grid_of(b)
     assert not a.on_grid_of(c)
+
+
+@pytest.mark.parametrize(
+    ("number", "kind", "said"),
+    [
+        (2**31 - 1, np.int32, "holds the number 2147483647"),
+        (np.nan, np.float32, "no whole numbers"),
+    ],
+)
+def test_numbers_that_no_structure_has_are_refused(tmp_path, number, kind, said):
+    labels = np.zeros((4, 5, 6), kind)
+    labels[1, 2, 3], labels[0, 0, 0] = number, 1
+    sitk.WriteImage(image(labels), str(tmp_path / "a.mha"))
+    with pytest.raises(LegsimError, match=said):
+        load_label_image(tmp_path / "a.mha")

@@ -1,5 +1,6 @@
 """TIFF: stacks, folders in the order of their numbers, and what is refused."""
 
+import contextlib
 from pathlib import Path
 
 import numpy as np
@@ -85,3 +86,27 @@ def test_colors_previews_and_broken_files_are_refused(tmp_path, rng):
     (tmp_path / "b.tif").write_bytes(b"II*\0nothing")
     with pytest.raises(LegsimError, match="cannot be read as TIFF"):
         tiff.read(tmp_path / "b.tif")
+
+
+def test_a_list_of_more_pages_than_a_file_can_describe_is_refused(tmp_path, rng):
+    """Damaged files have them, in circles or overlapping."""
+    tifffile.imwrite(tmp_path / "s.tif", some_views(rng, 1))
+    data = bytearray((tmp_path / "s.tif").read_bytes())
+    first = int.from_bytes(data[4:8], "little")
+    next_at = first + 2 + 12 * int.from_bytes(data[first : first + 2], "little")
+    data[next_at : next_at + 4] = len(data).to_bytes(4, "little")
+    for _ in range(500):  # pages without a tag: their count, and where the next one is
+        data += bytes(2) + (len(data) + 6).to_bytes(4, "little")
+    (tmp_path / "s.tif").write_bytes(bytes(data))
+    with pytest.raises(LegsimError, match="its list of pages runs in circles"):
+        tiff.read(tmp_path / "s.tif")
+
+
+def test_broken_tags_are_refused_without_a_word_elsewhere(tmp_path, rng, caplog):
+    tifffile.imwrite(tmp_path / "s.tif", some_views(rng), compression="zlib")
+    whole = (tmp_path / "s.tif").read_bytes()
+    for at in range(8, 200, 3):
+        (tmp_path / "s.tif").write_bytes(whole[:at] + b"\xff\x7f" + whole[at + 2 :])
+        with contextlib.suppress(LegsimError):
+            tiff.read(tmp_path / "s.tif")
+    assert not caplog.records

@@ -115,3 +115,18 @@ def test_what_is_missing_is_named():
     with pytest.raises(LegsimError, match="lacks angles"):
         tigre.from_object(SimpleNamespace(**geo))
     assert len(tigre.from_object(SimpleNamespace(**geo), parameters()["angles"])) == 4
+
+
+def test_a_detector_through_its_source_and_numbers_beyond_all_are_refused(tmp_path):
+    for change, said in (
+        (
+            {"DSD": 1e-320, "offDetector": [0, 0], "rotDetector": [0, 0, 0]},
+            "the detector's plane holds the source",
+        ),
+        ({"DSO": [1e200] * 4}, "too large for a geometry"),
+        ({"DSD": 10**400}, "is not of numbers"),
+    ):
+        content = {k: np.asarray(v).tolist() for k, v in parameters().items()} | change
+        (tmp_path / "t.json").write_text(json.dumps(content))
+        with pytest.raises(LegsimError, match=said):
+            files.read_geometry(tmp_path / "t.json")

@@ -93,6 +93,8 @@ def test_a_file_of_ones_own_is_read_by_its_path(tmp_path: Path):
         ("value = 16,", "value = 16.5,", "whole number"),
         ("value = 16,", "value = 60,", "at most 32 bits"),
         ('value = 180, sheet = "main"', 'value = 180, sheet = "b"', "name one of: main"),
+        ('value = 180, sheet = "main"', "value = 180, sheet = [1]", r"from the sheet \[1\]"),
+        ("value = 180,", "value = 1e300,", "has the value 1e"),
         ("value = 180, ", "", "has the keys sheet, page, note"),
         ('"BMI160"', '""', "name is ''"),
         ("[sheets]\nmain", "[sheets]\n# main", "names no data sheet"),

@@ -161,3 +161,24 @@ def test_lost_samples_and_names_with_commas_survive_the_file(tmp_path, rng):
     np.testing.assert_array_equal(load_rest(tmp_path / "rest.csv", ("ü", "a/b, c")), rest[::-1])
     with pytest.raises(LegsimError, match="lacks a sensor"):
         load_rest(tmp_path / "rest.csv", ("other",))
+
+
+@pytest.mark.parametrize("number", ["inf", "1e300", "-1e31"])
+def test_signals_beyond_any_sensor_are_refused_with_their_line(tmp_path, number):
+    header = "time_s,s_ax_m_s2,s_ay_m_s2,s_az_m_s2,s_gx_rad_s,s_gy_rad_s,s_gz_rad_s"
+    rows = [f"{k / 100},0,9.81,0,0,0,0" for k in range(30)]
+    rows[7] = f"0.07,0,9.81,{number},0,0,0"
+    (tmp_path / "i.csv").write_text("\n".join([header, *rows, ""]))
+    for read in (load_imu, load_recordings):
+        with pytest.raises(LegsimError, match=r"i\.csv \(line 9\)"):
+            read(tmp_path / "i.csv")
+
+
+def test_a_table_of_vectors_without_rows_is_refused(tmp_path):
+    head = "DataType=Vec3\nendheader\ntime\ta|linear_acceleration\ta|angular_velocity\n"
+    (tmp_path / "a.sto").write_text(head)
+    with pytest.raises(LegsimError, match="holds no row of vectors"):
+        load_recordings(tmp_path / "a.sto")
+    (tmp_path / "a.sto").write_text(head + "0.1\t1,2,1e300\t1,2,3\n")
+    with pytest.raises(LegsimError, match=r"\(line 4\): is no row of vectors"):
+        load_recordings(tmp_path / "a.sto")

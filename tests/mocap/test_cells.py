@@ -28,3 +28,9 @@ def test_what_is_no_number_is_none(text):
 @pytest.mark.parametrize(("text", "value"), [("1.5", 1.5), ("-.5E-3", -0.0005), ("+7", 7.0)])
 def test_numbers(text, value):
     assert number(text) == value
+
+
+@pytest.mark.parametrize("text", ["1e31", "-1e300", "1e309", "inf", "1_000"])
+def test_what_no_quantity_can_be_is_no_number(text):
+    assert number(text) is None
+    assert number("1e29") == 1e29

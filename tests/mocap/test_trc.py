@@ -348,8 +348,8 @@ def test_a_marker_not_seen_in_any_programs_words_is_nan(write, spelled):
     assert np.isfinite(raw.positions[1, 1]).all()
 
 
-@pytest.mark.parametrize("spelled", ["inf", "-Infinity", "1.#INF", "-1.#INF00"])
-def test_infinity_is_refused(write, spelled):
+@pytest.mark.parametrize("spelled", ["inf", "-Infinity", "1.#INF", "-1.#INF00", "9e298"])
+def test_infinity_and_what_is_no_place_are_refused(write, spelled):
     row = f"2\t0.01\t{spelled}\t1\t2\t4\t5\t6"
     with pytest.raises(LegsimError, match=r"line 8\): '.*' of marker 'A' is not a number"):
         trc.read(write(text([ROWS[0], row, ROWS[2]])))

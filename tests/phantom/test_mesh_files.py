@@ -29,3 +29,11 @@ def test_polygons_of_vtk_are_read(tmp_path: Path) -> None:
     path.write_bytes(path.read_bytes().replace(b"Polys", b"Verts"))
     with pytest.raises(LegsimError, match=r"a\.vtp \(part 'bone'\): holds no triangles"):
         mesh_files.read(path, "bone")
+
+
+@pytest.mark.parametrize(("third", "said"), [("", "three numbers"), (" 1e200", "too far away")])
+def test_vertices_that_are_no_points_are_refused(tmp_path: Path, third: str, said: str) -> None:
+    corners = [f"v {x} {y}{third}" for x, y in ((0, 0), (1, 0), (0, 1))]
+    (tmp_path / "a.obj").write_text("\n".join([*corners, "f 1 2 3", ""]))
+    with pytest.raises(LegsimError, match=said):
+        mesh_files.read(tmp_path / "a.obj", "a")

@@ -8,6 +8,7 @@ from legsim.core import transforms
 from legsim.core.errors import LegsimError
 from legsim.correction.fiducials import FIDUCIAL_NAMES, Fiducials, project_fiducials
 from legsim.geometry.volume import VolumeGrid
+from legsim.run.measured import load_fiducials
 from tests.examples import measured
 from tests.examples.measured import POSE, SCAN
 
@@ -123,3 +124,20 @@ def test_a_sensor_without_a_start_is_left_out(tmp_path):
 def test_what_is_missing_or_wrong_is_named(tmp_path, old, new, said):
     with pytest.raises(LegsimError, match=said):
         ls.load_measured_scan(measured.write(tmp_path, SCAN.replace(old, new)))
+
+
+@pytest.mark.parametrize(
+    ("row", "said"),
+    [
+        ("99999999999999999999,origin,1,2", "lacks point"),
+        ("0,x,nan,2", "is not a number"),
+        ("0,x,1e300,2", "is not a number"),
+        ("-1,x,1,2", "views below 0"),
+    ],
+)
+def test_fiducials_that_cannot_be_are_refused_at_once(tmp_path, row, said):
+    rows = ["view,point,u,v", *(f"0,{name},1,2" for name in FIDUCIAL_NAMES)]
+    rows = rows if row[0] != "0" else [r for r in rows if not r.startswith("0,x")]
+    (tmp_path / "p.csv").write_text("\n".join([*rows, row, ""]))
+    with pytest.raises(LegsimError, match=said):
+        load_fiducials(tmp_path / "p.csv")

@@ -6,6 +6,7 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 import time
 import warnings
 from pathlib import Path
@@ -249,3 +250,50 @@ def test_workers_end_without_a_word_when_the_study_is_terminated(tmp_path):
     process.send_signal(signal.SIGTERM)
     _, errors = process.communicate(timeout=60)
     assert (process.returncode, errors) == (143, "")
+
+
+@pytest.fixture
+def cluster():
+    """A scheduler with one worker that nobody starts again."""
+    distributed = pytest.importorskip("distributed")
+    with distributed.LocalCluster(
+        n_workers=1,
+        threads_per_worker=1,
+        worker_class=distributed.Worker,
+        processes=False,
+        dashboard_address=":0",
+    ) as made:
+        yield made
+
+
+def leaving(cluster, comes_back: bool):
+    """Takes the workers away when task a has ended, and brings one back a second later."""
+
+    def on_step(step: Step) -> None:
+        if step.name == "a":
+            cluster.scale(0)
+            if comes_back:
+                threading.Timer(1.0, cluster.scale, (1,)).start()
+
+    return on_step
+
+
+@pytest.mark.end_to_end
+@pytest.mark.parametrize("comes_back", [False, True])
+def test_without_any_worker_left_a_study_says_so_and_waits_or_ends(
+    tmp_path, monkeypatch, cluster, comes_back
+):
+    monkeypatch.setattr(engine, "_GONE_S", 60.0 if comes_back else 0.5)
+    monkeypatch.setattr(engine, "_LOOK_S", 0.1)
+    tasks = [Task("a", note, (tmp_path, "a")), Task("b", note, (tmp_path, "b"), ("a",))]
+    with pytest.warns(UserWarning, match=r"no worker of .* is left: waiting \S+ s for another"):
+        outcome = engine.run_on_cluster(
+            tasks,
+            leaving(cluster, comes_back),
+            scheduler=cluster.scheduler_address,
+            workers=1,
+            shared_folder=tmp_path,
+        )
+    assert outcome.results == ({"a": "A", "b": "B"} if comes_back else {"a": "A"})
+    if not comes_back:
+        assert "has had no worker for 0.5 s; start some" in outcome.failures["b"]

@@ -2,46 +2,85 @@
 
 import os
 import signal
+import warnings
 
 import numpy as np
 import pytest
 
 from legsim.core.errors import LegsimError
-from tools import fuzz
+from tools.fuzz import engine, law, samples
+from tools.fuzz.damage import damaged
+from tools.fuzz.readers import READERS, Reader
 
 
 def test_damage_is_seeded_and_changes_most_files():
-    data = b"time_s,a,b\n0,1,2\n1,3,4\n"
-    made = [fuzz.damaged(data, np.random.default_rng([1, k])) for k in range(300)]
-    assert made == [fuzz.damaged(data, np.random.default_rng([1, k])) for k in range(300)]
-    assert len(set(made)) > 250
-    assert all(isinstance(fuzz.damaged(b"", np.random.default_rng(k)), bytes) for k in range(50))
+    data, others = b"time_s,a,b\n0,1,2\n1,3,4\n", (b"time_s,c\n7,8\n",)
+    made = [damaged(data, np.random.default_rng([1, k]), others) for k in range(300)]
+    assert made == [damaged(data, np.random.default_rng([1, k]), others) for k in range(300)]
+    assert len(set(made)) > 200
+    assert all(isinstance(damaged(b"", np.random.default_rng(k)), bytes) for k in range(50))
 
 
-@pytest.mark.parametrize("name", fuzz.READERS)
+@pytest.mark.parametrize("name", READERS)
 def test_every_reader_reads_or_refuses_damaged_files(name):
-    pytest.importorskip("ezc3d") if name == "c3d" else None
-    found, firsts = fuzz.fuzz(name, 15, seed=3)
-    assert found.keys() <= {"read", "refused"}, firsts
+    pytest.importorskip("pydicom") if "dicom" in name else None
+    found, firsts = engine.fuzz(name, 15, seed=3)
+    assert found.keys() <= {law.READ, law.REFUSED}, firsts
 
 
-def test_what_must_not_be_is_counted_and_kept(monkeypatch):
-    def load(path):
-        content = path.read_bytes()
-        if len(content) < 40:
-            os.kill(os.getpid(), signal.SIGKILL)
-        if len(content) > 60:
-            raise KeyError
-        raise LegsimError("no")
+def load(path):
+    """Does what a reader must not, by the length of the file."""
+    content = path.read_bytes()
+    if len(content) == 50:
+        return 1.0
+    if len(content) < 40:
+        os.kill(os.getpid(), signal.SIGKILL)
+    if len(content) < 50:
+        return {"a": [np.array([1.0, np.inf])]}
+    if len(content) > 60:
+        raise KeyError
+    if content.count(b"a") == 25:
+        warnings.warn("overflow", RuntimeWarning, stacklevel=1)
+    warnings.warn("a note", stacklevel=1)
+    raise LegsimError("no")
 
-    reader = fuzz.Reader(".x", lambda p: p.write_bytes(50 * b"a ") and None, load)
-    monkeypatch.setitem(fuzz.READERS, "x", reader)
-    monkeypatch.setattr(fuzz, "_check_valid", lambda *_: None)
-    found, firsts = fuzz.fuzz("x", 200, seed=0)
-    assert sum(found.values()) == 200
+
+def test_what_must_not_be_is_counted_and_kept(monkeypatch, tmp_path):
+    monkeypatch.setitem(READERS, "x", Reader(".x", load, (samples.content(25 * b"a "),)))
+    found, firsts = engine.fuzz("x", 400, seed=0)
+    assert found.total() == 400
     assert {what.partition(" at ")[0] for what in found} == {
-        "refused",
-        "KeyError",
-        "the process ended by signal 9",
+        *(law.READ, law.REFUSED, "KeyError", "RuntimeWarning", "inf in value"),
+        "ended by signal 9",
     }
-    assert set(firsts) == found.keys() - {"refused"}
+    assert set(firsts) == found.keys() - {law.READ, law.REFUSED}
+    engine.keep(tmp_path, "x", firsts)
+    assert len(list(tmp_path.glob("x-*.x"))) == len(firsts)
+
+
+@pytest.mark.parametrize(
+    ("value", "may_hold", "said"),
+    [
+        (np.array([1.0, np.nan]), "", "nan in value"),
+        (np.array([1.0, np.nan]), "nan", ""),
+        (np.array([1.0, np.nan, np.inf]), "nan", "inf in value"),
+        ({"a": (1, "nan", float("inf"))}, "", "inf in value"),
+        (samples.markers(), "", ""),
+    ],
+)
+def test_numbers_that_are_not_finite_are_found_wherever_they_are(value, may_hold, said):
+    assert law.unfit(value, may_hold) == said
+
+
+def test_a_reader_that_does_not_end_is_ended(monkeypatch, tmp_path):
+    def hang(_):
+        while True:
+            try:
+                while True:
+                    pass
+            except Exception:
+                pass
+
+    monkeypatch.setattr(law, "LIMIT_S", 1)
+    with law.watched():
+        assert law.outcome(Reader(".x", hang, ()), tmp_path / "x").startswith("_TooLongError")

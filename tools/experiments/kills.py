@@ -1,116 +1,249 @@
-"""Runs that are killed at random moments, or whose files may not grow, end in the same table.
+"""Studies that are killed at random moments, or whose disk is full, end in the same table.
 
-A small run is started again and again in one folder, and each time killed (SIGKILL) after a random
-time, or given a random largest file size (RLIMIT_FSIZE, as a disk that is full). Then it is let
-finish, and its table is compared with that of a run that nobody disturbed.
+A small study is started again and again in one folder. After a random time it is killed (SIGKILL),
+or something else takes all the room of its disk, a tmpfs of its own. Then it is let finish, and its
+scores are compared with those of a study that nobody disturbed. One that is done begins again in an
+empty folder.
 
-    python -m tools.experiments.kills --kills 20 --full 10
+Disks need the right to mount (root, in a container as well); without it only kills are tried.
+
+    python -m tools.experiments.kills --kills 100 --full 100
 """
 
+import contextlib
 import json
-import resource
+import os
 import shutil
 import signal
 import subprocess
 import sys
 import tempfile
 import time
+from collections import Counter
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
 import typer
 
-SETTINGS = (
-    *("scan.views=13", "scan.increment_deg=17", "scan.rate_hz=1.53", "scan.columns=60"),
-    *("scan.rows=44", "scan.pixel_mm=6.4", "scan.rays_per_pixel=1", "scan.detector.photons=1000"),
-    *("grid.voxels=24", "grid.voxel_mm=8", "evaluation.register_volumes=false"),
-    'methods.run=["static", "uncorrected", "rigid", "nonrigid-3d"]',
-)
+STUDY = """name = "small"
+title = "small"
+preset = "demo"
+subjects = ["subject01"]
+postures = ["squat_30"]
+methods = ["static", "uncorrected", "rigid"]
+[settings.scan]
+views = 13
+increment_deg = 17.0
+rate_hz = 1.53
+columns = 60
+rows = 44
+pixel_mm = 6.4
+rays_per_pixel = 1
+detector = { photons = 1000 }
+[settings.grid]
+voxels = 24
+voxel_mm = 8.0
+[settings.evaluation]
+register_volumes = false
+"""
+
+_DISK_MIB = 400
+
+_KEPT = "filler"
+"""what takes the room of the disk"""
 
 
-def command(out: Path) -> list[str]:
-    """The command of the run."""
-    options = [word for setting in SETTINGS for word in ("--set", setting)]
-    return [sys.executable, "-m", "legsim", "run", *options, "--out", str(out)]
+def child(study: Path, out: Path, said: Path) -> int:
+    """Starts the study in a fork of this process, which has imported all; its id."""
+    process = os.fork()
+    if process:
+        return process
+    os.setsid()
+    taken = os.open(said, os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
+    os.dup2(taken, 1)
+    os.dup2(taken, 2)
+    from legsim.cli import main
+
+    code = 70
+    try:
+        sys.argv = ["legsim", "study", str(study), "--out", str(out)]
+        main.main()
+        code = 0
+    except SystemExit as ended:
+        code = ended.code if isinstance(ended.code, int) else 1
+    except BaseException as error:
+        print(f"Traceback: {error!r}", file=sys.stderr)
+    finally:
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(code)
+
+
+def waited(process: int, seconds: float = float("inf")) -> int | None:
+    """The exit code (negative: the signal); None where the time is over."""
+    until = time.monotonic() + seconds
+    while True:
+        ended, status = os.waitpid(process, 0 if seconds == float("inf") else os.WNOHANG)
+        if ended:
+            return os.waitstatus_to_exitcode(status)
+        if time.monotonic() > until:
+            return None
+        time.sleep(0.01)
 
 
 def table(out: Path) -> list[dict[str, Any]]:
-    """Scores of every method, without the seconds that it took."""
-    methods = json.loads((out / "metrics.json").read_text("utf-8"))["methods"]
-    return [{k: v for k, v in method.items() if k != "seconds"} for method in methods]
+    """All scores, without the seconds that they took."""
+    scores = json.loads((out / "results.json").read_text("utf-8"))["scores"]
+    return [{k: v for k, v in score.items() if k != "seconds"} for score in scores]
 
 
-def finished(out: Path) -> float:
-    """Seconds of a run that ends; a failure ends this program."""
+def finished(study: Path, out: Path, said: Path) -> float:
+    """Seconds of a study that ends; a failure ends this program."""
     begun = time.monotonic()
-    ended = subprocess.run(command(out), capture_output=True, text=True, check=False)
-    if ended.returncode != 0:
-        raise SystemExit(f"the run failed: {ended.stderr}")
+    code = waited(child(study, out, said))
+    if code != 0:
+        raise SystemExit(f"the study failed ({code}): {said.read_text()}")
     return time.monotonic() - begun
 
 
-def killed(out: Path, after: float) -> bool:
-    """Whether the run was still going when it was killed."""
-    process = subprocess.Popen(
-        command(out), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True
-    )
-    try:
-        process.wait(after)
-    except subprocess.TimeoutExpired:
-        process.send_signal(signal.SIGKILL)
-        process.wait()
-        return True
-    return False
+def killed(study: Path, out: Path, said: Path, after: float) -> bool:
+    """Whether the study was still going when it was killed, with all its processes."""
+    process = child(study, out, said)
+    if waited(process, after) is not None:
+        return False
+    os.killpg(process, signal.SIGKILL)
+    waited(process)
+    return True
 
 
-def out_of_room(out: Path, largest: int) -> str:
-    """How a run ends whose files may have that many bytes: "whole", "one line", or what it says."""
-
-    def limit() -> None:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (largest, largest))
-
-    ended = subprocess.run(
-        command(out), capture_output=True, text=True, check=False, preexec_fn=limit
-    )
-    if ended.returncode == 0:
+def ending(code: int | None, said: str) -> str:
+    """How a study ends whose disk is full: "whole", "refused", or what it says."""
+    if code == 0:
         return "whole"
-    errors = [line for line in ended.stderr.splitlines() if line.startswith("error: ")]
-    if ended.returncode == 1 and len(errors) == 1 and "Traceback" not in ended.stderr:
-        return "one line"
-    return f"exit code {ended.returncode}: {ended.stderr[-300:]}"
+    lines = [line for line in said.splitlines() if "the disk is full" in line]
+    if code == 1 and lines and "Traceback" not in said:
+        return "refused: the disk is full"
+    return f"exit code {code}: {said[-400:]}"
+
+
+@contextlib.contextmanager
+def disk(place: Path) -> Iterator[bool]:
+    """Mounts a tmpfs at ``place``; False where that is not allowed."""
+    place.mkdir()
+    command = ["mount", "-t", "tmpfs", "-o", f"size={_DISK_MIB}m", "none", str(place)]
+    mounted = subprocess.run(command, capture_output=True, check=False).returncode == 0
+    try:
+        yield mounted
+    finally:
+        if mounted:
+            subprocess.run(["umount", "-l", str(place)], check=True)
+
+
+def filled(place: Path) -> None:
+    """Takes all room of a disk."""
+    with (place / _KEPT).open("wb", buffering=0) as stream, contextlib.suppress(OSError):
+        while True:
+            stream.write(bytes(1 << 20))
+    with (place / _KEPT).open("ab", buffering=0) as stream, contextlib.suppress(OSError):
+        while True:
+            stream.write(bytes(1 << 9))
+
+
+def emptied(folder: Path) -> None:
+    """Removes what a finished study left, so that it begins again."""
+    shutil.rmtree(folder, ignore_errors=True)
 
 
 def main(
-    kills: Annotated[int, typer.Option(help="Times that the run is killed.", min=0)] = 20,
-    full: Annotated[int, typer.Option(help="Times that its files may not grow.", min=0)] = 10,
+    kills: Annotated[int, typer.Option(help="Times that the study is killed.", min=0)] = 20,
+    full: Annotated[int, typer.Option(help="Times that its disk is full.", min=0)] = 20,
     seed: Annotated[int, typer.Option(help="Of the moments and sizes.", min=0)] = 0,
+    minutes: Annotated[float, typer.Option(help="For each of the two, at most.")] = 60.0,
 ) -> None:
-    """Kills a run, fills its disk, lets it finish, and compares its table."""
+    """Kills a study, fills its disk, lets it finish, and compares its scores."""
+    import legsim.cli.study_command  # noqa: F401  # before the forks
+
     rng = np.random.default_rng(seed)
-    with tempfile.TemporaryDirectory() as folder:
-        calm, troubled, cramped = (Path(folder, name) for name in ("calm", "troubled", "cramped"))
-        seconds = finished(calm)
+    wrong = 0
+    with tempfile.TemporaryDirectory() as folder, disk(Path(folder, "disk")) as mounted:
+        place = Path(folder)
+        study, said = place / "small.toml", place / "said.txt"
+        study.write_text(STUDY)
+        seconds = finished(study, place / "calm", said)
+        calm = table(place / "calm")
         typer.echo(f"undisturbed: {seconds:.1f} s")
-        struck = 0
-        for _ in range(kills):
-            if killed(troubled, rng.uniform(0, seconds)):
-                struck += 1
-            else:
-                shutil.rmtree(troubled)
-        finished(troubled)
-        same = table(troubled) == table(calm)
-        typer.echo(
-            f"killed {struck} times of {kills}: the table is {'the same' if same else 'OTHER'}"
-        )
-        ends = [out_of_room(cramped, int(10 ** rng.uniform(2, 7))) for _ in range(full)]
-        for end in sorted(set(ends)):
-            typer.echo(f"files too small to grow: {ends.count(end)} x {end}")
-        finished(cramped)
-        fits = table(cramped) == table(calm)
-        typer.echo(f"then let grow: the table is {'the same' if fits else 'OTHER'}")
-    if not (same and fits and set(ends) <= {"whole", "one line"}):
-        raise typer.Exit(1)
+        wrong += _kill(study, place / "killed", said, kills, seconds, rng, calm, 60 * minutes)
+        if full and not mounted:
+            typer.echo("disks cannot be mounted here: none was filled")
+        elif full:
+            wrong += _fill(study, place / "disk", said, full, seconds, rng, calm, 60 * minutes)
+    raise typer.Exit(1 if wrong else 0)
+
+
+def _kill(
+    study: Path,
+    out: Path,
+    said: Path,
+    times: int,
+    seconds: float,
+    rng: np.random.Generator,
+    calm: list,
+    limit: float,
+) -> int:
+    """How many resumed studies end otherwise."""
+    struck = rounds = wrong = tried = 0
+    until = time.monotonic() + limit
+    while tried < times and time.monotonic() < until:
+        tried += 1
+        if killed(study, out, said, rng.uniform(0, seconds)):
+            struck += 1
+            if rng.random() > 0.1:
+                continue
+        finished(study, out, said)
+        rounds, wrong = rounds + 1, wrong + (table(out) != calm)
+        emptied(out)
+    if out.exists():
+        finished(study, out, said)
+        rounds, wrong = rounds + 1, wrong + (table(out) != calm)
+    typer.echo(f"killed {struck} times of {tried}; {rounds} studies ended, {wrong} in other scores")
+    return wrong
+
+
+def _fill(
+    study: Path,
+    place: Path,
+    said: Path,
+    times: int,
+    seconds: float,
+    rng: np.random.Generator,
+    calm: list,
+    limit: float,
+) -> int:
+    """How many studies end otherwise, or not in a line where the disk is full."""
+    ends, rounds, wrong = Counter[str](), 0, 0
+    out, until = place / "study", time.monotonic() + limit
+    while ends.total() < times and time.monotonic() < until:
+        process = child(study, out, said)
+        code = waited(process, rng.uniform(0, seconds))
+        if code is None:
+            filled(place)
+            code = waited(process)
+        (place / _KEPT).unlink(missing_ok=True)
+        ends[ending(code, said.read_text())] += 1
+        typer.echo(f"{ends.total()} disks filled, {rounds} studies ended", err=True)
+        if code == 0 or rng.random() < 0.1:
+            finished(study, out, said)
+            rounds, wrong = rounds + 1, wrong + (table(out) != calm)
+            emptied(out)
+    finished(study, out, said)
+    rounds, wrong = rounds + 1, wrong + (table(out) != calm)
+    for end, count in ends.most_common():
+        typer.echo(f"disk filled at a random moment: {count} x {end}")
+        wrong += 0 if end in ("whole", "refused: the disk is full") else count
+    typer.echo(f"{rounds} studies ended with room, {wrong} in other scores or not in a line")
+    return wrong
 
 
 if __name__ == "__main__":

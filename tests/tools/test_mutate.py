@@ -1,0 +1,37 @@
+"""Mutants differ from their module in one place, and tests notice what they are for."""
+
+import ast
+
+import pytest
+
+from tools import mutate
+
+SOURCE = '''
+def f(x: int = 3) -> float:
+    """Text."""
+    if x < 2 and x != 0:
+        raise ValueError(f"{x + 1} is wrong")
+    return x * 0.5 if x is None else -x
+'''
+
+
+def test_every_site_is_changed_once_and_texts_stay(monkeypatch, tmp_path):
+    path = tmp_path / "m.py"
+    path.write_text(SOURCE)
+    monkeypatch.setattr(mutate, "source_of", lambda _: path)
+    made = [mutate.mutant("m", k) for k in range(len(list(mutate.sites(ast.parse(SOURCE)))))]
+    plain = ast.unparse(ast.parse(SOURCE))
+    assert len({text for _, text in made}) == len(made)
+    assert plain not in {text for _, text in made}
+    assert all("x + 1} is wrong" in text and '"""Text."""' in text for _, text in made)
+    changes = {place.partition(": ")[2] for place, _ in made}
+    assert {"Lt to LtE", "NotEq to Eq", "And to Or", "Mult to Div", "0.5 to 1.5"} <= changes
+
+
+@pytest.mark.end_to_end
+def test_the_modules_tests_notice_a_fault_and_pass_without_one():
+    source = mutate.source_of("legsim.core.errors").read_text("utf-8")
+    assert mutate.tested("legsim.core.errors", source) == "survived"
+    faulty = source.replace("c.isprintable()", "not c.isprintable()")
+    assert faulty != source
+    assert mutate.tested("legsim.core.errors", faulty) == "killed"

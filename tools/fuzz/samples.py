@@ -1,0 +1,454 @@
+"""Small valid files of every kind that legsim reads, to be damaged."""
+
+import json
+import struct
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import tomli_w
+
+import legsim as ls
+from legsim.geometry import files as geometry_files
+from legsim.geometry import image_files
+from legsim.imu import files as imu_files
+from legsim.imu.signals import ImuSignals
+from legsim.kinematics import from_recording
+from legsim.mocap import files as mocap_files
+
+Maker = Callable[[Path], object]
+"""writes one valid file"""
+
+
+def content(data: bytes | str) -> Maker:
+    """Of these bytes or this text."""
+    made = data.encode() if isinstance(data, str) else data
+    return lambda path: path.write_bytes(made)
+
+
+def copy(source: Path) -> Maker:
+    """Of a file that there is."""
+    return lambda path: path.write_bytes(source.read_bytes())
+
+
+def markers(frames: int = 8) -> ls.MarkerTrajectories:
+    """Seven markers of a recording."""
+    whole = mocap_files.load_markers(from_recording.find_recording("subject01/squat_30.trc"))
+    seven = whole.marker_names[:7]
+    return ls.MarkerTrajectories(whole.times[:frames], seven, whole.positions_world[:frames, :7])
+
+
+def coordinates() -> ls.JointTrajectories:
+    """Every coordinate of the leg model."""
+    from legsim.kinematics.leg_model import COORDINATES
+
+    values = np.random.default_rng(1).normal(size=(8, len(COORDINATES))) / 10
+    return ls.JointTrajectories(np.arange(8) / 60, COORDINATES, values)
+
+
+def geometry() -> ls.ConeBeamGeometry:
+    """Five views of 6 x 7 pixels."""
+    return ls.ConeBeamGeometry.circular(
+        times=np.arange(5) / 31,
+        angles=np.arange(5) / 3,
+        source_isocenter=0.785,
+        source_detector=1.198,
+        shape_vu=(6, 7),
+        pixel_pitch=0.01,
+    )
+
+
+def volume() -> ls.Volume:
+    """Noise on a cube."""
+    grid = ls.VolumeGrid.cubic(5, 0.01, [0.0, 0.0, 0.0])
+    drawn = np.random.default_rng(1).normal(size=grid.shape_zyx)
+    return ls.Volume(grid, drawn.astype(np.float32))
+
+
+def images() -> np.ndarray:
+    """Line integrals of :func:`geometry`."""
+    return np.random.default_rng(2).random((5, 6, 7)).astype(np.float32)
+
+
+def recording(path: Path) -> None:
+    """Markers or coordinates, as the ending says."""
+    made = coordinates() if path.suffix in (".mot", ".sto") else markers()
+    mocap_files.save_recording(path, made)
+
+
+def trc_of_other_programs(change: Callable[[str], str]) -> Maker:
+    """A TRC whose text another program would write so."""
+
+    def make(path: Path) -> None:
+        recording(path)
+        path.write_bytes(change(path.read_text("utf-8")).encode("utf-16"))
+
+    return make
+
+
+def sparse(text: str) -> str:
+    """Semicolons, and markers that are not seen."""
+    lines = text.replace("\t", ";").splitlines()
+    lines[-2] = ";".join([*lines[-2].split(";")[:5], *[""] * 18])
+    return "\n".join(lines)
+
+
+def c3d(processor: int, scale: float, **more: object) -> Maker:
+    """A C3D of one of the format's processors; a positive scale stores whole numbers."""
+    from tests.references.c3d import c3d_bytes
+
+    def make(path: Path) -> None:
+        made = markers()
+        points = 1e3 * made.positions_world.copy()
+        points[3, 2] = np.nan
+        path.write_bytes(
+            c3d_bytes(points, made.marker_names, processor=processor, scale=scale, **more)  # type: ignore[arg-type]
+        )
+
+    return make
+
+
+STATES = (
+    "states\nversion=1\nnRows=3\nnColumns=5\ninDegrees=no\nendheader\n"
+    "time\t/jointset/ground_pelvis/pelvis_tilt/value\t/jointset/knee_r/knee_angle_r/value\t"
+    "/jointset/knee_r/knee_angle_r/speed\t/forceset/soleus_r/activation\n"
+    "0\t0.1\t-0.3\t0\t0.02\n0.01\t0.1\t-0.31\t0\t0.02\n0.02\t0.11\t-0.32\t0\t0.02\n"
+)
+
+TASKS = """<OpenSimDocument Version="30000"><InverseKinematicsTool><IKTaskSet name="t"><objects>
+<IKMarkerTask name="RASI"><apply>true</apply><weight>10</weight></IKMarkerTask>
+<IKMarkerTask name="LASI"><apply>false</apply><weight>1</weight></IKMarkerTask>
+<IKCoordinateTask name="knee_angle_r"><apply>true</apply><weight>0.5</weight>
+<value_type>manual_value</value_type><value>-0.2</value></IKCoordinateTask>
+</objects></IKTaskSet></InverseKinematicsTool></OpenSimDocument>
+"""
+
+SCALES = """<?xml version="1.0"?>
+<OpenSimDocument Version="40000"><ScaleSet><objects>
+<Scale><scales>1.1 1 0.9</scales><segment>femur_l</segment><apply>true</apply></Scale>
+<Scale><scales>1 1.2 1</scales><segment>tibia_l</segment><apply>true</apply></Scale>
+</objects></ScaleSet></OpenSimDocument>
+"""
+
+ROLES = '[roles]\nsacrum = ["a", "b"]\nasis_r = [["c"], ["d", "e"]]\npatella_superior_r = "k"\n'
+
+
+def osim(version: int) -> Maker:
+    """A model of two legs."""
+    from tests.examples import osim as examples
+
+    write = {4: examples.version_4, 3: examples.version_3}[version]
+    return lambda path: path.write_text(write(examples.two_legs(), markers=examples.MARKERS))
+
+
+def saved_geometry(format: str) -> Maker:
+    """In one of the formats that legsim writes."""
+    return lambda path: geometry_files.save_geometry(path, geometry(), format=format)
+
+
+def matrix_table(path: Path) -> None:
+    """Lines of a view's number and twelve numbers."""
+    rows = geometry().matrices.reshape(-1, 12)
+    np.savetxt(path, np.column_stack([np.arange(len(rows)), rows]), delimiter=",")
+
+
+def bracketed(path: Path) -> None:
+    """3x4 matrices in brackets."""
+    rows = ["[" + "; ".join(" ".join(map(repr, row)) for row in m) + "]" for m in _matrices_mm()]
+    path.write_text("# matrices\n" + "\n".join(rows) + "\n")
+
+
+def _matrices_mm() -> list:
+    return (geometry().matrices * [1, 1, 1, 1e3]).tolist()
+
+
+def matlab(path: Path) -> None:
+    """Matrices as MATLAB keeps them."""
+    import scipy.io
+
+    scipy.io.savemat(path, {"P": geometry().matrices.transpose(1, 2, 0)})
+
+
+def tigre(path: Path) -> None:
+    """TIGRE's object with values per view."""
+    path.write_text(
+        json.dumps(
+            {
+                "mode": "cone",
+                "DSD": 1536.0,
+                "DSO": [1000.0] * 4,
+                "COR": 4.0,
+                "nDetector": [6, 7],
+                "dDetector": [10.0, 10.0],
+                "offDetector": [0.0, 1.0],
+                "rotDetector": [0.0, 0.0, 0.1],
+                "angles": [0.0, 0.5, 1.0, 1.5],
+            }
+        )
+    )
+
+
+def saved_volume(path: Path) -> None:
+    """In the format of the ending."""
+    image_files.save_volume(path, volume())
+
+
+def saved_projections(path: Path) -> None:
+    """In the format of the ending."""
+    image_files.save_projections(path, ls.Projections(geometry(), images()))
+
+
+def itk_image(values: np.ndarray, **options: object) -> Maker:
+    """An image that ITK writes."""
+    import SimpleITK as sitk
+
+    def make(path: Path) -> None:
+        image = sitk.GetImageFromArray(values)
+        image.SetSpacing([2.0] * values.ndim)
+        sitk.WriteImage(image, str(path), **options)  # type: ignore[arg-type]
+
+    return make
+
+
+def labels() -> np.ndarray:
+    """Two structures."""
+    made = np.zeros((6, 7, 8), np.uint8)
+    made[1:5, 1:6, 1:7], made[2:4, 2:5, 3:5] = 1, 2
+    return made
+
+
+LABEL_MAP = (
+    '[[label]]\nnumber = 1\nname = "skin"\ntissue = "skin"\nsegment = "tibia_l"\nenvelope = true\n'
+    '[[label]]\nnumber = 2\nname = "tibia"\ntissue = "bone"\nsegment = "tibia_l"\n'
+    "[left_out]\nliver = 5\n"
+)
+
+
+def tiff(**options: object) -> Maker:
+    """A stack of views."""
+    import tifffile
+
+    return lambda path: tifffile.imwrite(path, images(), **options)  # type: ignore[arg-type]
+
+
+def dicom(**elements: object) -> Maker:
+    """A multi-frame image."""
+
+    def make(path: Path) -> None:
+        from tests.geometry.test_dicom import written
+
+        values = np.random.default_rng(3).integers(0, 60000, (5, 6, 7)).astype(np.uint16)
+        written(path, values, **elements)
+
+    return make
+
+
+ANGLES = {
+    "ImagerPixelSpacing": [0.3, 0.4],
+    "PositionerPrimaryAngle": -100.0,
+    "PositionerPrimaryAngleIncrement": [0.0, 1.5, 3.0, 4.5, 6.0],
+    "RescaleSlope": "0.0001",
+}
+
+
+def imu(path: Path) -> None:
+    """Two sensors in legsim's own table."""
+    from tests.examples.sensors import still
+
+    one = still(30)
+    rate = np.stack([one.angular_velocity] * 2, 1)
+    force = np.stack([one.specific_force] * 2, 1)
+    imu_files.save_imu(path, ImuSignals(one.times, ("a", "b"), rate, force))
+
+
+def imu_rows(scale: float = 1.0) -> list[list[float]]:
+    """(t, three of acceleration, three of angular velocity) of a sensor at rest."""
+    from tests.examples.sensors import still
+
+    one = still(30)
+    return np.column_stack([one.times, scale * one.specific_force, one.angular_velocity]).tolist()
+
+
+def xsens(path: Path) -> None:
+    """A text export of Xsens."""
+    head = "// Start Time: Unknown\n// Update Rate: 100.0Hz\nPacketCounter,SampleTimeFine,"
+    head += "Acc_X,Acc_Y,Acc_Z,Gyr_X,Gyr_Y,Gyr_Z\n"
+    rows = (
+        f"{(65520 + k) % 65536},,{','.join(map(repr, row[1:]))}" for k, row in enumerate(imu_rows())
+    )
+    path.write_text(head + "\n".join(rows) + "\n")
+
+
+def imu_storage(path: Path) -> None:
+    """OpenSim's vectors, both quantities in one table."""
+    head = "DataRate=100.0\nDataType=Vec3\nversion=3\nendheader\n"
+    head += "time\ttibia|linear_acceleration\ttibia|angular_velocity\n"
+    rows = (
+        f"{t!r}\t{','.join(map(repr, f))}\t{','.join(map(repr, w))}"
+        for t, f, w in ((row[0], row[1:4], row[4:]) for row in imu_rows())
+    )
+    path.write_text(head + "\n".join(rows) + "\n")
+
+
+def imu_table(path: Path) -> None:
+    """A logger's table with a counter."""
+    lines = ["some logger 1.0", "", "n;ax;ay;az;gx;gy;gz"]
+    lines += [";".join(map(str, [250 + k, *row[1:]])) for k, row in enumerate(imu_rows())]
+    path.write_text("\n".join(lines) + "\n")
+
+
+IMU_TOML = """file = "table.csv"
+rate_hz = 100.0
+counter = "n"
+clock_offset_s = 0.5
+[[sensors]]
+name = "shank"
+segment = "tibia_l"
+acceleration = ["ax", "ay", "az"]
+angular_velocity = ["gx", "gy", "gz"]
+acceleration_bias_mg = [1.0, 2.0, 3.0]
+[sensors.start]
+position_mm = [0.0, 1.0, 2.0]
+rotation_deg = [0.0, 90.0, 0.0]
+"""
+
+FIDUCIALS = "view,point,u,v\n" + "".join(
+    f"{k},{name},{10 + k}.5,{20 + j}\n"
+    for k in range(2)
+    for j, name in enumerate(("origin", "x", "y", "z"))
+)
+
+
+def spectrum(path: Path) -> None:
+    """A spectrum of eight energies."""
+    path.write_text("energy_kev,weight\n" + "".join(f"{k},{k / 9}\n" for k in range(20, 60, 5)))
+
+
+def mesh(file_type: str) -> Maker:
+    """A ball by trimesh."""
+
+    def make(path: Path) -> None:
+        import trimesh
+
+        trimesh.creation.icosphere(1, 0.05).export(path, file_type=file_type)
+
+    return make
+
+
+def vtp(form: str, order: str = "<", header: str = "I", *, compressed: bool = False) -> Maker:
+    """VTK's polygons in one of its encodings."""
+    from tests.phantom.test_vtp import write
+
+    return lambda path: write(path, form, order, header, compressed=compressed)
+
+
+PHANTOM = """overlaps = "intended"
+[[part]]
+name = "a"
+file = "part.stl"
+unit = "m"
+material = "water"
+[[part]]
+name = "b"
+file = "part.stl"
+unit = "m"
+material = "cortical_bone"
+segment = "tibia_l"
+"""
+
+STUDY = """name = "mine"
+title = "A study"
+preset = "demo"
+subjects = ["subject01", "subject02"]
+postures = ["squat_30"]
+methods = ["uncorrected", "rigid"]
+[settings.scan]
+views = 60
+[[noise]]
+levels = [[0, 1.5], [3, "none"]]
+convention = "SI"
+[ladder]
+f_a = [0, "none"]
+conventions = ["per-sample"]
+"""
+
+
+def settings(path: Path) -> None:
+    """Every setting of a run."""
+    from legsim import config
+
+    path.write_text(config.dump(config.RunConfig()), "utf-8")
+
+
+def scan_toml(path: Path) -> None:
+    """A measured scan and the files that it names."""
+    from tests.examples import measured
+
+    path.write_text(measured.write(path.parent / "scan").read_text())
+
+
+def results(path: Path) -> None:
+    """A study's results as they are written."""
+    from legsim.study import results as study_results
+
+    made = study_results.StudyResults(
+        "a",
+        "A",
+        (),
+        (),
+        (("version", "1"),),
+        ("one failed",),
+        (study_results.StageCost("motion", 1, 2.0, None),),
+    )
+    study_results.save(path, made)
+    tree = json.loads(path.read_text())
+    tree["ladder"] = [
+        {
+            "subject": "s",
+            "posture": "p",
+            "repetition": 0,
+            "translation_mm": 1.0,
+            "rotation_deg": 2.0,
+            "noise": {"convention": "SI", "f_a": 1.0, "f_g": None},
+        }
+    ]
+    path.write_text(json.dumps(tree))
+
+
+def manifest(path: Path) -> None:
+    """A run folder's manifest."""
+    from legsim.run.folder import RunFolder
+
+    with RunFolder(path.parent / "run", {}) as folder:
+
+        def write() -> tuple[str]:
+            (folder.path / "a.txt").write_text("a")
+            return ("a.txt",)
+
+        folder.cached("one", "k", write)
+    path.write_bytes((path.parent / "run/manifest.json").read_bytes())
+
+
+def motion(path: Path) -> None:
+    """A rigid motion of four views."""
+    from legsim.deformation import files as motion_files
+
+    matrices = np.tile(np.eye(4), (4, 1, 1))
+    motion_files.save_motion(path, ls.RigidMotion(np.arange(4) / 31, matrices))
+
+
+def sensor_toml(path: Path) -> None:
+    """A sensor of the catalogue."""
+    from legsim.core import resources
+
+    path.write_bytes(resources.model_file("sensors/bmi160.toml").read_bytes())
+
+
+def raw(path: Path) -> None:
+    """Numbers without a header but for eight bytes."""
+    path.write_bytes(struct.pack("<q", 7) + images().tobytes())
+
+
+def toml_of(tree: dict) -> Maker:
+    """A tree as TOML."""
+    return content(tomli_w.dumps(tree))
