@@ -244,6 +244,7 @@ def reconstruct(
     return [
         *read.notes,
         *chosen,
+        *run_reconstruction.remarks(settings, projections),
         f"{voxels} voxels (z, y, x) from {len(geometry)} views by {settings.algorithm} on "
         f"{opened.label}",
         f"took {memory}" + (", the volume went to disk slab by slab" if by_slabs else ""),

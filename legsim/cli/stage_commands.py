@@ -241,10 +241,10 @@ def reconstruct(
         typer.Option(help="Middle of the grid. Default: the rotation center."),
     ] = None,
     algorithm: Annotated[
-        Literal["fdk", "cgls"] | None,
+        Literal["fdk", "cgls", "tv"] | None,
         typer.Option(
             help="fdk (default): filtered back-projection. cgls: conjugate gradients, for few "
-            "views, gaps and wide cones."
+            "views, gaps and wide cones. tv: total variation, for few views of few materials."
         ),
     ] = None,
     window: Annotated[
@@ -270,19 +270,27 @@ def reconstruct(
         int | None,
         typer.Option(
             min=1,
-            help="cgls: steps; fewer are smoother. Default: until a step gains little, 60 at most.",
+            help="cgls, tv: steps; fewer are smoother. Default: until a step gains little.",
         ),
     ] = None,
     noise: Annotated[
         float | None,
         typer.Option(
-            help="cgls: standard deviation of the line integrals; steps end where the misfit is "
-            "as large."
+            help="Standard deviation of the line integrals. cgls: steps end where the misfit is as "
+            "large. tv: gives the weight. Default of tv: from the images."
         ),
     ] = None,
     nonnegative: Annotated[
         bool, typer.Option("--nonnegative", help="cgls: keep attenuation at 0 or above.")
     ] = False,
+    tv_weight_mm: Annotated[
+        float | None,
+        typer.Option(
+            min=0,
+            help="tv: a ball of radius r loses 2 x weight / r^2 of its contrast. Default: by the "
+            "noise.",
+        ),
+    ] = None,
     out: Annotated[Path, typer.Option("--out", help="Volume, 1/mm.")] = Path("volume.mha"),
     device: DeviceOption = None,
 ) -> None:
@@ -297,6 +305,7 @@ def reconstruct(
         "iterations": iterations,
         "noise": noise,
         "nonnegative": nonnegative or None,
+        "tv_weight_mm": tv_weight_mm,
     }
     with progress.of_stages(console.err) as on_progress:
         lines = file_stages.reconstruct(
