@@ -82,7 +82,7 @@ def _downhill(
     The exact nearest volume always leads downhill. One that is not yet near enough is asked for
     again.
     """
-    target = found + length * gradient
+    target = np.add(found, length * gradient, dtype=np.float32)
     for _ in range(_MOST_TRIALS):
         nearest = penalty.nearest(target, float(length))
         change = nearest - found

@@ -9,6 +9,7 @@ of views and grid: about a ball of radius r loses 2 w / r^2 (1/m) of its contras
 import math
 from collections import deque
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
@@ -88,7 +89,7 @@ class TotalVariation:
         self._run("from_dual", places, self._volume, self._dual, self._nearest, spacing, scale)
         return self._device.download(self._nearest, np.empty(shape, np.float32))
 
-    def _run(self, name: str, size: tuple[int, ...], *arguments: object) -> None:
+    def _run(self, name: str, size: tuple[int, ...], *arguments: Any) -> None:
         kernel = self._device.kernel(name, "total_variation.cl")
         kernel(self._device.queue, size, None, *arguments)
 

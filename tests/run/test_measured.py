@@ -8,6 +8,7 @@ from legsim.core import transforms
 from legsim.core.errors import LegsimError
 from legsim.correction.fiducials import FIDUCIAL_NAMES, Fiducials, project_fiducials
 from legsim.geometry.volume import VolumeGrid
+from legsim.reconstruction import field_of_view
 from tests.examples import measured
 from tests.examples.measured import POSE, SCAN
 
@@ -46,6 +47,15 @@ def test_a_scan_is_read_in_si(tmp_path):
     assert [p.name for p in scan.inputs] == [
         "projections.mha", "geometry.xml", "imu.csv", "scan.toml"
     ]  # fmt: skip
+
+
+def test_the_field_of_view_is_the_grid_where_none_is_given(tmp_path):
+    scan = ls.load_measured_scan(measured.write(tmp_path, SCAN[: SCAN.index("[grid]")]))
+    assert scan.grid == field_of_view.grid_of(scan.seen.projections.geometry)
+    assert any("Grid: the field of view" in note for note in scan.notes)
+    coarse = SCAN.replace("shape_zyx = [16, 12, 16]\n", "")
+    scan = ls.load_measured_scan(measured.write(tmp_path, coarse))
+    assert scan.grid.spacing_xyz == (5e-3,) * 3
 
 
 def test_a_clocks_offset_is_taken_off(tmp_path):
@@ -113,7 +123,7 @@ def test_a_sensor_without_a_start_is_left_out(tmp_path):
         ("view_rate_hz = 5.0", "view_rate_hz = 0.5", "views are from 0 to 46 s, sensors shank_l"),
         ("view_rate_hz", "view_rate", "unknown key; valid here: projections"),
         ("[grid]", "[grid]\nlike = 'x.mha'", "like already says the grid"),
-        ("shape_zyx = [16, 12, 16]", "", "which grid"),
+        ("spacing_mm = [5.0, 5.0, 5.0]", "", "shape_zyx without spacing_mm; give both"),
         ('file = "imu.csv"', 'file = "no.csv"', "no.csv: cannot be read"),
         ("position_mm = [0.0, -20.0, 20.0]", "", "a start is a file of fiducials, or position_mm"),
         ("[grid]", JOINTS.replace("hip_l", "hip_r"), "hip_l is missing; a leg needs hip_l, knee_l"),
