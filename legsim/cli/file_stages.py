@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from legsim import config, view
+from legsim.cli import volume_stages
 from legsim.core.errors import LegsimError, file_error
 from legsim.core.files import write_text
 from legsim.core.progress import OnProgress
@@ -264,13 +265,15 @@ def evaluate(
     resample: bool = False,
     scaling: Scaling = "reference",
     window: Window = "uniform",
+    water_per_mm: float | None = None,
+    energy_kev: float | None = None,
 ) -> Scores:
     """Scores a volume and writes metrics.json. ``resample`` brings the volume onto the reference's
-    grid first.
+    grid first. Water's attenuation is for folders of DICOM slices.
     """
     volume, reference = (
-        image_files.load_volume(volume_file),
-        image_files.load_volume(reference_file),
+        volume_stages.read_volume(path, water_per_mm=water_per_mm, energy_kev=energy_kev)[0]
+        for path in (volume_file, reference_file)
     )
     chosen = _whole(reference.grid) if regions is None else _labelled(regions, reference)
     if resample:

@@ -63,7 +63,7 @@ def convert(
         typer.Argument(
             metavar="FILE",
             help="Markers (.trc, .c3d, .csv), coordinates (.mot, .sto, .csv), or a volume in 1/mm "
-            "(.mha, .nii, .nii.gz, .nrrd).",
+            "(.mha, .nii, .nii.gz, .nrrd), or a folder of DICOM CT slices.",
         ),
     ],
     out: Annotated[
@@ -102,7 +102,10 @@ def convert(
     ] = None,
     energy_kev: Annotated[
         float | None,
-        typer.Option(help="Photon energy for water's attenuation instead. Default: 60."),
+        typer.Option(
+            help="Photon energy for water's attenuation instead. Default where a series is "
+            "written: 60."
+        ),
     ] = None,
 ) -> None:
     """Write a recording or a volume in another format: markers in m, y up; coordinates in rad and
@@ -339,7 +342,11 @@ def reconstruct(
 
 def evaluate(
     volume: Annotated[
-        Path, typer.Argument(metavar="VOLUME", help="1/mm: .mha, .nii or whatever else ITK reads.")
+        Path,
+        typer.Argument(
+            metavar="VOLUME",
+            help="1/mm: .mha, .nii or whatever else ITK reads; or a folder of DICOM CT slices.",
+        ),
     ],
     reference: Annotated[
         Path,
@@ -374,6 +381,12 @@ def evaluate(
         Literal["uniform", "gaussian"],
         typer.Option(help="Of SSIM: 7 voxels, or a Gaussian of 1.5 voxels."),
     ] = "uniform",
+    water_per_mm: Annotated[
+        float | None, typer.Option(help="Attenuation of water, for DICOM slices.")
+    ] = None,
+    energy_kev: Annotated[
+        float | None, typer.Option(help="Photon energy for water's attenuation instead.")
+    ] = None,
     out: Annotated[Path, typer.Option("--out", help="The numbers as JSON.")] = Path("metrics.json"),
 ) -> None:
     """SSIM and RMSE of a volume against a reference, and its gradient entropy, by region."""
@@ -388,6 +401,8 @@ def evaluate(
         resample=resample,
         scaling=scaling,
         window=window,
+        water_per_mm=water_per_mm,
+        energy_kev=energy_kev,
     )
     print_table(
         f"{volume} against {reference}. {scores.protocol}",
