@@ -18,7 +18,7 @@ from legsim.correction.method import Scan
 from legsim.correction.standing_start import standing_start
 from legsim.geometry.cone_beam import ConeBeamGeometry, Projections
 from legsim.geometry.volume import VolumeGrid
-from legsim.imu import plausibility, recording, tables
+from legsim.imu import plausibility, recording, strapdown, tables
 from legsim.imu.recording import JoinedSignals
 from legsim.imu.signals import ImuSignals, SensorStart
 from legsim.imu.strapdown import Scheme
@@ -27,6 +27,9 @@ from legsim.run.grids import WantedGrid
 from legsim.run.imu_files import WornSensor
 
 _JOINTS = ("hip", "knee", "ankle")
+
+_CLOCK_ERROR = 0.01
+"""s, an error of a clock's offset whose cost is reported"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -76,6 +79,10 @@ def assemble(
     joined = _joined(started, geometry)
     found = [_start(s, joined.signals, geometry, settings.methods.scheme) for s in started]
     starts = tuple(start for start, _ in found)
+    clocks = [
+        _on_clock(sensor, joined.signals, start, geometry.times)
+        for sensor, start in zip(started, starts, strict=True)
+    ]
     joints = _joints(settings.joints, joined.signals.sensor_names, where)
     grid, chosen = _wanted(settings.grid, folder, where).of(geometry)
     more = [folder / name for name in (settings.view_times, settings.grid.like) if name]
@@ -97,6 +104,7 @@ def assemble(
             *joined.notes,
             *(f"In doubt: {line}." for line in plausibility.objections(joined.signals)),
             *(note for _, notes in found for note in notes),
+            *clocks,
         ),
     )
 
@@ -153,6 +161,22 @@ def _joined(sensors: Sequence[WornSensor], geometry: ConeBeamGeometry) -> Joined
             "clock minus the views')"
         )
     return joined
+
+
+def _on_clock(
+    sensor: WornSensor, signals: ImuSignals, start: SensorStart, views: np.ndarray
+) -> str:
+    """What is assumed of a sensor's clock, and what an error of it costs."""
+    path = strapdown.integrate(*signals.samples(sensor.recording.name), start, views)
+    velocity = np.gradient(path[:, :3, 3], views, axis=0)
+    moved = _CLOCK_ERROR * float(np.linalg.norm(velocity - velocity[0], axis=-1).max())
+    before, after = views[0] - signals.times[0], signals.times[-1] - views[-1]
+    return (
+        f"Sensor {sensor.recording.name}: its clock is taken to read {sensor.clock_offset:g} s "
+        f"more than the views' (clock_offset_s); it recorded {before:.2g} s before and {after:.2g} s "
+        f"after them. An offset that is wrong by {1e3 * _CLOCK_ERROR:g} ms moves it by up to "
+        f"{1e3 * moved:.2g} mm against the first view."
+    )
 
 
 def _start(
