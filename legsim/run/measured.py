@@ -173,8 +173,8 @@ def _on_clock(
     before, after = views[0] - signals.times[0], signals.times[-1] - views[-1]
     return (
         f"Sensor {sensor.recording.name}: its clock is taken to read {sensor.clock_offset:g} s "
-        f"more than the views' (clock_offset_s); it recorded {before:.2g} s before and {after:.2g} s "
-        f"after them. An offset that is wrong by {1e3 * _CLOCK_ERROR:g} ms moves it by up to "
+        f"more than the views' (clock_offset_s); it recorded {before:.2g} s before and "
+        f"{after:.2g} s after them. An offset that is wrong by {1e3 * _CLOCK_ERROR:g} ms moves it by up to "
         f"{1e3 * moved:.2g} mm against the first view."
     )
 

@@ -54,7 +54,6 @@ def test_it_is_read_as_the_same_scan(folder):
         np.testing.assert_allclose(*values, atol=1e-6)
     assert theirs.grid.alike(ours.grid)
     assert any("the field of view" in note for note in theirs.notes)
-    assert any("vectors" in note for note in theirs.notes)
 
 
 @pytest.mark.end_to_end
