@@ -80,7 +80,7 @@ def assemble(
     found = [_start(s, joined.signals, geometry, settings.methods.scheme) for s in started]
     starts = tuple(start for start, _ in found)
     clocks = [
-        _on_clock(sensor, joined.signals, start, geometry.times)
+        _on_clock(sensor, joined.signals, start, geometry, settings.methods.scheme)
         for sensor, start in zip(started, starts, strict=True)
     ]
     joints = _joints(settings.joints, joined.signals.sensor_names, where)
@@ -164,18 +164,32 @@ def _joined(sensors: Sequence[WornSensor], geometry: ConeBeamGeometry) -> Joined
 
 
 def _on_clock(
-    sensor: WornSensor, signals: ImuSignals, start: SensorStart, views: np.ndarray
+    sensor: WornSensor,
+    signals: ImuSignals,
+    start: SensorStart,
+    geometry: ConeBeamGeometry,
+    scheme: Scheme,
 ) -> str:
     """What is assumed of a sensor's clock, and what an error of it costs."""
-    path = strapdown.integrate(*signals.samples(sensor.recording.name), start, views)
-    velocity = np.gradient(path[:, :3, 3], views, axis=0)
-    moved = _CLOCK_ERROR * float(np.linalg.norm(velocity - velocity[0], axis=-1).max())
+    name, views = sensor.recording.name, geometry.times
     before, after = views[0] - signals.times[0], signals.times[-1] - views[-1]
+    said = (
+        f"Sensor {name}: its clock is taken to read {sensor.clock_offset:g} s more than the views' "
+        f"(clock_offset_s); it recorded {before:.2g} s before and {after:.2g} s after them."
+    )
+    if max(before, after) < _CLOCK_ERROR:
+        return said
+    late = replace(signals, times=signals.times + _CLOCK_ERROR * (1 if before > after else -1))
+    other = _start(sensor, late, geometry, scheme)[0]
+    center = geometry.rotation_center()[None]
+    places = []
+    for heard, begun in ((signals, start), (late, other)):
+        path = strapdown.integrate(*heard.samples(name), begun, views, scheme=scheme)
+        places.append(transforms.apply(path @ transforms.inverse(path[0]), center)[:, 0])
+    moved = float(np.linalg.norm(places[1] - places[0], axis=-1).max())
     return (
-        f"Sensor {sensor.recording.name}: its clock is taken to read {sensor.clock_offset:g} s "
-        f"more than the views' (clock_offset_s); it recorded {before:.2g} s before and "
-        f"{after:.2g} s after them. An offset that is wrong by {1e3 * _CLOCK_ERROR:g} ms moves it by up to "
-        f"{1e3 * moved:.2g} mm against the first view."
+        f"{said} An offset that is wrong by {1e3 * _CLOCK_ERROR:g} ms moves the rotation center, "
+        f"where it is followed, by up to {1e3 * moved:.3g} mm."
     )
 
 
