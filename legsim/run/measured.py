@@ -174,8 +174,8 @@ def _on_clock(
     name, views = sensor.recording.name, geometry.times
     before, after = views[0] - signals.times[0], signals.times[-1] - views[-1]
     said = (
-        f"Sensor {name}: its clock is taken to read {sensor.clock_offset:g} s more than the views' "
-        f"(clock_offset_s); it recorded {before:.2g} s before and {after:.2g} s after them."
+        f"Sensor {name}: its clock is taken to read {sensor.clock_offset + 0.0:g} s more than the "
+        f"views' (clock_offset_s); it recorded {before:.2g} s before and {after:.2g} s after them."
     )
     if max(before, after) < _CLOCK_ERROR:
         return said
