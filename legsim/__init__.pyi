@@ -68,6 +68,7 @@ from .phantom.meshes import Phantom as Phantom
 from .reconstruction.cgls import cgls as cgls
 from .reconstruction.fdk import FdkOptions as FdkOptions
 from .reconstruction.fdk import fdk as fdk
+from .reconstruction.total_variation import tv as tv
 from .run.correct import correct as correct
 from .run.imu_files import read_imu as read_imu
 from .run.measured import MeasuredScan as MeasuredScan

@@ -7,7 +7,26 @@ import typer
 
 from legsim.cli import console, progress
 from legsim.cli.console import print_lines, print_table
-from legsim.cli.options import ColumnsOption, DeviceOption, OutFolder, PixelOption, RowsOption
+from legsim.cli.options import (
+    AirOption,
+    BadPixelsOption,
+    ColumnsOption,
+    DarkOption,
+    DeviceOption,
+    FlatOption,
+    GeometryFormatOption,
+    I0Option,
+    LineIntegralsOption,
+    OriginOption,
+    OutFolder,
+    PixelOption,
+    RawOption,
+    RowsOption,
+    TurnRowsOption,
+    UpOption,
+    Vertical,
+    pixel_sizes,
+)
 
 
 def correct(
@@ -15,7 +34,7 @@ def correct(
         Path,
         typer.Argument(
             metavar="SCAN.toml|PROJECTIONS",
-            help="All that was recorded, as docs/correct.md describes it; or line integrals alone.",
+            help="All that was recorded, as docs/correct.md describes it; or images alone.",
         ),
     ],
     method: Annotated[
@@ -29,7 +48,7 @@ def correct(
     ] = None,
     geometry: Annotated[
         Path | None,
-        typer.Option(help="With PROJECTIONS: legsim .json, RTK .xml, or matrices (.txt, .npy)."),
+        typer.Option(help="With PROJECTIONS: as of `legsim reconstruct`."),
     ] = None,
     imu: Annotated[
         list[Path] | None,
@@ -51,11 +70,11 @@ def correct(
     ] = None,
     shape_zyx: Annotated[
         tuple[int, int, int] | None,
-        typer.Option(help="With PROJECTIONS: voxels along z, y, x; where there is no --like."),
+        typer.Option(help="With PROJECTIONS: voxels along z, y, x. Default: the field of view."),
     ] = None,
     spacing_mm: Annotated[
         tuple[float, float, float] | None,
-        typer.Option(help="With PROJECTIONS: voxel spacing along x, y, z."),
+        typer.Option(help="With PROJECTIONS: voxel spacing along x, y, z. Default: a pixel's."),
     ] = None,
     center_mm: Annotated[
         tuple[float, float, float] | None,
@@ -64,6 +83,17 @@ def correct(
     columns: ColumnsOption = None,
     rows: RowsOption = None,
     pixel_mm: PixelOption = None,
+    origin_mm: OriginOption = None,
+    raw: RawOption = None,
+    turn_rows: TurnRowsOption = False,
+    line_integrals: LineIntegralsOption = False,
+    format: GeometryFormatOption = None,
+    up: UpOption = Vertical.y,
+    i0: I0Option = None,
+    air: AirOption = None,
+    flat: FlatOption = None,
+    dark: DarkOption = None,
+    bad_pixels: BadPixelsOption = None,
     out: OutFolder = Path("corrected"),
     device: DeviceOption = None,
 ) -> None:
@@ -81,7 +111,18 @@ def correct(
         "view_times": view_times,
         "columns": columns,
         "rows": rows,
-        "pixel_mm": pixel_mm,
+        "pixel_mm": pixel_sizes(pixel_mm),
+        "origin_mm": origin_mm,
+        "raw": raw,
+        "turn_rows": turn_rows or None,
+        "line_integrals": line_integrals or None,
+        "format": format and format.value,
+        "up": None if up is Vertical.y else up.value,
+        "i0": i0,
+        "air": air,
+        "flat": flat,
+        "dark": dark,
+        "bad_pixels": bad_pixels,
         **grid,
         "like": like,
     }

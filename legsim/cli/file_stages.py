@@ -5,7 +5,7 @@
 import json
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from legsim import config, view
+from legsim.cli import volume_stages
 from legsim.core.errors import LegsimError, file_error
 from legsim.core.files import write_text
 from legsim.core.progress import OnProgress
@@ -35,9 +36,10 @@ from legsim.mocap.trajectories import MarkerTrajectories
 from legsim.opencl.device import open_device
 from legsim.phantom import files as phantom_files
 from legsim.phantom.files import PhantomFile
-from legsim.reconstruction import fdk, field_of_view
-from legsim.run import c_arm
+from legsim.reconstruction import fdk
+from legsim.run import c_arm, grids
 from legsim.run import reconstruction as run_reconstruction
+from legsim.run.grids import WantedGrid
 from legsim.scan import acquisition, coverage
 
 _OF_THE_BEAM = ("scan.spectrum.", "scan.detector.", "seed=")
@@ -204,8 +206,7 @@ def reconstruct(
     settings = run_reconstruction.from_options(options or {})
     read = images.read(projections_file, geometry_file, reading)
     projections, geometry = read.projections, read.geometry
-    grid = _grid(geometry, like, shape_zyx, spacing_mm, center_mm)
-    chosen = [] if like or shape_zyx else [_field_line(geometry, grid)]
+    grid, chosen = WantedGrid(like, shape_zyx, spacing_mm, center_mm).of(geometry)
     moved = None if motion is None else load_motion(motion)
     if motion is not None and moved is not None and len(moved.times) != len(geometry):
         raise file_error(
@@ -220,10 +221,12 @@ def reconstruct(
     )
     by_slabs = settings.algorithm == "fdk" and out.suffix.lower() == ".mha"
     volume_bytes = 4 * math.prod(grid.shape_zyx)
-    memory = f"{_size(need)} of memory" + (
-        "" if by_slabs else f" and {_size(volume_bytes)} for the volume"
+    memory = f"{grids.size(need)} of memory" + (
+        "" if by_slabs else f" and {grids.size(volume_bytes)} for the volume"
     )
-    progress = partial(on_progress, f"reconstructing ({memory}; {_size(volume_bytes)} of disk)")
+    progress = partial(
+        on_progress, f"reconstructing ({memory}; {grids.size(volume_bytes)} of disk)"
+    )
     if by_slabs:
         with image_files.volume_writer(out, grid) as writer:
             for first, slab in fdk.fdk_slabs(
@@ -244,64 +247,12 @@ def reconstruct(
     return [
         *read.notes,
         *chosen,
+        *run_reconstruction.remarks(settings, projections),
         f"{voxels} voxels (z, y, x) from {len(geometry)} views by {settings.algorithm} on "
         f"{opened.label}",
         f"took {memory}" + (", the volume went to disk slab by slab" if by_slabs else ""),
         f"volume (1/mm): {out}",
     ]
-
-
-def _in_meters(lengths_mm: tuple[float, float, float]) -> tuple[float, float, float]:
-    x, y, z = lengths_mm
-    return 1e-3 * x, 1e-3 * y, 1e-3 * z
-
-
-def _field_line(geometry: ConeBeamGeometry, grid: VolumeGrid) -> str:
-    """The default grid, in words."""
-    nz, ny, nx = grid.shape_zyx
-    x, y, z = (1e3 * n * s for n, s in zip((nx, ny, nz), grid.spacing_xyz, strict=True))
-    spacing = " x ".join(f"{1e3 * s:.4g}" for s in sorted(set(grid.spacing_xyz)))
-    pixel = 1e3 * field_of_view.pixel_at_isocenter(geometry)
-    return (
-        f"grid: the field of view, {x:.0f} x {y:.0f} x {z:.0f} mm (x, y, z), in voxels of "
-        f"{spacing} mm (a pixel at the isocenter: {pixel:.4g} mm), "
-        f"{_size(4 * math.prod(grid.shape_zyx))}"
-    )
-
-
-def _size(count: float) -> str:
-    """Bytes, as people read them."""
-    return f"{count / 2**30:.1f} GiB" if count >= 2**30 else f"{count / 2**20:.1f} MiB"
-
-
-def _grid(
-    geometry: ConeBeamGeometry,
-    like: Path | None,
-    shape_zyx: tuple[int, int, int] | None,
-    spacing_mm: tuple[float, float, float] | None,
-    center_mm: tuple[float, float, float] | None,
-) -> VolumeGrid:
-    if like is not None:
-        if shape_zyx or spacing_mm or center_mm:
-            raise LegsimError(
-                "--like already says the grid; leave out --shape-zyx, --spacing-mm and --center-mm"
-            )
-        return image_files.read_header(like).grid()
-    if shape_zyx is None:
-        seen = field_of_view.grid_of(
-            geometry, None if spacing_mm is None else _in_meters(spacing_mm)
-        )
-        return seen if center_mm is None else replace(seen, center=_in_meters(center_mm))
-    if spacing_mm is None:
-        raise LegsimError(
-            "--shape-zyx without --spacing-mm; give both, or neither for the field of view"
-        )
-    center = geometry.rotation_center() if center_mm is None else 1e-3 * np.array(center_mm)
-    return VolumeGrid(
-        shape_zyx,
-        (1e-3 * spacing_mm[0], 1e-3 * spacing_mm[1], 1e-3 * spacing_mm[2]),
-        (center[0], center[1], center[2]),
-    )
 
 
 def evaluate(
@@ -314,13 +265,15 @@ def evaluate(
     resample: bool = False,
     scaling: Scaling = "reference",
     window: Window = "uniform",
+    water_per_mm: float | None = None,
+    energy_kev: float | None = None,
 ) -> Scores:
     """Scores a volume and writes metrics.json. ``resample`` brings the volume onto the reference's
-    grid first.
+    grid first. Water's attenuation is for folders of DICOM slices.
     """
     volume, reference = (
-        image_files.load_volume(volume_file),
-        image_files.load_volume(reference_file),
+        volume_stages.read_volume(path, water_per_mm=water_per_mm, energy_kev=energy_kev)[0]
+        for path in (volume_file, reference_file)
     )
     chosen = _whole(reference.grid) if regions is None else _labelled(regions, reference)
     if resample:

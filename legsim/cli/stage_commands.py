@@ -63,7 +63,7 @@ def convert(
         typer.Argument(
             metavar="FILE",
             help="Markers (.trc, .c3d, .csv), coordinates (.mot, .sto, .csv), or a volume in 1/mm "
-            "(.mha, .nii, .nii.gz, .nrrd).",
+            "(.mha, .nii, .nii.gz, .nrrd), or a folder of DICOM CT slices.",
         ),
     ],
     out: Annotated[
@@ -102,7 +102,10 @@ def convert(
     ] = None,
     energy_kev: Annotated[
         float | None,
-        typer.Option(help="Photon energy for water's attenuation instead. Default: 60."),
+        typer.Option(
+            help="Photon energy for water's attenuation instead. Default where a series is "
+            "written: 60."
+        ),
     ] = None,
 ) -> None:
     """Write a recording or a volume in another format: markers in m, y up; coordinates in rad and
@@ -241,10 +244,10 @@ def reconstruct(
         typer.Option(help="Middle of the grid. Default: the rotation center."),
     ] = None,
     algorithm: Annotated[
-        Literal["fdk", "cgls"] | None,
+        Literal["fdk", "cgls", "tv"] | None,
         typer.Option(
             help="fdk (default): filtered back-projection. cgls: conjugate gradients, for few "
-            "views, gaps and wide cones."
+            "views, gaps and wide cones. tv: total variation, for few views of few materials."
         ),
     ] = None,
     window: Annotated[
@@ -270,19 +273,27 @@ def reconstruct(
         int | None,
         typer.Option(
             min=1,
-            help="cgls: steps; fewer are smoother. Default: until a step gains little, 60 at most.",
+            help="cgls, tv: steps; fewer are smoother. Default: until a step gains little.",
         ),
     ] = None,
     noise: Annotated[
         float | None,
         typer.Option(
-            help="cgls: standard deviation of the line integrals; steps end where the misfit is "
-            "as large."
+            help="Standard deviation of the line integrals. cgls: steps end where the misfit is as "
+            "large. tv: gives the weight. Default of tv: from the images."
         ),
     ] = None,
     nonnegative: Annotated[
         bool, typer.Option("--nonnegative", help="cgls: keep attenuation at 0 or above.")
     ] = False,
+    tv_weight_mm: Annotated[
+        float | None,
+        typer.Option(
+            min=0,
+            help="tv: a ball of radius r loses 2 x weight / r^2 of its contrast. Default: by the "
+            "noise.",
+        ),
+    ] = None,
     out: Annotated[Path, typer.Option("--out", help="Volume, 1/mm.")] = Path("volume.mha"),
     device: DeviceOption = None,
 ) -> None:
@@ -297,6 +308,7 @@ def reconstruct(
         "iterations": iterations,
         "noise": noise,
         "nonnegative": nonnegative or None,
+        "tv_weight_mm": tv_weight_mm,
     }
     with progress.of_stages(console.err) as on_progress:
         lines = file_stages.reconstruct(
@@ -330,7 +342,11 @@ def reconstruct(
 
 def evaluate(
     volume: Annotated[
-        Path, typer.Argument(metavar="VOLUME", help="1/mm: .mha, .nii or whatever else ITK reads.")
+        Path,
+        typer.Argument(
+            metavar="VOLUME",
+            help="1/mm: .mha, .nii or whatever else ITK reads; or a folder of DICOM CT slices.",
+        ),
     ],
     reference: Annotated[
         Path,
@@ -365,6 +381,12 @@ def evaluate(
         Literal["uniform", "gaussian"],
         typer.Option(help="Of SSIM: 7 voxels, or a Gaussian of 1.5 voxels."),
     ] = "uniform",
+    water_per_mm: Annotated[
+        float | None, typer.Option(help="Attenuation of water, for DICOM slices.")
+    ] = None,
+    energy_kev: Annotated[
+        float | None, typer.Option(help="Photon energy for water's attenuation instead.")
+    ] = None,
     out: Annotated[Path, typer.Option("--out", help="The numbers as JSON.")] = Path("metrics.json"),
 ) -> None:
     """SSIM and RMSE of a volume against a reference, and its gradient entropy, by region."""
@@ -379,6 +401,8 @@ def evaluate(
         resample=resample,
         scaling=scaling,
         window=window,
+        water_per_mm=water_per_mm,
+        energy_kev=energy_kev,
     )
     print_table(
         f"{volume} against {reference}. {scores.protocol}",

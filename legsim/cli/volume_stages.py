@@ -3,13 +3,16 @@
 from pathlib import Path
 from typing import Literal
 
-from legsim.core.errors import LegsimError
-from legsim.geometry import ct_series, image_files
+from legsim.core.errors import LegsimError, file_error
+from legsim.geometry import ct_series, ct_volume, image_files
+from legsim.geometry.volume import Volume
 from legsim.phantom import materials
 
 
 def is_volume(path: Path) -> bool:
-    """Whether a file's ending is that of an image with three dimensions."""
+    """Whether a file's ending is that of an image with three dimensions, or it is a folder."""
+    if path.is_dir():
+        return True
     endings = (*image_files.WRITABLE, ".mhd", ".nhdr")
     return path.name.lower().endswith(endings)
 
@@ -26,14 +29,15 @@ def convert_volume(
     lines to print.
 
     Args:
-        path: attenuation in 1/mm.
+        path: attenuation in 1/mm, or a folder of DICOM CT slices.
         out: file of another format, or a folder.
         axes: what the physical axes of ``path`` are, where its directions do not tell.
         water_per_mm: attenuation of water, for Hounsfield units.
         energy_kev: photon energy that gives it instead; 60 keV where neither is given.
     """
-    to_image = is_volume(out)
-    if to_image and (water_per_mm is not None or energy_kev is not None):
+    to_image = out.name.lower().endswith(image_files.WRITABLE)
+    hounsfield = path.is_dir() or not to_image
+    if not hounsfield and (water_per_mm is not None or energy_kev is not None):
         raise LegsimError(
             f"{out}: Hounsfield units are of DICOM series only; leave out the option, or name a "
             "folder"
@@ -43,20 +47,53 @@ def convert_volume(
             f"{out}: volumes are not written in this format; end the name in "
             f"{', '.join(image_files.WRITABLE)}, or name a folder for a DICOM series"
         )
-    if water_per_mm is not None and energy_kev is not None:
-        raise LegsimError("--water-per-mm and --energy-kev both say water's attenuation; give one")
-    volume = image_files.load_volume(path, axes=axes)
+    volume, notes = read_volume(path, axes=axes, water_per_mm=water_per_mm, energy_kev=energy_kev)
     voxels = "x".join(map(str, volume.grid.shape_zyx[::-1]))
     if to_image:
         image_files.save_volume(out, volume)
-        return [f"{voxels} voxels (x, y, z), 1/mm: {out}"]
-    if water_per_mm is not None:
-        water, said = 1e3 * water_per_mm, "as given"
-    else:
-        energy = 60.0 if energy_kev is None else energy_kev
-        water, said = materials.attenuation("water", energy), f"at {energy:g} keV"
+        return [*notes, f"{voxels} voxels (x, y, z), 1/mm: {out}"]
+    water, said = _water(water_per_mm, 60.0 if energy_kev is None else energy_kev)
     paths = ct_series.save(out, volume, water=water)
     return [
+        *notes,
         f"Hounsfield units with water at {1e-3 * water:.5g}/mm ({said})",
         f"{len(paths)} axial slices, lowest first: {out}",
     ]
+
+
+def read_volume(
+    path: Path,
+    *,
+    axes: Literal["lps", "world"] | None = None,
+    water_per_mm: float | None = None,
+    energy_kev: float | None = None,
+) -> tuple[Volume, list[str]]:
+    """(attenuation in 1/m, lines to print) of a file in 1/mm, or a folder of DICOM CT slices.
+
+    Slices need a word on water: they are in Hounsfield units.
+    """
+    if water_per_mm is not None and energy_kev is not None:
+        raise LegsimError("--water-per-mm and --energy-kev both say water's attenuation; give one")
+    if not path.is_dir():
+        return image_files.load_volume(path, axes=axes), []
+    if axes is not None:
+        raise LegsimError(f"{path}: DICOM says its directions; leave --axes out")
+    if water_per_mm is None and energy_kev is None:
+        raise file_error(
+            path,
+            "is in Hounsfield units, which do not say water's attenuation",
+            "give --water-per-mm, as in 0.0206, or --energy-kev",
+        )
+    water, said = _water(water_per_mm, energy_kev)
+    found = ct_volume.load(path, water=water)
+    count = found.volume.grid.shape_zyx[1]
+    line = f"{path}: {count} slices up, water at {1e-3 * water:.5g}/mm ({said})"
+    return found.volume, [line, *found.notes]
+
+
+def _water(per_mm: float | None, energy_kev: float | None) -> tuple[float, str]:
+    """(attenuation in 1/m, how it is known)."""
+    if per_mm is not None:
+        return 1e3 * per_mm, "as given"
+    assert energy_kev is not None  # one of both is given
+    return materials.attenuation("water", energy_kev), f"at {energy_kev:g} keV"

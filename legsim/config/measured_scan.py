@@ -25,7 +25,7 @@ class JointConfig(ConfigSection):
 
 
 class MeasuredGridConfig(ConfigSection):
-    """The volume to reconstruct: that of another volume, or numbers."""
+    """The volume to reconstruct: that of another volume, or numbers; else the field of view."""
 
     like: str = ""
     """a volume whose grid to take"""
@@ -34,6 +34,21 @@ class MeasuredGridConfig(ConfigSection):
     """along x, y, z"""
     center_mm: Vector | None = None
     """None: the scan's rotation center"""
+
+
+class CountsConfig(ConfigSection):
+    """How a detector's counts become line integrals; nothing is given where they are."""
+
+    i0: float | None = Field(default=None, gt=0)
+    """reading without an object, the same everywhere"""
+    air: str = ""
+    """X0:X1,Y0:Y1, columns and rows that see no object in any view"""
+    flat: str = ""
+    """images without an object"""
+    dark: str = ""
+    """images without a beam"""
+    bad_pixels: str = ""
+    """an image that is not 0 where a pixel is bad"""
 
 
 class MeasuredMethodsConfig(ConfigSection):
@@ -49,12 +64,26 @@ class MeasuredScanConfig(ConfigSection):
     """A scan with all that is known of it."""
 
     projections: str
-    """line integrals, one image per view"""
+    """one image per view: a file, a folder, or a pattern with a *"""
     geometry: str
+    format: str = ""
+    """of the geometry, where its content does not tell"""
+    up: Literal["x", "y", "z"] = "y"
+    """the geometry's axis that becomes the vertical"""
     columns: int | None = Field(default=None, gt=0)
-    """of the detector, where the geometry does not say"""
+    """of the detector; the images say it too"""
     rows: int | None = Field(default=None, gt=0)
-    pixel_mm: float | None = Field(default=None, gt=0)
+    pixel_mm: float | tuple[float, float] | None = None
+    """or (between columns, between rows)"""
+    origin_mm: tuple[float, float] | None = None
+    """of the first pixel's center on the detector, for RTK's geometries"""
+    raw: str = ""
+    """layout of images without a header, such as U16:620x480x248:512"""
+    turn_rows: bool = False
+    """whether the images' rows are taken from the last to the first"""
+    line_integrals: bool = False
+    """that the images hold them, whatever their values look like"""
+    counts: CountsConfig = CountsConfig()
     view_rate_hz: float | None = Field(default=None, ge=1e-3, le=1e9)
     """views per second, where the geometry holds no times; the first view is at 0 s"""
     view_times: str = ""

@@ -17,8 +17,10 @@ class GridConfig(ConfigSection):
 class ReconstructionConfig(ConfigSection):
     """How every volume is reconstructed from its projections."""
 
-    algorithm: Literal["fdk", "cgls"] = "fdk"
-    """filtered back-projection, or conjugate gradients for few views, gaps and wide cones"""
+    algorithm: Literal["fdk", "cgls", "tv"] = "fdk"
+    """filtered back-projection, or conjugate gradients for few views, gaps and wide cones, or few
+    views with total variation
+    """
     window: Literal["ram-lak", "shepp-logan", "hann"] = "shepp-logan"
     """fdk: the ramp filter, from sharp to smooth; the paper's is shepp-logan"""
     water_attenuation_per_mm: float = Field(default=0.02, ge=0)
@@ -26,11 +28,13 @@ class ReconstructionConfig(ConfigSection):
     redundancy: Literal["parker", "none"] = "parker"
     """fdk: weights of lines measured more than once; "none" counts every view half"""
     iterations: int | None = Field(default=None, ge=1)
-    """cgls: iterations; fewer are smoother; none: until a step gains little"""
+    """cgls, tv: iterations; fewer are smoother; none: until a step gains little"""
     noise: float | None = Field(default=None, gt=0)
-    """cgls: standard deviation of the line integrals, at which the steps end"""
+    """standard deviation of the line integrals: cgls ends its steps at it, tv weighs by it"""
     nonnegative: bool = False
-    """cgls: whether attenuation is kept at 0 or above"""
+    """cgls: whether attenuation is kept at 0 or above; tv always keeps it"""
+    tv_weight_mm: float | None = Field(default=None, ge=0)
+    """tv: a ball of radius r loses 2 x weight / r^2 of its contrast; none: by the noise"""
 
 
 class EvaluationConfig(ConfigSection):

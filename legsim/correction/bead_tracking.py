@@ -77,9 +77,9 @@ def track(
         guesses: (b, 3) m in world, where the beads are about at the first view: to within
             ``search_px`` on the detector.
         radius: m, of the beads.
-        search_px: how far from its expected place a shadow may be. It is expected where the resting
-            guess would be seen, plus how far off it was last; the others' motion predicts a hidden
-            bead.
+        search_px: how far from its expected place a shadow may be, in widths of a pixel. It is
+            expected where the resting guess would be seen, plus how far off it was last; the
+            others' motion predicts a hidden bead.
         least_contrast: as in :func:`legsim.correction.blob_detection.locate`.
         progress: counts views.
     """
@@ -87,10 +87,11 @@ def track(
     guesses = frozen("bead guesses", guesses, (None, 3))
     resting = geometry.project(guesses)[0]
     sizes = blob_detection.shadow_radii(geometry, guesses, radius)
+    row_ratio = geometry.row_pitch() / geometry.pixel_pitch
     offset, found = np.zeros((len(guesses), 2)), np.full(resting.shape, np.nan)
     for view, image in enumerate(projections.line_integrals):
         expected = resting[view] + offset
-        alone = _alone(expected, search_px + 2 * float(sizes[view].mean()))
+        alone = _alone(expected * (1, row_ratio), search_px + 2 * float(sizes[view].mean()))
         seen = np.full(expected.shape, np.nan)
         seen[alone] = blob_detection.locate(
             image,
@@ -98,6 +99,7 @@ def track(
             radius_px=float(sizes[view].mean()),
             search_px=search_px,
             least_contrast=least_contrast,
+            row_ratio=row_ratio,
         )
         change = seen - expected
         has = np.isfinite(change).all(-1)

@@ -6,7 +6,12 @@ of the shadow for any profile: to 0.02 pixel for radii from 2 pixels on, to 0.06
 millimeter bead at the paper's resolution), where single pixels sample the shadow coarsely.
 Perspective shifts it by less than 0.001. All shadows of an image are fitted at once; height and
 plane, in which the fit is linear, are eliminated (variable projection after Kaufman, BIT 15, 1975).
+
+Pixels may be higher than wide. Lengths are then counted in the width of a pixel; places stay
+columns and rows.
 """
+
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -47,6 +52,7 @@ def locate(
     radius_px: float,
     search_px: float,
     least_contrast: float,
+    row_ratio: float = 1.0,
 ) -> FloatArray:
     """Centers (n, 2) of the shadows nearest to where they are expected, (u, v) in pixels.
 
@@ -55,84 +61,121 @@ def locate(
     Args:
         image: (rows, columns) line integrals.
         expected: (n, 2) columns and rows.
-        radius_px: of the shadows.
-        search_px: how far from the expected place a center may be.
+        radius_px: of the shadows, in widths of a pixel.
+        search_px: how far from the expected place a center may be, likewise.
         least_contrast: least line integral in the middle of a shadow above its surroundings:
             several times the noise.
+        row_ratio: height of a pixel over its width.
 
     Raises:
         LegsimError: sizes that are not positive.
     """
-    if not (radius_px > 0 and search_px > 0 and least_contrast > 0):
+    if not (radius_px > 0 and search_px > 0 and least_contrast > 0 and row_ratio > 0):
         raise LegsimError(
-            f"beads need a positive radius, search and contrast; got {radius_px:g} px, "
-            f"{search_px:g} px, {least_contrast:g}"
+            f"beads need a positive radius, search and contrast, and pixels a height; got "
+            f"{radius_px:g} px, {search_px:g} px, {least_contrast:g}, {row_ratio:g} widths"
         )
     expected = np.asarray(expected, float).reshape(-1, 2)
     centers = np.full(expected.shape, np.nan)
-    reach = search_px + radius_px
-    within = (expected > -reach) & (expected < np.array(image.shape[::-1]) - 1 + reach)
+    reach, size = search_px + radius_px, np.array([1.0, row_ratio])
+    within = (expected > -reach / size) & (
+        expected < np.array(image.shape[::-1]) - 1 + reach / size
+    )
     at = expected[within.all(-1)]
     if len(at) == 0:
         return centers
-    starts, any_near = _roundest(image, at, radius_px, search_px)
-    found = _fitted(image, starts, radius_px, least_contrast)
-    near = any_near & (np.linalg.norm(found - at, axis=-1) <= reach)
+    starts, any_near = _roundest(image, at, radius_px, search_px, row_ratio)
+    found = _fitted(image, starts, radius_px, least_contrast, size)
+    near = any_near & (np.linalg.norm((found - at) * size, axis=-1) <= reach)
     centers[within.all(-1)] = np.where(near[:, None], found, np.nan)
     return centers
 
 
 def shadow_radii(geometry: ConeBeamGeometry, centers: ArrayLike, radius: float) -> FloatArray:
-    """Radii (v, p) in pixels of the shadows of spheres of ``radius`` (m) at ``centers``.
+    """Radii (v, p) of the shadows of spheres of ``radius`` (m), in widths of a pixel.
 
-    ``centers`` are (p, 3) or (v, p, 3) m in world.
+    Their ``centers`` are (p, 3) or (v, p, 3) m in world.
     """
     return radius * geometry.focal_lengths()[:, None] / geometry.project(centers)[1]
 
 
 def _roundest(
-    image: Float32Array, at: FloatArray, radius: float, search: float
+    image: Float32Array, at: FloatArray, radius: float, search: float, row_ratio: float
 ) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
     """Pixels (n, 2) within ``search`` of ``at`` that look most like a shadow (u, v).
 
     The negative Laplacian of the Gaussian-smoothed image decides; beyond the border the image
     repeats it. The second value says whether the image has any pixel so near.
     """
-    sigma = _WIDTH_OF_RADIUS * radius
-    inner = int(np.ceil(search)) + 1
-    outer = inner + int(np.ceil(4 * sigma)) + 1
+    of_rows = _Derivatives.of(radius / row_ratio, search / row_ratio)
+    of_columns = _Derivatives.of(radius, search)
     middle = np.round(at).astype(np.intp)
-    rows, columns = (middle[:, k, None] + np.arange(-outer, outer + 1) for k in (1, 0))
+    rows, columns = (
+        middle[:, k, None] + np.arange(-made.outer, made.outer + 1)
+        for k, made in ((1, of_rows), (0, of_columns))
+    )
     part = image[
         np.clip(rows, 0, image.shape[0] - 1)[:, :, None],
         np.clip(columns, 0, image.shape[1] - 1)[:, None, :],
     ].astype(float)
-    smooth, curved = (
-        ndimage.gaussian_filter1d(np.eye(2 * outer + 1), sigma, axis=0, order=order)[
-            outer - inner : outer + inner + 1
-        ]
-        for order in (0, 2)
-    )
-    roundness = -(smooth @ part @ curved.T + curved @ part @ smooth.T)
-    kept = slice(outer - inner, outer + inner + 1)
-    v, u = rows[:, kept, None], columns[:, None, kept]
-    allowed = (u - at[:, 0, None, None]) ** 2 + (v - at[:, 1, None, None]) ** 2 <= search**2
-    allowed &= (v >= 0) & (v < image.shape[0]) & (u >= 0) & (u < image.shape[1])
-    best = np.where(allowed, roundness, -np.inf).reshape(len(at), -1).argmax(-1)
-    row, column = np.divmod(best, 2 * inner + 1)
+    across = of_rows.smooth @ part @ of_columns.curved.T
+    along = of_rows.curved @ part @ of_columns.smooth.T / row_ratio**2
+    v, u = rows[:, of_rows.kept, None], columns[:, None, of_columns.kept]
+    off = (u - at[:, 0, None, None]) ** 2 + (row_ratio * (v - at[:, 1, None, None])) ** 2
+    allowed = (off <= search**2) & (v >= 0) & (v < image.shape[0])
+    allowed &= (u >= 0) & (u < image.shape[1])
+    best = np.where(allowed, -(across + along), -np.inf).reshape(len(at), -1).argmax(-1)
+    row, column = np.divmod(best, 2 * of_columns.inner + 1)
+    inner = np.array([of_columns.inner, of_rows.inner])
     return middle - inner + np.stack([column, row], -1), allowed.any((1, 2))
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _Derivatives:
+    """Smoothing by a Gaussian, and its second derivative, along one axis of a window."""
+
+    inner: int
+    """pixels to either side that the result has"""
+    outer: int
+    """pixels to either side that it takes"""
+    smooth: FloatArray
+    """(2 inner + 1, 2 outer + 1)"""
+    curved: FloatArray
+
+    @classmethod
+    def of(cls, radius: float, search: float) -> "_Derivatives":
+        """For shadows of ``radius`` within ``search``, both in pixels of this axis."""
+        sigma = _WIDTH_OF_RADIUS * radius
+        inner = int(np.ceil(search)) + 1
+        outer = inner + int(np.ceil(4 * sigma)) + 1
+        smooth, curved = (
+            ndimage.gaussian_filter1d(np.eye(2 * outer + 1), sigma, axis=0, order=order)[
+                outer - inner : outer + inner + 1
+            ]
+            for order in (0, 2)
+        )
+        return cls(inner, outer, smooth, curved)
+
+    @property
+    def kept(self) -> slice:
+        return slice(self.outer - self.inner, self.outer + self.inner + 1)
+
+
 def _fitted(
-    image: Float32Array, starts: NDArray[np.intp], radius: float, least_contrast: float
+    image: Float32Array,
+    starts: NDArray[np.intp],
+    radius: float,
+    least_contrast: float,
+    size: FloatArray,
 ) -> FloatArray:
     """Centers (n, 2) of Gaussians on planes by least squares, from pixels ``starts`` (n, 2).
 
-    NaN where the fit is no bead.
+    NaN where the fit is no bead. ``size`` (2,) is a pixel's, in its width.
     """
-    half = int(_WINDOW_OF_RADIUS * radius + 1)
-    v, u = np.mgrid[-half : half + 1, -half : half + 1].reshape(2, -1)
-    circle = u**2 + v**2 <= (_WINDOW_OF_RADIUS * radius + 1) ** 2
+    window = _WINDOW_OF_RADIUS * radius + 1
+    wide, high = (int(window / length) for length in size)
+    v, u = np.mgrid[-high : high + 1, -wide : wide + 1].reshape(2, -1)
+    circle = u**2 + (size[1] * v) ** 2 <= window**2
     offsets = np.stack([u[circle], v[circle]], -1)
     columns, rows = (starts[:, k, None] + offsets[:, k] for k in (0, 1))
     seen = (rows >= 0) & (rows < image.shape[0]) & (columns >= 0) & (columns < image.shape[1])
@@ -142,7 +185,7 @@ def _fitted(
     center, width, height = np.zeros((len(starts), 2)), np.zeros(len(starts)), np.zeros(len(starts))
     enough = seen.sum(-1) >= _FEWEST_PIXELS
     center[enough], width[enough], height[enough] = _bumps(
-        offsets, values[enough], seen[enough], radius
+        offsets * size, values[enough], seen[enough], radius
     )
     is_bead = (
         enough
@@ -151,11 +194,11 @@ def _fitted(
         & (width >= 0.2 * radius)
         & (width <= 2 * radius + 1)
     )
-    return np.where(is_bead[:, None], starts + center, np.nan)
+    return np.where(is_bead[:, None], starts + center / size, np.nan)
 
 
 def _bumps(
-    offsets: NDArray[np.int_], values: FloatArray, seen: NDArray[np.bool_], radius: float
+    offsets: FloatArray, values: FloatArray, seen: NDArray[np.bool_], radius: float
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Centers (n, 2), widths (n,) and heights (n,) of Gaussians on planes of least squared error.
 
@@ -219,7 +262,7 @@ def _step(
 
 
 def _without_plane(
-    offsets: NDArray[np.int_], values: FloatArray, seen: NDArray[np.bool_], shape: FloatArray
+    offsets: FloatArray, values: FloatArray, seen: NDArray[np.bool_], shape: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Residuals (n, k), their slopes (n, k, 3) by shape, and heights (n,) at the offset 0.
 

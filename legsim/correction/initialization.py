@@ -219,6 +219,7 @@ def _seen(
                 radius_px=size,
                 search_px=_SEARCH_PX,
                 least_contrast=_LEAST_CONTRAST,
+                row_ratio=geometry.row_pitch() / geometry.pixel_pitch,
             )
             - offset
             for image, at, size in zip(images, exact, sizes, strict=True)

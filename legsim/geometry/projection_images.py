@@ -97,6 +97,12 @@ def read_images(path: Path | str, *, raw: RawLayout | None = None) -> Projection
     return _read_series(path, raw)
 
 
+def members(path: Path | str) -> list[Path]:
+    """The files that :func:`read_images` reads."""
+    path = Path(path)
+    return sorted(tiff.members(path)[0]) if path.is_dir() or "*" in path.name else [path]
+
+
 def read_projections(
     path: Path | str,
     geometry: ConeBeamGeometry,

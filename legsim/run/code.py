@@ -61,6 +61,7 @@ STAGES = {
     "tissue_swing": Code(("phantom.tissue_swing",), ("run.sensors",)),
     "fdk": Code(("reconstruction.fdk",)),
     "cgls": Code(("reconstruction.cgls",)),
+    "tv": Code(("reconstruction.total_variation",)),
     "volume": Code(
         ("deformation.files", "geometry.image_files", "correction.method"),
         ("run.volumes", "run.reconstruction", "run.methods", "run.c_arm", "run.corrected"),

@@ -37,6 +37,7 @@ from legsim.scene.slices import VolumeSlices
 from legsim.scene.values import MeasuredScene
 
 _OF_THE_GRID = ("like", "shape_zyx", "spacing_mm", "center_mm")
+_OF_THE_COUNTS = ("i0", "air", "flat", "dark", "bad_pixels")
 
 BASELINE = "uncorrected"
 """method that always runs, with which the others are compared"""
@@ -125,7 +126,7 @@ def correct(
 def described(path: Path, given: Mapping[str, Any]) -> Path | MeasuredScanConfig:
     """The scan of a command line: a SCAN.toml by itself, or projections with these options.
 
-    ``given`` are keys of :class:`MeasuredScanConfig` and of its grid, with paths.
+    ``given`` are keys of :class:`MeasuredScanConfig`, its grid and its counts, with paths.
 
     Raises:
         LegsimError: options beside a SCAN.toml, or projections without a geometry.
@@ -139,9 +140,12 @@ def described(path: Path, given: Mapping[str, Any]) -> Path | MeasuredScanConfig
         raise file_error(
             path, "has no geometry", "give --geometry FILE, or a SCAN.toml that names both"
         )
-    tree = {key: _as_text(value) for key, value in given.items() if key not in _OF_THE_GRID}
-    grid = {key: _as_text(value) for key, value in given.items() if key in _OF_THE_GRID}
-    whole = {"projections": str(path), **tree, "grid": grid}
+    named = {key: _as_text(value) for key, value in given.items()}
+    grid, counts = (
+        {key: named.pop(key) for key in keys if key in named}
+        for keys in (_OF_THE_GRID, _OF_THE_COUNTS)
+    )
+    whole = {"projections": str(path), **named, "grid": grid, "counts": counts}
     return config.validated(MeasuredScanConfig, whole, None)
 
 

@@ -26,6 +26,8 @@ class WornSensor:
     file: Path
     folder: Path
     """to which the files of its settings are relative"""
+    clock_offset: float = 0.0
+    """s that its clock is taken to read more than the views'"""
 
     def on(self, segment: str) -> "WornSensor":
         """The same sensor, worn on that segment."""
@@ -79,7 +81,7 @@ def load_configured(settings: ImuFileConfig, folder: Path) -> tuple[WornSensor, 
             np.radians(sensor.angular_velocity_bias_deg_per_s),
             1e-3 * STANDARD_GRAVITY * np.array(sensor.acceleration_bias_mg),
         )
-        sensors.append(WornSensor(own, sensor, path, folder))
+        sensors.append(WornSensor(own, sensor, path, folder, settings.clock_offset_s))
     return tuple(sensors)
 
 

@@ -1,7 +1,7 @@
 """A measured scan from its SCAN.toml: the input of every method, without any truth."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -17,17 +17,20 @@ from legsim.correction.control_points import AttachedPoint
 from legsim.correction.fiducials import FIDUCIAL_NAMES, Fiducials
 from legsim.correction.method import Scan
 from legsim.correction.standing_start import standing_start
-from legsim.geometry import image_files
-from legsim.geometry.cone_beam import ConeBeamGeometry
+from legsim.geometry.cone_beam import ConeBeamGeometry, Projections
 from legsim.geometry.volume import VolumeGrid
-from legsim.imu import plausibility, recording, tables
+from legsim.imu import plausibility, recording, strapdown, tables
 from legsim.imu.recording import JoinedSignals
 from legsim.imu.signals import ImuSignals, SensorStart
 from legsim.imu.strapdown import Scheme
 from legsim.run import imu_files, projection_files
+from legsim.run.grids import WantedGrid
 from legsim.run.imu_files import WornSensor
 
 _JOINTS = ("hip", "knee", "ankle")
+
+_CLOCK_ERROR = 0.01
+"""s, an error of a clock's offset whose cost is reported"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -69,15 +72,20 @@ def assemble(
     Errors are as those of :func:`load_measured_scan`.
     """
     where = str(described_by or "scan")
-    images, geometry_file = folder / settings.projections, folder / settings.geometry
     sensors, sensor_files = _sensors(settings, folder)
-    geometry = _geometry(settings, folder, needs_times=bool(sensors))
+    read = projection_files.read(settings, folder)
+    projections = _timed(read.projections, settings, folder, needs_times=bool(sensors))
+    geometry = projections.geometry
     started = [s for s in sensors if s.worn.start is not None]
     joined = _joined(started, geometry)
     found = [_start(s, joined.signals, geometry, settings.methods.scheme) for s in started]
     starts = tuple(start for start, _ in found)
+    clocks = [
+        _on_clock(sensor, joined.signals, start, geometry, settings.methods.scheme)
+        for sensor, start in zip(started, starts, strict=True)
+    ]
     joints = _joints(settings.joints, joined.signals.sensor_names, where)
-    projections = image_files.load_projections(images, geometry)
+    grid, chosen = _wanted(settings.grid, folder, where).of(geometry)
     more = [folder / name for name in (settings.view_times, settings.grid.like) if name]
     more += [
         s.folder / s.worn.start.fiducials
@@ -88,36 +96,40 @@ def assemble(
     return MeasuredScan(
         settings,
         Scan(projections, joined.signals, starts, joints),
-        grid_of(settings.grid, geometry, folder, where),
+        grid,
         {s.recording.name: s.worn.segment for s in sensors},
         tuple(s.recording.name for s in sensors if s.worn.start is None),
-        (images, geometry_file, *sensor_files, *more),
+        (*projection_files.files_of(settings, folder), *sensor_files, *more),
         (
+            *(_sentence(note) for note in (*read.notes, *chosen)),
             *joined.notes,
             *(f"In doubt: {line}." for line in plausibility.objections(joined.signals)),
             *(note for _, notes in found for note in notes),
+            *clocks,
         ),
     )
 
 
-def _geometry(settings: MeasuredScanConfig, folder: Path, *, needs_times: bool) -> ConeBeamGeometry:
+def _timed(
+    projections: Projections, settings: MeasuredScanConfig, folder: Path, *, needs_times: bool
+) -> Projections:
+    """The projections at the views' own times, as far as anything says them."""
     path = folder / settings.geometry
-    geometry = projection_files.load_geometry(
-        folder / settings.projections,
-        path,
-        columns=settings.columns,
-        rows=settings.rows,
-        pixel_mm=settings.pixel_mm,
-    )
     times_file = folder / settings.view_times if settings.view_times else None
-    timed = projection_files.with_times(geometry, path, settings.view_rate_hz, times_file)
+    timed = projection_files.with_times(
+        projections.geometry, path, settings.view_rate_hz, times_file
+    )
     if timed is None and needs_times:
         raise file_error(
             path,
             "does not say when its views were taken",
             "give view_rate_hz, or view_times, a file of one time in s per view",
         )
-    return timed or geometry
+    return projections if timed is None else replace(projections, geometry=timed)
+
+
+def _sentence(note: str) -> str:
+    return f"{note[:1].upper()}{note[1:].rstrip('.')}."
 
 
 def _sensors(settings: MeasuredScanConfig, folder: Path) -> tuple[list[WornSensor], list[Path]]:
@@ -150,6 +162,36 @@ def _joined(sensors: Sequence[WornSensor], geometry: ConeBeamGeometry) -> Joined
             "clock minus the views')"
         )
     return joined
+
+
+def _on_clock(
+    sensor: WornSensor,
+    signals: ImuSignals,
+    start: SensorStart,
+    geometry: ConeBeamGeometry,
+    scheme: Scheme,
+) -> str:
+    """What is assumed of a sensor's clock, and what an error of it costs."""
+    name, views = sensor.recording.name, geometry.times
+    before, after = views[0] - signals.times[0], signals.times[-1] - views[-1]
+    said = (
+        f"Sensor {name}: its clock is taken to read {sensor.clock_offset + 0.0:g} s more than the "
+        f"views' (clock_offset_s); it recorded {before:.2g} s before and {after:.2g} s after them."
+    )
+    if max(before, after) < _CLOCK_ERROR:
+        return said
+    late = replace(signals, times=signals.times + _CLOCK_ERROR * (1 if before > after else -1))
+    other = _start(sensor, late, geometry, scheme)[0]
+    center = geometry.rotation_center()[None]
+    places = []
+    for heard, begun in ((signals, start), (late, other)):
+        path = strapdown.integrate(*heard.samples(name), begun, views, scheme=scheme)
+        places.append(transforms.apply(path @ transforms.inverse(path[0]), center)[:, 0])
+    moved = float(np.linalg.norm(places[1] - places[0], axis=-1).max())
+    return (
+        f"{said} An offset that is wrong by {1e3 * _CLOCK_ERROR:g} ms moves the rotation center, "
+        f"where it is followed, by up to {1e3 * moved:.3g} mm."
+    )
 
 
 def _start(
@@ -273,29 +315,8 @@ def _joints(
     return tuple(legs)
 
 
-def grid_of(
-    given: MeasuredGridConfig, geometry: ConeBeamGeometry, folder: Path, where: str
-) -> VolumeGrid:
-    """The grid of the volumes.
-
-    Raises:
-        LegsimError: neither a volume nor shape and spacing are given, or both.
-    """
-    numbers = (given.shape_zyx, given.spacing_mm, given.center_mm)
-    if given.like:
-        if any(n is not None for n in numbers):
-            raise LegsimError(f"{where} (grid): like already says the grid; leave out the numbers")
-        return image_files.read_header(folder / given.like).grid()
-    if given.shape_zyx is None or given.spacing_mm is None:
-        raise LegsimError(
-            f"{where} (grid): which grid? give like = a volume, or shape_zyx and spacing_mm"
-        )
-    center = (
-        geometry.rotation_center() if given.center_mm is None else 1e-3 * np.array(given.center_mm)
-    )
-    x, y, z = given.spacing_mm
-    return VolumeGrid(
-        given.shape_zyx,
-        (1e-3 * x, 1e-3 * y, 1e-3 * z),
-        (float(center[0]), float(center[1]), float(center[2])),
+def _wanted(given: MeasuredGridConfig, folder: Path, where: str) -> WantedGrid:
+    like = folder / given.like if given.like else None
+    return WantedGrid(
+        like, given.shape_zyx, given.spacing_mm, given.center_mm, where=f"{where} (grid)"
     )

@@ -1,66 +1,65 @@
-"""Projections with the geometry of another file, which may leave the detector to them."""
+"""Projections and geometry that a SCAN.toml names, and the times of its views."""
 
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
+from legsim.config.measured_scan import MeasuredScanConfig
 from legsim.core import files
 from legsim.core.errors import LegsimError, file_error
-from legsim.geometry import files as geometry_files
-from legsim.geometry import image_files
+from legsim.geometry import projection_images, scan_files
 from legsim.geometry.cone_beam import ConeBeamGeometry
-
-_WITHOUT_PIXELS = (".tif", ".tiff")
-"""endings of images whose spacing is not that of a detector"""
+from legsim.geometry.projection_images import RawLayout
+from legsim.geometry.scan_files import ScanFiles
 
 _HAVE_TIMES = (".json",)
 """endings of geometries that hold a time per view"""
 
 
-def load_geometry(
-    projections_file: Path,
-    geometry_file: Path,
-    *,
-    columns: int | None = None,
-    rows: int | None = None,
-    pixel_mm: float | None = None,
-    view_rate_hz: float = 31.0,
-) -> ConeBeamGeometry:
-    """The geometry; where its file does not say the detector's size, the projections do.
+def read(settings: MeasuredScanConfig, folder: Path) -> ScanFiles:
+    """Line integrals with their geometry, of files relative to ``folder``.
 
-    RTK's is in mm on the detector: there size, spacing and origin of the projections say where
-    pixels are.
+    Raises:
+        LegsimError: as of :func:`legsim.geometry.scan_files.read_scan`; or a detector that the
+            images contradict.
     """
-    header = image_files.read_header(projections_file)
-    in_mm = geometry_file.suffix.lower() == ".xml" and pixel_mm is None
-    if in_mm and projections_file.suffix.lower() in _WITHOUT_PIXELS:
-        raise file_error(
-            projections_file,
-            "does not say how large its pixels are, and the geometry is in mm",
-            "give pixel_mm",
-        )
-    pitch = header.spacing_mm[0]
-    geometry = geometry_files.load_geometry(
-        geometry_file,
-        columns=columns or header.size[0],
-        rows=rows or header.size[1],
-        pixel_mm=pixel_mm or pitch,
-        view_rate_hz=view_rate_hz,
+    given, path = settings.counts, folder / settings.projections
+    raw = RawLayout.parsed(settings.raw) if settings.raw else None
+    flat, dark, bad = (
+        folder / name if name else None for name in (given.flat, given.dark, given.bad_pixels)
     )
-    if not in_mm:
-        return geometry
-    if abs(header.spacing_mm[1] - pitch) > 1e-6 * pitch:
+    counts = projection_images.read_counts(
+        i0=given.i0, air=given.air or None, flat=flat, dark=dark, bad=bad, raw=raw
+    )
+    found = scan_files.read_scan(
+        path,
+        folder / settings.geometry,
+        counts=counts,
+        raw=raw,
+        pixel_mm=settings.pixel_mm,
+        origin_mm=settings.origin_mm,
+        turn_rows=settings.turn_rows,
+        line_integrals=settings.line_integrals,
+        format=settings.format or None,
+        up=settings.up,
+    )
+    rows, columns = found.geometry.shape_vu
+    if settings.columns not in (None, columns) or settings.rows not in (None, rows):
         raise file_error(
-            projections_file,
-            f"has pixels of {pitch:g} x {header.spacing_mm[1]:g} mm",
-            "resample the projections to square pixels",
+            path,
+            f"has {columns} columns and {rows} rows, not those that are given",
+            "leave columns and rows out",
         )
-    shift = np.eye(3)
-    shift[:2, 2] = [
-        -header.origin_mm[k] / pitch - 0.5 * (n - 1) for k, n in enumerate(header.size[:2])
-    ]
-    return replace(geometry, matrices=shift @ geometry.matrices)
+    return found
+
+
+def files_of(settings: MeasuredScanConfig, folder: Path) -> list[Path]:
+    """All files that :func:`read` reads."""
+    counts = settings.counts
+    places = [settings.projections, counts.flat, counts.dark, counts.bad_pixels]
+    found = [p for name in places if name for p in projection_images.members(folder / name)]
+    return [*found, folder / settings.geometry]
 
 
 def with_times(

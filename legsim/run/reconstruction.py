@@ -9,13 +9,14 @@ from legsim.deformation.models import Motion
 from legsim.geometry.cone_beam import ConeBeamGeometry, Projections
 from legsim.geometry.volume import Volume, VolumeGrid
 from legsim.opencl.device import Device
-from legsim.reconstruction import cgls, fdk
+from legsim.reconstruction import cgls, fdk, total_variation
 from legsim.reconstruction.corrected_scan import CorrectedScan
 from legsim.reconstruction.fdk import FdkOptions
 
 _OPTIONS = {
     "fdk": ("window", "water_attenuation_per_mm", "redundancy"),
     "cgls": ("iterations", "noise", "nonnegative"),
+    "tv": ("iterations", "noise", "tv_weight_mm"),
 }
 """options that each algorithm reads"""
 
@@ -29,7 +30,8 @@ def check(settings: ReconstructionConfig) -> None:
     defaults = ReconstructionConfig()
     for name in _foreign(settings.algorithm):
         if getattr(settings, name) != getattr(defaults, name):
-            raise _refusal(f"reconstruction.{name}", "reconstruction.algorithm = ", settings)
+            raise _refusal(name, f"reconstruction.{name}", "reconstruction.algorithm = ", settings)
+    _check_weight(settings, "reconstruction.tv_weight_mm and reconstruction.noise")
 
 
 def from_options(given: Mapping[str, Any]) -> ReconstructionConfig:
@@ -41,20 +43,28 @@ def from_options(given: Mapping[str, Any]) -> ReconstructionConfig:
     settings = ReconstructionConfig(**given)
     for name in _foreign(settings.algorithm):
         if name in given:
-            raise _refusal(f"--{name.replace('_', '-')}", "--algorithm ", settings)
+            raise _refusal(name, f"--{name.replace('_', '-')}", "--algorithm ", settings)
+    _check_weight(settings, "--tv-weight-mm and --noise")
     return settings
 
 
 def _foreign(algorithm: str) -> tuple[str, ...]:
-    return _OPTIONS["cgls" if algorithm == "fdk" else "fdk"]
+    """Options that others read and ``algorithm`` does not."""
+    every = dict.fromkeys(name for names in _OPTIONS.values() for name in names)
+    return tuple(name for name in every if name not in _OPTIONS[algorithm])
 
 
-def _refusal(option: str, chooser: str, settings: ReconstructionConfig) -> LegsimError:
-    other = "cgls" if settings.algorithm == "fdk" else "fdk"
+def _refusal(name: str, option: str, chooser: str, settings: ReconstructionConfig) -> LegsimError:
+    readers = " or ".join(other for other, names in _OPTIONS.items() if name in names)
     return LegsimError(
         f"{option}: {settings.algorithm} has no such option; leave it out, or choose "
-        f"{chooser}{other}"
+        f"{chooser}{readers}"
     )
+
+
+def _check_weight(settings: ReconstructionConfig, both: str) -> None:
+    if settings.tv_weight_mm is not None and settings.noise is not None:
+        raise LegsimError(f"{both} both say how smooth the volume is; give one")
 
 
 def fdk_options(settings: ReconstructionConfig) -> FdkOptions:
@@ -88,8 +98,35 @@ def reconstruct(
             device=device,
             progress=progress,
         )
+    if settings.algorithm == "tv":
+        return total_variation.tv(
+            scan,
+            grid,
+            motion=motion,
+            weight=_weight(settings),
+            noise=settings.noise,
+            iterations=settings.iterations,
+            device=device,
+            progress=progress,
+        )
     options = fdk_options(settings)
     return fdk.fdk(scan, grid, motion=motion, options=options, device=device, progress=progress)
+
+
+def _weight(settings: ReconstructionConfig) -> float | None:
+    """That of total variation in m."""
+    return None if settings.tv_weight_mm is None else 1e-3 * settings.tv_weight_mm
+
+
+def remarks(settings: ReconstructionConfig, projections: Projections) -> list[str]:
+    """Lines on what an algorithm decides from the projections."""
+    if settings.algorithm != "tv" or settings.tv_weight_mm is not None:
+        return []
+    noise, said = settings.noise, "as given"
+    if noise is None:
+        noise, said = total_variation.noise_of(projections), "from the images"
+    weight = total_variation.default_weight(projections, noise)
+    return [f"total variation: weight {1e3 * weight:.4g} mm, by noise of {noise:.3g} ({said})"]
 
 
 def needed_bytes(
@@ -107,4 +144,6 @@ def needed_bytes(
     """
     if settings.algorithm == "cgls":
         return cgls.needed_bytes(geometry, grid, motion=motion, device=device)
+    if settings.algorithm == "tv":
+        return total_variation.needed_bytes(geometry, grid, motion=motion, device=device)
     return fdk.plan(geometry, grid, motion=motion, device=device).device_bytes

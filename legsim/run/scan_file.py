@@ -42,6 +42,7 @@ def known_of(settings: RunConfig, scan: Scan, sensors: Sequence[Sensor]) -> Meas
     return MeasuredScanConfig(
         projections="projections.mha",
         geometry="geometry.json",
+        line_integrals=True,
         imu=(ImuFileConfig(file="imu.csv", sensors=worn),),
         joints=_joints(scan.joints, sensors),
         grid=MeasuredGridConfig(shape_zyx=(voxels, voxels, voxels), spacing_mm=(size, size, size)),

@@ -12,7 +12,7 @@ from legsim.core.values import Float32Array, FloatArray
 from legsim.geometry.cone_beam import ConeBeamGeometry, Projections
 from legsim.opencl.device import Device
 from legsim.phantom import materials
-from legsim.phantom.meshes import Phantom
+from legsim.phantom.meshes import Part, Phantom
 from legsim.phantom.raster import MeshRaster, TileKernel
 from legsim.scan.spectrum import Spectrum
 
@@ -109,7 +109,11 @@ def _views(
     sources = geometry.sources()
     for view, matrix in enumerate(geometry.matrices):
         vertices = [p.vertices for p in phantom.parts] if posed is None else posed(view)
-        raster.move([_met(points, matrix, geometry.shape_vu) for points in vertices])
+        met = [
+            _met(points, part, matrix, geometry.shape_vu)
+            for points, part in zip(vertices, phantom.parts, strict=False)
+        ]
+        raster.move([*met, *vertices[len(met) :]])  # which refuses another number of parts
         _require_in_front(raster, matrix, sources[view], view)
         # (u w, v w, depth, w), depth measured from the phantom's middle so that float32 resolves it
         rows = np.vstack([matrix, matrix[2]])
@@ -122,13 +126,18 @@ def _views(
         yield device.download(target, images)
 
 
-def _met(points: FloatArray, matrix: FloatArray, shape_vu: tuple[int, int]) -> FloatArray:
-    """The vertices (p, 3); where they reach behind the source and no ray meets them, all in one.
+def _met(
+    points: FloatArray, part: Part, matrix: FloatArray, shape_vu: tuple[int, int]
+) -> FloatArray:
+    """The vertices (p, 3), without what reaches behind the source where no ray meets it.
 
-    That place is in front of the source, and triangles there cover nothing. What lies on the outer
-    side of one of the planes about the rays is not met.
+    What lies on the outer side of one of the planes about the rays is not met. A part that lies
+    there as a whole becomes one place in front of the source, where its triangles cover nothing. Of
+    others the vertices behind become one of their neighbors in front, if all of their triangles lie
+    on the outer side of the same plane: there they stay, and are as closed as before.
     """
-    if (points @ matrix[2, :3] + matrix[2, 3]).min() >= NEAREST_DEPTH:
+    depths = points @ matrix[2, :3] + matrix[2, 3]
+    if depths.min() >= NEAREST_DEPTH or points.shape != part.vertices.shape:
         return points
     rows, columns = shape_vu
     planes = np.stack(
@@ -140,10 +149,16 @@ def _met(points: FloatArray, matrix: FloatArray, shape_vu: tuple[int, int]) -> F
             (rows - 0.5) * matrix[2] - matrix[1],
         ]
     )
-    if not ((points @ planes[:, :3].T + planes[:, 3]).max(axis=0) < 0).any():
+    outside = points @ planes[:, :3].T + planes[:, 3] < 0
+    if outside.all(axis=0).any():
+        ahead = np.linalg.solve(matrix[:, :3], [0.0, 0.0, 1.0] - matrix[:, 3])
+        return np.broadcast_to(np.asarray(ahead, np.float64), points.shape)
+    behind = depths < NEAREST_DEPTH
+    of_behind = part.triangles[behind[part.triangles].any(axis=1)]
+    neighbors = np.unique(of_behind[~behind[of_behind]])
+    if len(neighbors) == 0 or not outside[of_behind, 1:].all(axis=(0, 1)).any():
         return points
-    ahead = np.linalg.solve(matrix[:, :3], [0.0, 0.0, 1.0] - matrix[:, 3])
-    return np.broadcast_to(np.asarray(ahead, np.float64), points.shape)
+    return np.where(behind[:, None], points[neighbors[0]], points)
 
 
 def _require_in_front(

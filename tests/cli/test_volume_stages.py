@@ -1,5 +1,7 @@
 """`legsim convert` of volumes: formats, DICOM series, and what is refused."""
 
+import json
+
 import numpy as np
 import pytest
 import SimpleITK as sitk
@@ -77,3 +79,37 @@ def test_options_of_recordings_do_not_apply(tmp_path, volume, capsys):
     (tmp_path / "a.csv").write_text("time_s,knee_angle_r_rad\n0,0.1\n0.1,0.2\n")
     code, shown = run(capsys, "convert", tmp_path / "a.csv", "--axes", "lps", "--out", "b.mot")
     assert (code, "a recording, to which --axes cannot apply" in shown) == (1, True)
+
+
+def test_a_folder_of_slices_is_a_volume_once_water_is_known(tmp_path, volume, capsys):
+    pytest.importorskip("pydicom")
+    ct, back = tmp_path / "ct", tmp_path / "back.mha"
+    water = ("--water-per-mm", "0.02")
+    assert run(capsys, "convert", tmp_path / "v.mha", *water, "--out", ct)[0] == 0
+    code, shown = run(capsys, "convert", ct, "--out", back)
+    assert (code, "give --water-per-mm" in shown) == (1, True)
+    code, shown = run(capsys, "convert", ct, *water, "--out", back)
+    assert (code, "7 slices up, water at 0.02/mm" in shown) == (0, True)
+    found = image_files.load_volume(back)
+    assert found.grid.alike(volume.grid)
+    # half a Hounsfield unit, and float32 in the file
+    assert np.abs(found.attenuation - volume.attenuation).max() < 0.501 * 20e-3
+    code, shown = run(capsys, "convert", ct, *water, "--axes", "lps", "--out", back)
+    assert (code, "leave --axes out" in shown) == (1, True)
+
+
+def test_slices_are_evaluated_as_the_volume_that_they_are(tmp_path, capsys, rng):
+    pytest.importorskip("pydicom")
+    grid = VolumeGrid.cubic(12, 1e-3, (0.1, 0.45, -0.083))
+    made = Volume(grid, rng.uniform(0, 60, grid.shape_zyx).astype(np.float32))
+    image_files.save_volume(tmp_path / "v.mha", made)
+    ct, out = tmp_path / "ct", tmp_path / "m.json"
+    water = ("--water-per-mm", "0.02")
+    assert run(capsys, "convert", tmp_path / "v.mha", *water, "--out", ct)[0] == 0
+    compared = ("evaluate", ct, tmp_path / "v.mha", "--no-register", "--out", out)
+    assert run(capsys, *compared, *water)[0] == 0
+    region = json.loads(out.read_text())["regions"][0]
+    assert region["ssim"] > 0.999
+    assert region["rmse"] < 1e-3
+    code, shown = run(capsys, *compared)
+    assert (code, "Hounsfield units, which do not say" in shown) == (1, True)

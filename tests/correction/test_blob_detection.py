@@ -12,15 +12,19 @@ FINE = (np.arange(7) - 3) / 7
 
 
 def shadow(
-    shape: tuple[int, int], centers: np.ndarray, radius: float, height: float = 1.0
+    shape: tuple[int, int],
+    centers: np.ndarray,
+    radius: float,
+    height: float = 1.0,
+    row_ratio: float = 1.0,
 ) -> np.ndarray:
-    """Chords through spheres, averaged over each pixel."""
+    """Chords through spheres, averaged over each pixel, which is ``row_ratio`` widths high."""
     v, u = np.indices(shape, float)
     image = np.zeros(shape)
     for center in centers:
         for du in FINE:
             for dv in FINE:
-                square = (u + du - center[0]) ** 2 + (v + dv - center[1]) ** 2
+                square = (u + du - center[0]) ** 2 + (row_ratio * (v + dv - center[1])) ** 2
                 image += height * np.sqrt(np.maximum(1 - square / radius**2, 0)) / FINE.size**2
     return image.astype(np.float32)
 
@@ -41,6 +45,20 @@ def test_centers_are_found_to_hundredths_of_a_pixel(
         least_contrast=0.2,
     )
     np.testing.assert_allclose(found, centers, atol=tolerance)
+
+
+@pytest.mark.parametrize("row_ratio", [0.6, 1.5, 2.0])
+def test_pixels_may_be_higher_than_wide(rng: np.random.Generator, row_ratio: float):
+    """Bead by bead, on a tilted background, and as many widths off as may be."""
+    v, u = np.indices((90, 95))
+    background = (3 + 0.05 * u - 0.03 * v).astype(np.float32)
+    for center in np.array([[20.0, 20.0], [60.3, 22.4], [30.7, 60.2], [70.1, 69.6]]):
+        image = background + shadow((90, 95), center[None], 4.0, row_ratio=row_ratio)
+        angle = rng.uniform(0, 2 * np.pi)
+        off = 3.9 * np.array([np.cos(angle), np.sin(angle) / row_ratio])
+        sizes = {"radius_px": 4.0, "search_px": 4.0, "least_contrast": 0.2}
+        found = blob_detection.locate(image, center + off, row_ratio=row_ratio, **sizes)
+        np.testing.assert_allclose(found[0], center, atol=0.03)
 
 
 def test_slope_of_the_background_does_not_pull(rng: np.random.Generator):

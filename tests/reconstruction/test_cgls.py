@@ -1,76 +1,17 @@
-"""The projector is the adjoint of the back-projector, measures lengths, and CGLS inverts it."""
+"""CGLS inverts the projector, without and with values kept at 0 or above."""
 
 import numpy as np
 import pytest
 from scipy.optimize import nnls
 
-from legsim.core import transforms
 from legsim.core.errors import LegsimError
-from legsim.deformation.models import Motion, RigidMotion
-from legsim.geometry.cone_beam import ConeBeamGeometry, Projections
+from legsim.geometry.cone_beam import Projections
 from legsim.geometry.volume import Volume, VolumeGrid
 from legsim.opencl.device import Device
 from legsim.reconstruction import cgls, fdk
-from legsim.reconstruction.cgls import LargeVoxelWarning, SystemMatrix
-from tests.reconstruction.test_backprojection import as_field, bending
-from tests.references.backprojection import Ellipsoid, project
-
-GRID = VolumeGrid((16, 14, 18), (0.004, 0.004, 0.004), (0.01, 0.0, -0.005))
-
-
-def scan(views: int = 9, turn: float = 4.0) -> ConeBeamGeometry:
-    return ConeBeamGeometry.circular(
-        times=np.arange(views) * 1.0,
-        angles=np.linspace(0, turn, views),
-        source_isocenter=0.5,
-        source_detector=0.9,
-        shape_vu=(24, 30),
-        pixel_pitch=8e-3,
-    )
-
-
-def swaying(rng: np.random.Generator, times: np.ndarray) -> RigidMotion:
-    turns, shifts = rng.normal(0, 0.05, (len(times), 3)), rng.normal(0, 0.005, (len(times), 3))
-    return RigidMotion(times, transforms.rigid(transforms.rotation_from_vector(turns), shifts))
-
-
-@pytest.mark.parametrize("kind", ["still", "rigid", "moving least squares", "field"])
-def test_the_projector_is_the_adjoint(device: Device, rng: np.random.Generator, kind: str) -> None:
-    geometry = scan()
-    bent = bending(rng, geometry.times)
-    motions: dict[str, Motion | None] = {
-        "still": None,
-        "rigid": swaying(rng, geometry.times),
-        "moving least squares": bent,
-    }
-    motion = as_field(bent, 0.01) if kind == "field" else motions[kind]
-    system = SystemMatrix(geometry, GRID, device, motion)
-    volume, images = rng.random(GRID.shape_zyx, np.float32), rng.random((9, 24, 30), np.float32)
-    seen = np.vdot(system.forward(volume).astype(float), images)
-    back = np.vdot(volume.astype(float), system.adjoint(images))
-    assert seen == pytest.approx(back, rel=1e-5)
-
-
-def test_upside_down_detectors_too(device: Device, rng: np.random.Generator) -> None:
-    turned = scan().moved(
-        transforms.rigid(transforms.rotation_from_vector([np.pi, 0, 0]), [0.0, 0.0, 0.0])
-    )
-    system = SystemMatrix(turned, GRID, device)
-    volume, images = rng.random(GRID.shape_zyx, np.float32), rng.random((9, 24, 30), np.float32)
-    assert np.vdot(system.forward(volume).astype(float), images) == pytest.approx(
-        np.vdot(volume.astype(float), system.adjoint(images)), rel=1e-5
-    )
-
-
-def test_images_are_line_integrals(device: Device) -> None:
-    fine = VolumeGrid.cubic(60, 0.002, (0.0, 0.0, 0.0))
-    z, y, x = np.meshgrid(*fine.axes()[::-1], indexing="ij")
-    ball = np.where(x**2 + y**2 + z**2 < 0.05**2, 20.0, 0.0).astype(np.float32)
-    geometry = scan()
-    seen = SystemMatrix(geometry, fine, device).forward(ball)
-    expected = project(geometry, [Ellipsoid((0.0, 0.0, 0.0), (0.05,) * 3, 20.0)]).line_integrals
-    assert np.sqrt(np.mean((seen - expected) ** 2)) < 0.03 * expected.max()
-    assert seen.sum() == pytest.approx(expected.sum(), rel=0.01)
+from legsim.reconstruction.system_matrix import LargeVoxelWarning, SystemMatrix
+from tests.examples import few_views
+from tests.reconstruction.test_system_matrix import GRID, scan, swaying
 
 
 @pytest.mark.parametrize("moving", [False, True])
@@ -178,51 +119,20 @@ def test_refusals(device: Device) -> None:
         cgls.cgls(projections, SMALL, device=device)
 
 
-FEW = VolumeGrid((44, 30, 44), (0.0036,) * 3, (0.0, 0.0, 0.0))
-SOLIDS = [
-    Ellipsoid((0.0, 0.0, 0.0), (0.07, 0.04, 0.06), 20.0),
-    Ellipsoid((0.03, 0.0, 0.01), (0.018, 0.02, 0.018), 15.0),
-    Ellipsoid((-0.03, 0.0, -0.03), (0.015, 0.015, 0.02), -10.0),
-]
-
-
-def averaged_truth() -> np.ndarray:
-    """Attenuation of the ellipsoids on FEW, as a mean of 3 x 3 x 3 points of each voxel."""
-    z, y, x = np.meshgrid(*FEW.axes()[::-1], indexing="ij")
-    truth = np.zeros(FEW.shape_zyx)
-    for shift in np.ndindex(3, 3, 3):
-        points = np.stack([x, y, z], -1) + (np.array(shift) - 1) * 0.0012
-        for e in SOLIDS:
-            inside = (((points - e.center) / e.radii) ** 2).sum(-1) < 1
-            truth += e.attenuation / 27 * inside
-    return truth
-
-
 @pytest.mark.parametrize(("sigma", "noise"), [(0.02, None), (0.1, None), (0.1, 0.1)])
 def test_few_views_end_near_the_best_step_and_beat_fdk(
     device: Device, rng: np.random.Generator, sigma: float, noise: float | None
 ) -> None:
-    geometry = ConeBeamGeometry.circular(
-        times=np.arange(62) * 1.0,
-        angles=np.radians(np.arange(62) * 360 / 62),
-        source_isocenter=0.78,
-        source_detector=1.198,
-        shape_vu=(40, 52),
-        pixel_pitch=6e-3,
-    )
-    images = project(geometry, SOLIDS).line_integrals
-    images = images + sigma * rng.normal(size=images.shape)
-    scan_of_few, truth = Projections(geometry, images.astype(np.float32)), averaged_truth()
-
-    def error(volume: Volume) -> float:
-        return float(np.sqrt(np.mean((volume.attenuation - truth) ** 2)))
-
-    stopped = error(cgls.cgls(scan_of_few, FEW, noise=noise, device=device))
+    scan_of_few = few_views.noisy(62, sigma, rng)
+    stopped = few_views.error(cgls.cgls(scan_of_few, few_views.FEW, noise=noise, device=device))
     best = min(
-        error(cgls.cgls(scan_of_few, FEW, iterations=k, device=device)) for k in (4, 5, 6, 7, 8, 10)
+        few_views.error(cgls.cgls(scan_of_few, few_views.FEW, iterations=k, device=device))
+        for k in (4, 5, 6, 7, 8, 10)
     )
     assert stopped < 1.1 * best
-    kept = error(cgls.cgls(scan_of_few, FEW, noise=noise, nonnegative=True, device=device))
-    filtered = error(fdk.fdk(scan_of_few, FEW, device=device))
+    kept = few_views.error(
+        cgls.cgls(scan_of_few, few_views.FEW, noise=noise, nonnegative=True, device=device)
+    )
+    filtered = few_views.error(fdk.fdk(scan_of_few, few_views.FEW, device=device))
     assert kept < filtered
     assert sigma < 0.1 or stopped < filtered

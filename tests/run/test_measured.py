@@ -1,5 +1,7 @@
 """A measured scan is read from files of any make, and what it lacks is named."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -8,6 +10,7 @@ from legsim.core import transforms
 from legsim.core.errors import LegsimError
 from legsim.correction.fiducials import FIDUCIAL_NAMES, Fiducials, project_fiducials
 from legsim.geometry.volume import VolumeGrid
+from legsim.reconstruction import field_of_view
 from legsim.run.measured import load_fiducials
 from tests.examples import measured
 from tests.examples.measured import POSE, SCAN
@@ -49,6 +52,15 @@ def test_a_scan_is_read_in_si(tmp_path):
     ]  # fmt: skip
 
 
+def test_the_field_of_view_is_the_grid_where_none_is_given(tmp_path):
+    scan = ls.load_measured_scan(measured.write(tmp_path, SCAN[: SCAN.index("[grid]")]))
+    assert scan.grid == field_of_view.grid_of(scan.seen.projections.geometry)
+    assert any("Grid: the field of view" in note for note in scan.notes)
+    coarse = SCAN.replace("shape_zyx = [16, 12, 16]\n", "")
+    scan = ls.load_measured_scan(measured.write(tmp_path, coarse))
+    assert scan.grid.spacing_xyz == (5e-3,) * 3
+
+
 def test_a_clocks_offset_is_taken_off(tmp_path):
     text = SCAN.replace('file = "imu.csv"', 'file = "imu.csv"\nclock_offset_s = -0.25')
     text = text.replace("view_rate_hz = 5.0", 'view_times = "times.txt"')
@@ -58,6 +70,26 @@ def test_a_clocks_offset_is_taken_off(tmp_path):
     scan = ls.load_measured_scan(measured.write(tmp_path, text))
     assert scan.seen.times[0] == 1.0
     np.testing.assert_allclose(scan.seen.signals.times[0], 0.25)
+    said = scan.notes[-1]
+    assert "its clock is taken to read -0.25 s more than the views'" in said
+    assert "it recorded 0.75 s before" in said
+
+
+def test_the_cost_of_a_wrong_clock_is_that_of_shifted_signals(tmp_path):
+    """What the note states for 10 ms is by how much a shifted recording moves the sensor."""
+    paths, stated = [], []
+    for offset in (0.0, 0.01):
+        text = SCAN.replace('file = "imu.csv"', f'file = "imu.csv"\nclock_offset_s = {offset}')
+        scan = ls.load_measured_scan(measured.write(tmp_path, text))
+        motion = ls.Rigid("shank_l")(scan.seen).motion
+        assert motion is not None
+        center = scan.seen.projections.geometry.rotation_center()
+        paths.append(motion.carry(center[None])[:, 0])
+        stated += re.findall(r"followed, by up to ([\d.e+-]+) mm", scan.notes[-1])
+    off = 1e3 * np.linalg.norm(paths[1] - paths[0], axis=-1).max()
+    # two digits are stated
+    assert float(stated[0]) == pytest.approx(off, rel=0.06)
+    assert off > 0.05
 
 
 def test_fiducials_give_the_start(tmp_path):
@@ -114,7 +146,7 @@ def test_a_sensor_without_a_start_is_left_out(tmp_path):
         ("view_rate_hz = 5.0", "view_rate_hz = 0.5", "views are from 0 to 46 s, sensors shank_l"),
         ("view_rate_hz", "view_rate", "unknown key; valid here: projections"),
         ("[grid]", "[grid]\nlike = 'x.mha'", "like already says the grid"),
-        ("shape_zyx = [16, 12, 16]", "", "which grid"),
+        ("spacing_mm = [5.0, 5.0, 5.0]", "", "shape_zyx without spacing_mm; give both"),
         ('file = "imu.csv"', 'file = "no.csv"', "no.csv: cannot be read"),
         ("position_mm = [0.0, -20.0, 20.0]", "", "a start is a file of fiducials, or position_mm"),
         ("[grid]", JOINTS.replace("hip_l", "hip_r"), "hip_l is missing; a leg needs hip_l, knee_l"),

@@ -1,19 +1,29 @@
 """Projections with another file's geometry and times."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
 import pytest
+import tifffile
 
+from legsim.config.measured_scan import MeasuredScanConfig
 from legsim.core.errors import LegsimError
 from legsim.geometry import files as geometry_files
+from legsim.geometry import image_files
 from legsim.run import projection_files
 from tests.examples import measured
 
 
+def settings(**more) -> MeasuredScanConfig:
+    return MeasuredScanConfig(
+        **{"projections": "projections.mha", "geometry": "geometry.xml", **more}
+    )
+
+
 def test_a_geometry_in_mm_takes_pixels_from_the_projections(tmp_path):
     measured.write(tmp_path)
-    read = projection_files.load_geometry(tmp_path / "projections.mha", tmp_path / "geometry.xml")
+    read = projection_files.read(settings(), tmp_path).geometry
     assert read.shape_vu == (16, 20)
     points = 0.02 * np.eye(3)
     np.testing.assert_allclose(
@@ -23,14 +33,41 @@ def test_a_geometry_in_mm_takes_pixels_from_the_projections(tmp_path):
 
 def test_an_image_without_pixels_needs_their_size(tmp_path):
     measured.write(tmp_path)
-    import SimpleITK as sitk
+    image = image_files.load_projections(tmp_path / "projections.mha", measured.geometry())
+    tifffile.imwrite(tmp_path / "projections.tif", image.line_integrals)
+    # RTK itself leaves out the comment with legsim's detector
+    text = (tmp_path / "geometry.xml").read_text("utf-8")
+    (tmp_path / "geometry.xml").write_text(re.sub("<!--.*?-->", "", text, flags=re.S), "utf-8")
+    given = settings(projections="projections.tif")
+    with pytest.raises(LegsimError, match="pixel"):
+        projection_files.read(given, tmp_path)
+    given = settings(projections="projections.tif", pixel_mm=8.0)
+    assert projection_files.read(given, tmp_path).geometry.shape_vu == (16, 20)
 
-    image = sitk.ReadImage(str(tmp_path / "projections.mha"))
-    sitk.WriteImage(image, str(tmp_path / "projections.tif"))
-    files = tmp_path / "projections.tif", tmp_path / "geometry.xml"
-    with pytest.raises(LegsimError, match=r"projections.tif: .*give pixel_mm"):
-        projection_files.load_geometry(*files)
-    assert projection_files.load_geometry(*files, pixel_mm=8.0).shape_vu == (16, 20)
+
+def test_counts_in_a_folder_upside_down_are_the_same_line_integrals(tmp_path):
+    measured.write(tmp_path)
+    expected = projection_files.read(settings(), tmp_path).projections.line_integrals.copy()
+    expected[:, :, :3] = 0
+    counts = np.round(60000 * np.exp(-expected.astype(float))).astype(np.uint16)
+    (tmp_path / "views").mkdir()
+    for k, view in enumerate(counts):
+        tifffile.imwrite(tmp_path / "views" / f"view_{k}.tif", view[::-1])
+    given = settings(projections="views", pixel_mm=8.0, turn_rows=True, counts={"air": "0:3,0:16"})
+    found = projection_files.read(given, tmp_path)
+    # counts are whole
+    np.testing.assert_allclose(found.projections.line_integrals, expected, atol=1e-4)
+    read = projection_files.files_of(given, tmp_path)
+    assert [path.name for path in read[:3]] == ["view_0.tif", "view_1.tif", "view_10.tif"]
+    assert read[-1].name == "geometry.xml"
+    assert len(read) == 25
+
+
+def test_a_detector_of_another_size_is_refused(tmp_path):
+    measured.write(tmp_path)
+    assert projection_files.read(settings(columns=20, rows=16), tmp_path)
+    with pytest.raises(LegsimError, match="has 20 columns and 16 rows, not those"):
+        projection_files.read(settings(columns=21, rows=16), tmp_path)
 
 
 def test_times_are_the_geometrys_or_given(tmp_path):

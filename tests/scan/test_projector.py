@@ -323,6 +323,34 @@ def test_parts_behind_the_source_that_no_ray_meets_are_no_obstacle(device, place
     assert together.max() > 0
 
 
+def bar(end: float) -> trimesh.Trimesh:
+    """Of fine triangles, from beyond the middle ray aslant to the left, ``end`` m towards -x, -z.
+
+    Beyond 1.1 m it is behind the source of :func:`looking_along_z`.
+    """
+    mesh = trimesh.creation.box((0.05, 0.05, 0.3 + end))
+    mesh.apply_translation([0, 0, 0.5 * (0.3 - end)])
+    for _ in range(6):
+        mesh = mesh.subdivide()
+    turned = transforms.rotation_from_vector([0, np.pi / 4, 0])
+    mesh.apply_transform(transforms.rigid(turned, [0.0, 0.1, 0.8]))
+    return mesh
+
+
+def test_what_of_a_part_is_behind_the_source_where_no_ray_meets_it_is_no_obstacle(device):
+    """The bar reaches behind beside the rays: the image is that of a bar which ends before."""
+    geometry = looking_along_z((48, 64))
+    whole, short = bar(1.7), bar(1.0)
+    assert whole.vertices[:, 2].min() < -0.3
+    assert short.vertices[:, 2].min() > 0.05
+    found, expected = (
+        projector.project(Phantom((part("bar", mesh, 10.0),)), geometry, device).line_integrals
+        for mesh in (whole, short)
+    )
+    np.testing.assert_allclose(found, expected, atol=10 * WORST)
+    assert (expected > 0).mean() > 0.05
+
+
 def test_an_open_surface_is_refused_with_the_number_of_open_edges(device):
     mesh = trimesh.creation.icosphere(2, radius=0.05)
     opened = Part("leaky", "water", 1.0, mesh.vertices, mesh.faces[1:])
