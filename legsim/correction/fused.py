@@ -1,6 +1,6 @@
-"""Corrections by a consumer sensor whose drift is found: the person stands, beads are seen.
+"""Corrections by a consumer sensor whose drift is found: the person stands, metal is seen.
 
-Both follow the segment that carries one sensor, as :class:`legsim.correction.rigid.Rigid` does, but
+All follow the segment that carries one sensor, as :class:`legsim.correction.rigid.Rigid` does, but
 along the path that :mod:`legsim.correction.smoother` estimates. Where the data do not determine a
 motion that the images would see, they say so and leave the scan as it is.
 """
@@ -15,7 +15,13 @@ from legsim.correction.bead_tracking import track
 from legsim.correction.error_state import ErrorState, error_state
 from legsim.correction.method import Correction, Scan
 from legsim.correction.rough_start import StartErrors
-from legsim.correction.smoother import BeadShadows, SmoothedPath, StandingPrior, smooth
+from legsim.correction.smoother import (
+    BeadShadows,
+    FiducialShadows,
+    SmoothedPath,
+    StandingPrior,
+    smooth,
+)
 from legsim.deformation.models import RigidMotion
 from legsim.imu.catalogue import load_sensor
 from legsim.imu.errors import SensorErrors
@@ -93,6 +99,36 @@ class FusedBeads:
             f"{found.residual_px:.2f} px RMS from the sensor's path."
         )
         return _corrected("fused-beads", scan, found, (note,))
+
+
+@dataclass(frozen=True, slots=True)
+class FusedFiducials:
+    """Rigid motion from one sensor, a person who stands, and shadows of points in the sensor.
+
+    Their places in the sensor are known, so that they show the sensor itself in every view: its
+    turn about the vertical and its place are found too.
+    """
+
+    fiducials: FiducialShadows | Callable[[], FiducialShadows]
+    """their shadows in all views, or what finds them"""
+    sensor: str = ""
+    """the sensor that they are in; empty: the scan's first"""
+    priors: SensorPriors = field(default_factory=SensorPriors)
+
+    def __call__(self, scan: Scan, /) -> Correction:
+        fiducials = self.fiducials() if callable(self.fiducials) else self.fiducials
+        found = smooth(
+            _state(scan, self.sensor, self.priors, clock=self.priors.clock),
+            standing=_standing(scan, self.priors),
+            geometry=scan.projections.geometry,
+            fiducials=fiducials.enough(),
+        )
+        share = float(np.isfinite(fiducials.pixels).all(-1).mean())
+        note = (
+            f"{fiducials.pixels.shape[1]} fiducials in the sensor: {100 * share:.0f} % of their "
+            f"shadows were found, {found.residual_px:.2f} px RMS from the sensor's path."
+        )
+        return _corrected("fused-fiducials", scan, found, (note,))
 
 
 def _state(scan: Scan, sensor: str, priors: SensorPriors, *, clock: float) -> ErrorState:

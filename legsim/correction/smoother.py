@@ -99,6 +99,21 @@ class FiducialShadows:
     error_px: float = 0.3
     """standard deviation along u and v"""
 
+    def enough(self) -> "FiducialShadows":
+        """The same, if they are seen often enough to tell anything.
+
+        Raises:
+            LegsimError: they are not.
+        """
+        views = int(np.isfinite(self.pixels).all(-1).any(-1).sum())
+        if views < _FEWEST_VIEWS:
+            raise LegsimError(
+                f"fiducials of the sensor are seen in {views} views, {_FEWEST_VIEWS} are needed; "
+                "place the sensor nearer to the knee, or ask for the paper's detector without "
+                'bounds (methods.fiducials.detector = "unbounded")'
+            )
+        return self
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SmoothedPath:

@@ -16,13 +16,13 @@ from legsim.core.errors import LegsimError, file_error
 from legsim.correction import method as correction_method
 from legsim.correction.bead_scan import BeadScan
 from legsim.correction.bead_tracking import Reference
-from legsim.correction.fused import FusedBeads, SensorPriors, Standing
+from legsim.correction.fused import FusedBeads, FusedFiducials, SensorPriors, Standing
 from legsim.correction.marker_based import MarkerBased
 from legsim.correction.method import Correction, CorrectionMethod, Scan
 from legsim.correction.nonrigid import NonRigid2D, NonRigid3D
 from legsim.correction.oracle import Oracle
 from legsim.correction.rigid import Rigid, Uncorrected
-from legsim.correction.smoother import BeadShadows
+from legsim.correction.smoother import BeadShadows, FiducialShadows
 from legsim.geometry.volume import VolumeGrid
 from legsim.imu.strapdown import Scheme
 from legsim.opencl.device import Device
@@ -57,12 +57,14 @@ class MethodInputs:
     """what is known beforehand of the sensor that is followed"""
     fused_beads: Callable[[], BeadScan | BeadShadows] | None = None
     """few beads on the sensor's segment, made when called; None for a measured scan"""
+    fused_fiducials: Callable[[], FiducialShadows] | None = None
+    """points in the followed sensor, seen in all views; None for a measured scan"""
     bead_reference: Reference = "bundle"
     """what the beads' poses are fitted to"""
 
 
 FOLLOW_ONE, FOLLOW_JOINTS = (
-    ("rigid", "rigid-paper-order", "standing", "fused-beads"),
+    ("rigid", "rigid-paper-order", "standing", "fused-beads", "fused-fiducials"),
     ("nonrigid-2d", "nonrigid-3d"),
 )
 """methods that need the sensor of methods.sensor, and those that need thigh and shank"""
@@ -103,6 +105,15 @@ def _fused_beads(given: MethodInputs) -> CorrectionMethod:
     return FusedBeads(given.fused_beads, given.sensor, given.priors)
 
 
+def _fused_fiducials(given: MethodInputs) -> CorrectionMethod:
+    if given.fused_fiducials is None:
+        raise LegsimError(
+            "fused-fiducials follows points in the sensor, which only a simulated scan has here; "
+            "leave it out, or call legsim.FusedFiducials with the shadows that you found"
+        )
+    return FusedFiducials(given.fused_fiducials, given.sensor, given.priors)
+
+
 BUILT_IN: dict[str, Callable[[MethodInputs], CorrectionMethod]] = {
     "uncorrected": lambda _: Uncorrected(),
     "oracle": _oracle,
@@ -113,6 +124,7 @@ BUILT_IN: dict[str, Callable[[MethodInputs], CorrectionMethod]] = {
     "nonrigid-3d": lambda given: NonRigid3D(given.nodes, given.scheme),
     "standing": lambda given: Standing(given.sensor, given.priors),
     "fused-beads": _fused_beads,
+    "fused-fiducials": _fused_fiducials,
     "rigid-paper-order": lambda given: Rigid(given.sensor, given.scheme, "paper"),
 }
 
