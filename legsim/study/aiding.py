@@ -44,7 +44,7 @@ def measure(
     settings: RunConfig, aids: Sequence[str], seeds: Sequence[int], on_progress: OnProgress
 ) -> list[dict[str, Left]]:
     """Errors by aid of each draw of the sensor's errors, its start and the shadows."""
-    setup = _placed(settings)
+    setup = placed(settings)
     bone = _followed_bone(settings, setup)
     found = []
     for draw, seed in enumerate(seeds):
@@ -58,7 +58,7 @@ def measure(
     return found
 
 
-def _placed(settings: RunConfig) -> ScanSetup:
+def placed(settings: RunConfig) -> ScanSetup:
     """The person in the C-arm, as a run has them."""
     person = run_motion.solve(settings.motion)
     stages.refuse_implausible(settings, person.name, person.implausible)
