@@ -64,7 +64,8 @@ class Standing:
 
     def __call__(self, scan: Scan, /) -> Correction:
         found = smooth(
-            _state(scan, self.sensor, self.priors, clock=0.0), standing=_standing(scan, self.priors)
+            sensor_state(scan, self.sensor, self.priors, clock=0.0),
+            standing=_standing(scan, self.priors),
         )
         return _corrected("standing", scan, found, ())
 
@@ -88,7 +89,7 @@ class FusedBeads:
             pixels = track(beads.projections, beads.guesses, radius=beads.radius)
             beads = BeadShadows(pixels)
         found = smooth(
-            _state(scan, self.sensor, self.priors, clock=self.priors.clock),
+            sensor_state(scan, self.sensor, self.priors, clock=self.priors.clock),
             standing=_standing(scan, self.priors),
             geometry=scan.projections.geometry,
             beads=beads,
@@ -118,7 +119,7 @@ class FusedFiducials:
     def __call__(self, scan: Scan, /) -> Correction:
         fiducials = self.fiducials() if callable(self.fiducials) else self.fiducials
         found = smooth(
-            _state(scan, self.sensor, self.priors, clock=self.priors.clock),
+            sensor_state(scan, self.sensor, self.priors, clock=self.priors.clock),
             standing=_standing(scan, self.priors),
             geometry=scan.projections.geometry,
             fiducials=fiducials.enough(),
@@ -131,7 +132,7 @@ class FusedFiducials:
         return _corrected("fused-fiducials", scan, found, (note,))
 
 
-def _state(scan: Scan, sensor: str, priors: SensorPriors, *, clock: float) -> ErrorState:
+def sensor_state(scan: Scan, sensor: str, priors: SensorPriors, *, clock: float) -> ErrorState:
     """The errors of one sensor; its clock is taken as known where the recording is too short."""
     name = sensor or scan.signals.sensor_names[0]
     times, views = scan.signals.times, scan.times

@@ -133,7 +133,9 @@ def _with_beads(
 
 
 def _left(motion: Motion | None, bone: Structure, setup: ScanSetup) -> Left:
-    (left,) = residual_motion.of_motion(motion, (bone,), setup.geometry)
+    # meters off, a tried similarity may leave all numbers; such a step is worse, and is not taken
+    with np.errstate(over="ignore", invalid="ignore"):
+        (left,) = residual_motion.of_motion(motion, (bone,), setup.geometry)
     still = motion is None or (
         isinstance(motion, RigidMotion)
         and np.array_equal(

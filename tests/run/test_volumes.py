@@ -233,6 +233,8 @@ def test_a_consumer_sensor_and_few_beads_better_the_scan_from_a_rough_start(
 def test_the_papers_sensor_shows_its_points_on_a_detector_without_bounds_alone(
     tiny_run, tiny_settings, tmp_path
 ):
+    for name in ("a", "b"):
+        (tmp_path / name).mkdir()
     bounded = changed(tiny_settings, run=("fused-fiducials",), start="rough")
     with pytest.raises(LegsimError, match=r'seen in 0 views.*detector = "unbounded"'):
         pipeline.run_scan(bounded, branched(tiny_run, tmp_path / "a"), on_progress=quiet)
