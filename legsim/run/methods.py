@@ -16,6 +16,7 @@ from legsim.core.errors import LegsimError, file_error
 from legsim.correction import method as correction_method
 from legsim.correction.bead_scan import BeadScan
 from legsim.correction.bead_tracking import Reference
+from legsim.correction.expected_drift import drift_warning
 from legsim.correction.fused import FusedBeads, FusedFiducials, SensorPriors, Standing
 from legsim.correction.marker_based import MarkerBased
 from legsim.correction.method import Correction, CorrectionMethod, Scan
@@ -68,6 +69,30 @@ FOLLOW_ONE, FOLLOW_JOINTS = (
     ("nonrigid-2d", "nonrigid-3d"),
 )
 """methods that need the sensor of methods.sensor, and those that need thigh and shank"""
+
+
+DEAD_RECKONING = ("rigid", "rigid-paper-order", *FOLLOW_JOINTS)
+"""methods that follow sensors alone, wherever these drift"""
+
+
+def undetermined(names: Sequence[str], scan: Scan, sensor: str, priors: SensorPriors) -> list[str]:
+    """A sentence for each method and sensor whose expected drift hides how a person moves.
+
+    Args:
+        names: of the methods.
+        scan: as methods see it.
+        sensor: the one that rigid methods follow.
+        priors: what is known of every sensor.
+    """
+    on_joints = dict.fromkeys(point.sensor for leg in scan.joints for point in leg)
+    said = []
+    for name in names:
+        own = rigid_sensor(name)
+        if own is None and name not in DEAD_RECKONING:
+            continue
+        followed = on_joints if name in FOLLOW_JOINTS else (own or sensor,)
+        said += [drift_warning(name, scan, one, priors) for one in followed]
+    return [line for line in said if line]
 
 
 def _oracle(given: MethodInputs) -> CorrectionMethod:
