@@ -148,7 +148,7 @@ def test_dead_reckoning_does_harm_and_is_warned_of(scans: dict[int, Scan], name:
     scan, given = scans[1], inputs(1)
     method = methods.build(name, given)
     if name == "nonrigid-2d":
-        with pytest.raises(LegsimError, match="behind the source .* follow sensors that drift"):
+        with pytest.raises(LegsimError, match=r"behind the source .* follow sensors that drift"):
             method(scan)
     else:
         motion = method(scan).motion
