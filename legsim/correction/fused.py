@@ -88,8 +88,9 @@ class FusedBeads:
         if isinstance(beads, BeadScan):
             pixels = track(beads.projections, beads.guesses, radius=beads.radius)
             beads = BeadShadows(pixels)
+        state = sensor_state(scan, self.sensor, self.priors, clock=self.priors.clock)
         found = smooth(
-            sensor_state(scan, self.sensor, self.priors, clock=self.priors.clock),
+            state,
             standing=_standing(scan, self.priors),
             geometry=scan.projections.geometry,
             beads=beads,
@@ -99,7 +100,7 @@ class FusedBeads:
             f"{beads.pixels.shape[1]} beads: {100 * share:.0f} % of their shadows were found, "
             f"{found.residual_px:.2f} px RMS from the sensor's path."
         )
-        return _corrected("fused-beads", scan, found, (note,))
+        return _corrected("fused-beads", scan, found, (note, *_clock_note(state, found)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,8 +119,9 @@ class FusedFiducials:
 
     def __call__(self, scan: Scan, /) -> Correction:
         fiducials = self.fiducials() if callable(self.fiducials) else self.fiducials
+        state = sensor_state(scan, self.sensor, self.priors, clock=self.priors.clock)
         found = smooth(
-            sensor_state(scan, self.sensor, self.priors, clock=self.priors.clock),
+            state,
             standing=_standing(scan, self.priors),
             geometry=scan.projections.geometry,
             fiducials=fiducials.enough(),
@@ -129,7 +131,7 @@ class FusedFiducials:
             f"{fiducials.pixels.shape[1]} fiducials in the sensor: {100 * share:.0f} % of their "
             f"shadows were found, {found.residual_px:.2f} px RMS from the sensor's path."
         )
-        return _corrected("fused-fiducials", scan, found, (note,))
+        return _corrected("fused-fiducials", scan, found, (note, *_clock_note(state, found)))
 
 
 def sensor_state(scan: Scan, sensor: str, priors: SensorPriors, *, clock: float) -> ErrorState:
@@ -150,6 +152,21 @@ def sensor_state(scan: Scan, sensor: str, priors: SensorPriors, *, clock: float)
 
 def _standing(scan: Scan, priors: SensorPriors) -> StandingPrior:
     return StandingPrior.at(scan.projections.geometry.rotation_center(), priors.spread)
+
+
+def _clock_note(state: ErrorState, found: SmoothedPath) -> tuple[str, ...]:
+    """What was found of the offset between the clocks, and how well; nothing where it is known."""
+    if not state.clock_sigma:
+        return ()
+    offset, spread = (
+        1e3 * state.clock_sigma * number
+        for number in (found.errors[-1], float(np.sqrt(found.covariance[-1, -1])))
+    )
+    return (
+        f"The sensor's clock is {offset:+.1f} ms ahead of the views', with a standard deviation of "
+        f"{spread:.1f} ms (before: {1e3 * state.clock_sigma:.1f} ms); its own filter's delay "
+        "counts the other way.",
+    )
 
 
 def _corrected(name: str, scan: Scan, found: SmoothedPath, notes: tuple[str, ...]) -> Correction:

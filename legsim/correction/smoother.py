@@ -382,7 +382,7 @@ def _prepared(
     if beads is not None:
         used = beads.enough()
         moved = _of(geometry).moved(state.path(errors).motion())
-        places = _triangulated(moved, used.pixels)
+        places = triangulated(moved, used.pixels)
     return _Problem(state, standing, geometry, used, fiducials, places), errors, places
 
 
@@ -441,7 +441,7 @@ def _smoothed(
     )
 
 
-def _triangulated(geometry: ConeBeamGeometry, pixels: FloatArray) -> FloatArray:
+def triangulated(geometry: ConeBeamGeometry, pixels: FloatArray) -> FloatArray:
     """Points (b, 3) nearest to the rays through their shadows (v, b, 2) under moved matrices."""
     sources, inverses = geometry.sources(), np.linalg.inv(geometry.matrices[:, :, :3])
     places = np.zeros((pixels.shape[1], 3))

@@ -71,6 +71,9 @@ FOLLOW_ONE, FOLLOW_JOINTS = (
 """methods that need the sensor of methods.sensor, and those that need thigh and shank"""
 
 
+FIND_START = ("standing", "fused-beads", "fused-fiducials")
+"""methods that find start and drift themselves, from a start as it was strapped on"""
+
 DEAD_RECKONING = ("rigid", "rigid-paper-order", *FOLLOW_JOINTS)
 """methods that follow sensors alone, wherever these drift"""
 
@@ -124,8 +127,8 @@ def _marker_based(given: MethodInputs) -> CorrectionMethod:
 def _fused_beads(given: MethodInputs) -> CorrectionMethod:
     if given.fused_beads is None:
         raise LegsimError(
-            "fused-beads follows beads on the skin, which only a simulated scan has here; leave "
-            "it out, or call legsim.FusedBeads with the shadows that you found"
+            "fused-beads follows beads on the skin: give the pixels of their shadows as [beads] in "
+            "SCAN.toml"
         )
     return FusedBeads(given.fused_beads, given.sensor, given.priors)
 
