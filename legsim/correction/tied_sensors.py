@@ -115,6 +115,20 @@ class TiedPaths:
         """Motions of thigh and shank against the first view."""
         return self.thigh.motion, self.shank.motion
 
+    def joints(self, tie: LegTie) -> FloatArray:
+        """Hip, knee and ankle (3, 3) m in world at the first view."""
+        thigh, shank = self.thigh.path.poses[0], self.shank.path.poses[0]
+        return np.concatenate(
+            [
+                transforms.apply(pose, place[None])
+                for pose, place in (
+                    (thigh, tie.hip_in_thigh),
+                    (shank, tie.knee_in_shank),
+                    (shank, tie.ankle_in_shank),
+                )
+            ]
+        )
+
     def apart(self, point: FloatArray) -> FloatArray:
         """How far (v, 3) m the thigh carries a point (3,) of the first view from where the shank
         does.

@@ -230,6 +230,9 @@ def test_both_sensors_of_a_scan_are_tied(rng: np.random.Generator):
     for motion, name in zip(found.motions, LEG, strict=True):
         off = motion.carry(KNEE[None]) - transforms.apply(LEG[name].motion(), KNEE[None])
         assert np.sqrt((off**2).sum(-1).mean()) < 1.5e-3
+    hip, knee, ankle = found.joints(TIE)
+    assert np.linalg.norm(hip - knee) == pytest.approx(0.4, abs=0.02)
+    assert np.linalg.norm(ankle - knee) == pytest.approx(0.4, abs=1e-9)
 
 
 def test_ties_that_are_none_and_other_scans_are_refused(rng: np.random.Generator):
