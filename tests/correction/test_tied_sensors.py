@@ -98,15 +98,15 @@ TIE = LegTie(
 FREE = replace(TIE, laxity=1e4, placement=1e4, ankle_spread=1e4, hip_spread=1e4)
 
 
-def scanned(rng: np.random.Generator) -> Scan:
+def scanned(rng: np.random.Generator, start: StartErrors = START) -> Scan:
     """Both sensors with errors and rough starts; the images are empty."""
     read = [one.signals(SAMPLES) for one in LEG.values()]
     exact = ImuSignals(
         SAMPLES, tuple(LEG), *(np.stack(kind, 1) for kind in zip(*read, strict=True))
     )
     starts = []
-    for drawn in rough([one.start() for one in LEG.values()], START, rng):
-        starts.append(replace(drawn, velocity=START.velocity * rng.standard_normal(3)))
+    for drawn in rough([one.start() for one in LEG.values()], start, rng):
+        starts.append(replace(drawn, velocity=start.velocity * rng.standard_normal(3)))
     empty = Projections(GEOMETRY, np.zeros((len(VIEWS), *GEOMETRY.shape_vu), np.float32))
     return Scan(empty, read_out(exact, SENSOR, rng), tuple(starts))
 
@@ -116,11 +116,13 @@ def shadows(name: str, rng: np.random.Generator, px: float = 0.3) -> BeadShadows
     return BeadShadows(exact + px * rng.standard_normal(exact.shape), px)
 
 
-def segments(rng: np.random.Generator) -> tuple[MeasuredSegment, MeasuredSegment]:
-    scan = scanned(rng)
+def segments(
+    rng: np.random.Generator, start: StartErrors = START
+) -> tuple[MeasuredSegment, MeasuredSegment]:
+    scan = scanned(rng, start)
     thigh, shank = (
         MeasuredSegment(
-            error_state(scan.signals, name, scan.start(name), VIEWS, SENSOR, START),
+            error_state(scan.signals, name, scan.start(name), VIEWS, SENSOR, start),
             beads=shadows(name, rng),
         )
         for name in LEG
@@ -183,6 +185,15 @@ def test_tied_sensors_carry_the_knee_to_one_place(rng: np.random.Generator):
         spread = np.sqrt(np.trace(one.apart_covariance(KNEE), axis1=1, axis2=2))
         assert spread[0] == pytest.approx(0, abs=1e-9)
     assert spread[1:].min() > 0
+
+
+def test_a_knee_that_is_misplaced_in_one_sensor_is_found(rng: np.random.Generator):
+    """Where the sensors' own places are known."""
+    off = np.array([4e-3, -3e-3, 5e-3])
+    tie = replace(FREE, knee_in_thigh=TIE.knee_in_thigh - off, laxity=1e-3, placement=10e-3)
+    placed = replace(START, tilt=1e-4, heading=1e-4, place=1e-4)
+    found = tied_sensors.smooth_tied(*segments(rng, placed), tie, GEOMETRY)
+    np.testing.assert_allclose(found.knee_off, off, atol=1e-3)
 
 
 def test_a_tie_takes_no_knowledge_away(rng: np.random.Generator):
