@@ -2,8 +2,8 @@
 
 Each sensor alone has a gauge of its own: M(0) = I puts the error of the first view into a constant
 displacement of thigh against shank, which no registration of the volume as a whole takes away. The
-knee's center is known in both sensors, and both must carry it to the same place; the feet stand on
-the ground, and the hip stays about where it is. These ties join the two problems of
+knee's center is known in both sensors, and both must carry it to the same place; on demand the feet
+stand on the ground, and the hip stays about where it is. These ties join the two problems of
 :mod:`legsim.correction.smoother` into one, by Gauss-Newton steps over the errors of both sensors.
 
 The thigh's and the shank's lengths are in the places of the joints: a sensor carries both ends of
@@ -76,10 +76,14 @@ class LegTie:
     is no ball in a socket"""
     placement: float = 5e-3
     """m by which the knee is misplaced in the thigh's sensor, as far as the shank's has it"""
-    ankle_spread: float = 1e-3
-    """m, RMS over the scan of an ankle whose foot stands"""
-    hip_spread: float = 5e-3
-    """m, RMS over the scan of the hip of a person who stands"""
+    ankle_spread: float | None = None
+    """m, RMS over the scan of an ankle whose foot stands; None leaves it free, see below"""
+    hip_spread: float | None = None
+    """m, RMS over the scan of the hip of a person who stands; None leaves it free
+
+    What a person who stands does pulls thigh and shank alike, also along the rays, where beads tell
+    little. A hold on one of them alone sets it right there and the other not, and parts the two.
+    """
     samples: float = 8.0
     """independent samples in a scan, as of :class:`legsim.correction.smoother.StandingPrior`"""
 
@@ -87,10 +91,9 @@ class LegTie:
         for name in ("knee_in_thigh", "knee_in_shank", "ankle_in_shank", "hip_in_thigh"):
             object.__setattr__(self, name, frozen(name, getattr(self, name), (3,)))
         for name in ("laxity", "placement", "ankle_spread", "hip_spread", "samples"):
-            if not getattr(self, name) > 0:
-                raise LegsimError(
-                    f"{name} of a leg's tie must be positive; got {getattr(self, name):g}"
-                )
+            size = getattr(self, name)
+            if size is not None and not size > 0:
+                raise LegsimError(f"{name} of a leg's tie must be positive; got {size:g}")
 
     def weight(self, views: int) -> float:
         """Root of the weight of one coordinate of the knee in one view."""
@@ -153,8 +156,8 @@ class _Joint(NamedTuple):
     problems: tuple[_Problem, _Problem]
     """thigh, shank"""
     tie: LegTie
-    still: tuple[StandingPrior, StandingPrior]
-    """hip, ankle"""
+    still: tuple[StandingPrior | None, StandingPrior | None]
+    """hip, ankle; None where they are free"""
 
     def tied(
         self, paths: Sequence[SensorPath], knee_off: FloatArray
@@ -178,10 +181,12 @@ class _Joint(NamedTuple):
         first = 0
         for path, still, size in zip(paths, self.still, sizes, strict=True):
             own = slice(first, first + size)
+            first += size
+            if still is None:
+                continue
             moved = transforms.apply(path.motion(), still.points) - still.points
             firm = still.weight(len(path.poses))
             _add(matrix[own, own], right[own], firm * moved, firm * path.of_points(still.points))
-            first += size
         return matrix, right
 
 
@@ -249,9 +254,11 @@ def tied_paths(
 
 
 def _at_first_view(
-    state: ErrorState, errors: FloatArray, place: FloatArray, spread: float, samples: float
-) -> StandingPrior:
+    state: ErrorState, errors: FloatArray, place: FloatArray, spread: float | None, samples: float
+) -> StandingPrior | None:
     """A joint that stays where a sensor has it at the first view."""
+    if spread is None:
+        return None
     first = state.poses(errors)[0]
     return StandingPrior(transforms.apply(first, place[None]), spread, samples)
 

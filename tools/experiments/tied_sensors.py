@@ -9,6 +9,7 @@ after the one similarity of the whole scene that fits both best.
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Annotated, NamedTuple
 
 import numpy as np
@@ -30,7 +31,7 @@ from legsim.simulation.setup import ScanSetup
 from legsim.study import aiding
 
 SENSORS = ("thigh_l", "shank_l")
-FREE = {"laxity": 1e3, "placement": 1e3, "ankle_spread": 1e3, "hip_spread": 1e3}
+FREE = {"laxity": 1e3, "placement": 1e3}
 
 
 class Leg(NamedTuple):
@@ -112,6 +113,7 @@ def main(
     sensor: str = "bmi160",
     seeds: int = 3,
     laxity_mm: float = 1.0,
+    ankle_mm: float | None = None,
 ) -> None:
     """Prints two rows per scan: mean and greatest over the seeds."""
     typer.echo(
@@ -125,8 +127,9 @@ def main(
         )
         setup = aiding.placed(settings)
         leg = truth(settings, setup)
-        tie = LegTie(leg.places[0], leg.places[2], leg.places[3], leg.places[1], 1e-3 * laxity_mm)
         free = LegTie(leg.places[0], leg.places[2], leg.places[3], leg.places[1], **FREE)
+        ankle = None if ankle_mm is None else 1e-3 * ankle_mm
+        tie = replace(free, laxity=1e-3 * laxity_mm, placement=5e-3, ankle_spread=ankle)
         table: dict[str, list[list[float]]] = {"alone": [], "tied": []}
         for seed in range(seeds):
             scan = aiding.sensed(settings.model_copy(update={"seed": seed}), setup)
