@@ -12,7 +12,7 @@ import numpy as np
 
 from legsim.correction.bead_scan import BeadScan
 from legsim.correction.bead_tracking import track
-from legsim.correction.error_state import ErrorState, error_state
+from legsim.correction.error_state import CLOCK_REACH, ErrorState, error_state
 from legsim.correction.method import Correction, Scan
 from legsim.correction.rough_start import StartErrors
 from legsim.correction.smoother import (
@@ -32,9 +32,6 @@ _DISCERNED = float(np.sqrt(2))
 What is found of a motion m with an error e has m^2 + e^2 on average. Following it leaves e, not
 following it leaves m.
 """
-
-_CLOCK_REACH = 5.0
-"""standard deviations of the clock by which a recording must go beyond the views to find it"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -146,7 +143,7 @@ def sensor_state(scan: Scan, sensor: str, priors: SensorPriors, *, clock: float)
         views,
         priors.errors,
         priors.start,
-        clock=clock if beyond > _CLOCK_REACH * clock else 0.0,
+        clock=clock if beyond > CLOCK_REACH * clock else 0.0,
     )
 
 

@@ -186,6 +186,21 @@ def test_a_late_clock_is_found(late: float):
     assert clock * found.errors[-1] == pytest.approx(late, abs=3 * sigma)
 
 
+def test_a_step_beyond_any_offset_of_the_clocks_stays_within_the_recording():
+    scan, clock = scanned(SWAY, 0), 0.01
+    near = (SAMPLES > VIEWS[0] - 0.055) & (SAMPLES < VIEWS[-1] + 0.055)
+    cut = ImuSignals(
+        SAMPLES[near],
+        ("shank_l",),
+        scan.signals.angular_velocity[near],
+        scan.signals.specific_force[near],
+    )
+    state = error_state(cut, "shank_l", scan.starts[0], VIEWS, BMI160, StartErrors(), clock=clock)
+    errors = np.zeros(state.size)
+    errors[-1] = 40.0
+    assert np.isfinite(state.path(errors).twists).all()
+
+
 def test_a_recording_no_longer_than_the_scan_is_enough():
     scan = scanned(SWAY, 0)
     during = (VIEWS[0] <= SAMPLES) & (VIEWS[-1] + 1 / 120 >= SAMPLES)
