@@ -75,9 +75,15 @@ def replay(
         Path | None,
         typer.Option(
             metavar="MODEL.osim",
-            help="OpenSim model to use, with its markers and of its size. Default: legsim's leg.",
+            help="OpenSim model to use, with its markers. Default: legsim's leg.",
         ),
     ] = None,
+    scale_model: Annotated[
+        bool,
+        typer.Option(
+            "--scale-model", help="Scale the model to the person by its markers. Default: as it is."
+        ),
+    ] = False,
     scale_file: Annotated[
         Path | None,
         typer.Option(
@@ -126,6 +132,8 @@ def replay(
     # a path is taken as it is: as an override, a file called 1 would be a number
     options = {"model": model, "scale_file": scale_file}
     given: dict[str, object] = {key: str(path) for key, path in options.items() if path}
+    if scale_model:
+        given["scale_model"] = True
     if tasks:
         given["ik"] = {"tasks_file": str(tasks)}
     if filter_hz is not None:

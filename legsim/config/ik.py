@@ -36,6 +36,8 @@ class PriorsConfig(ConfigSection):
     """a foot without markers stands flat"""
     subtalar: float = Field(default=1.0, ge=0)
     toes: float = Field(default=1.0, ge=0)
+    hyperextension: float = Field(default=1.0, ge=0)
+    """a knee that is overextended by more than 10 degrees is drawn back"""
     default_posture: float = Field(default=1.0, ge=0)
     """of a user's own OpenSim model: all other coordinates toward their defaults"""
 

@@ -55,9 +55,13 @@ class MotionConfig(ConfigSection):
     Empty: the person's active squats for legsim's own recordings, else the same one.
     """
     model: str = ""
-    """OpenSim model (.osim) to use, with its own markers and size; empty: legsim's own leg"""
+    """OpenSim model (.osim) to use, with its own markers; empty: legsim's own leg"""
     scale_file: str = ""
     """OpenSim's scale factors (.xml), for legsim's own leg or for the model; empty: none"""
+    scale_model: bool = False
+    """scale the model to the person by its own markers, and place these where the person wears
+    them; from ``scaling_file`` where that is given
+    """
     zero_file: str = ""
     """static trial whose mean pose is the zero of the joint angles in the report and in
     coordinates_from_zero.mot; the movement stays as it is; empty: the model's own zero

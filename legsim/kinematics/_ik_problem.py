@@ -10,12 +10,15 @@ from legsim.core.values import FloatArray
 from legsim.kinematics import _planted_feet
 from legsim.kinematics.ik_options import CoordinateLock, CoordinateTask, IkOptions, leg_priors
 from legsim.kinematics.leg import Leg
-from legsim.kinematics.leg_model import Kinematics, marker_rows
+from legsim.kinematics.leg_model import Kinematics, LegModel, marker_rows
 from legsim.kinematics.marker_sites import MarkerSites
 from legsim.kinematics.skeleton import segment_index
 
 _ROUNDING = 1e-6
 """rad or m that a locked value may lie beyond its range: files hold few digits"""
+
+_STRAIGHT = np.radians(10.0)
+"""rad of hyperextension from which a knee is drawn back"""
 
 _UNSEEN, _LOCK = 1e-12, 1e12
 """m^2/rad^2 of priors that stand for no prior and for a lock"""
@@ -72,6 +75,10 @@ class Problem:
             column = self._column(lock.coordinate, "lock")
             limits[column], self.locked[column] = self._locked_value(lock, column, limits), True
         self.low, self.high = limits.T
+        self._straight = np.full(len(names), np.inf)
+        if isinstance(leg, LegModel):
+            knees = [k for k, name in enumerate(names) if name.startswith("knee_angle")]
+            self._straight[knees] = _STRAIGHT
 
     def _column(self, coordinate: str, what: str) -> int:
         names = self.leg.coordinate_names
@@ -147,9 +154,12 @@ class Problem:
         pulls = self.pulls(weights) if pulls is None else pulls
         gradient += pulls * away
         upper[:, self._diagonal, self._diagonal] += pulls
-        cost = (
-            cost + 0.5 * (pulls * away**2).sum(1) + self._add_flat_feet(pose, gradient, upper, bend)
-        )
+        beyond = np.maximum(values - self._straight, 0.0)
+        draw = np.where(beyond > 0, self.config.hyperextension_weight, 0.0)
+        gradient += draw * beyond
+        upper[:, self._diagonal, self._diagonal] += draw
+        cost = cost + 0.5 * (pulls * away**2 + draw * beyond**2).sum(1)
+        cost = cost + self._add_flat_feet(pose, gradient, upper, bend)
         scale = np.einsum("ncc->nc", upper).copy()
         upper[exact] += bend[exact]
         curvature = upper + np.swapaxes(np.triu(upper, 1), -1, -2)

@@ -33,7 +33,7 @@ def scale_masses(model: mujoco.MjModel, scales: SegmentScales) -> None:
     for name in SEGMENTS:
         body = model.body(name)
         factors = scales.of(name)
-        body.inertia[:] = _scaled_inertia(float(body.mass[0]), body.inertia.copy(), factors)
+        body.inertia[:] = scaled_inertia(float(body.mass[0]), body.inertia.copy(), factors)
         by = float(np.prod(factors)) if common is None else common
         body.mass[:], body.inertia[:] = body.mass * by, body.inertia * by
     if common is not None:
@@ -41,7 +41,7 @@ def scale_masses(model: mujoco.MjModel, scales: SegmentScales) -> None:
         model.body("torso").inertia[:] *= common
 
 
-def _scaled_inertia(mass: float, inertia: FloatArray, factors: FloatArray) -> FloatArray:
+def scaled_inertia(mass: float, inertia: FloatArray, factors: FloatArray) -> FloatArray:
     """Moments of inertia (3,) of a segment of unchanged mass after its size changed.
 
     OpenSim's rule (checked against its Body.scaleInertialProperties): exact for equal factors;

@@ -7,7 +7,25 @@ import numpy as np
 
 from legsim.core import transforms
 from legsim.core.values import FloatArray
+from legsim.kinematics._osim_functions import is_identity
 from legsim.kinematics.osim_file import Joint, JointAxis
+
+
+class _Axis(NamedTuple):
+    """A joint's axis made ready."""
+
+    axis: JointAxis
+    column: int
+    """of its coordinate; -1 where its function is constant"""
+    skew: FloatArray
+    """(3, 3) cross product with its direction"""
+    square: FloatArray
+    """(3, 3) the same twice"""
+
+    def turned(self, angle: FloatArray) -> FloatArray:
+        """(n, 3, 3) turns about it (Rodrigues)."""
+        s, c = np.sin(angle)[:, None, None], (1 - np.cos(angle))[:, None, None]
+        return np.eye(3) + s * self.skew + c * self.square
 
 
 class _Link(NamedTuple):
@@ -20,6 +38,8 @@ class _Link(NamedTuple):
     """(4, 4) parent_from_p"""
     c_inverse: FloatArray
     """(4, 4) c_from_child"""
+    rotations: tuple[_Axis, ...]
+    translations: tuple[_Axis, ...]
 
 
 class Screws(NamedTuple):
@@ -65,6 +85,8 @@ class Chain:
                 -1 if joint.parent == "ground" else self.bodies.index(joint.parent),
                 joint.parent_from_p,
                 transforms.inverse(joint.child_from_c),
+                tuple(map(self._ready, joint.rotations)),
+                tuple(map(self._ready, joint.translations)),
             )
             for joint in joints
         ]
@@ -74,6 +96,11 @@ class Chain:
             a.coordinate for joint in joints for a in joint.rotations if a.coordinate
         )
         """names of the coordinates that turn something"""
+
+    def _ready(self, axis: JointAxis) -> _Axis:
+        skew = transforms.cross_matrix(axis.direction)
+        column = self.names.index(axis.coordinate) if axis.coordinate else -1
+        return _Axis(axis, column, skew, skew @ skew)
 
     def _moves(self) -> np.ndarray:
         moves = np.zeros((len(self.names), len(self.bodies)), bool)
@@ -107,6 +134,29 @@ class Chain:
         local = np.stack([link.joint.child_from_c[:3, 3] for link in self._links])
         return origins + (rotations @ local[..., None])[..., 0]
 
+    def growth(self, values: FloatArray, factors: FloatArray) -> FloatArray:
+        """(n, b, 3, b, 3) shift of each body's origin in world per relative growth of each body
+        along each of its axes, at values (n, c).
+
+        ``factors`` (b, 3) are those that the joints have been scaled by. Rotations do not change.
+        """
+        rotations, _ = self.poses(values)
+        n, b = rotations.shape[:2]
+        shift = np.zeros((n, b, 3, b, 3))
+        for k, link in enumerate(self._links):
+            if link.parent >= 0:
+                up, turn = link.parent, rotations[:, link.parent]
+                shift[:, k] = shift[:, up]
+                shift[:, k, :, up] += turn * link.p[:3, 3]
+                for ready in link.translations:
+                    if not is_identity(ready.axis.function):
+                        reach = np.abs(ready.axis.direction) * factors[up]
+                        along = turn @ link.p[:3, :3] @ ready.axis.direction
+                        size = self._of(ready, values)[0][:, None] * along
+                        shift[:, k, :, up] += size[..., None] * (reach / reach.sum())
+            shift[:, k, :, k] -= rotations[:, k] * link.joint.child_from_c[:3, 3]
+        return shift
+
     def jets(
         self, values: FloatArray, rates: FloatArray, accelerations: FloatArray, body: int
     ) -> Jet:
@@ -119,18 +169,16 @@ class Chain:
         jet = Jet(still + np.eye(4), still, still)
         for link in reversed(path):
             shift = np.zeros((3, len(values), 3))
-            for axis in link.joint.translations:
-                for k, part in enumerate(self._in_time(axis, values, rates, accelerations)):
-                    shift[k] += part[:, None] * axis.direction
+            for ready in link.translations:
+                for k, part in enumerate(self._in_time(ready, values, rates, accelerations)):
+                    shift[k] += part[:, None] * ready.axis.direction
             moved = [still.copy() for _ in range(3)]
             moved[0] += np.eye(4)
             for matrix, part in zip(moved, shift, strict=True):
                 matrix[:, :3, 3] = part
             jet = jet @ Jet(still + link.p, still, still) @ Jet(*moved)
-            for axis in link.joint.rotations:
-                jet = jet @ _turning_jet(
-                    axis.direction, *self._in_time(axis, values, rates, accelerations)
-                )
+            for ready in link.rotations:
+                jet = jet @ _turning_jet(ready, *self._in_time(ready, values, rates, accelerations))
             jet = jet @ Jet(still + link.c_inverse, still, still)
         return jet
 
@@ -148,60 +196,53 @@ class Chain:
                 center = origins[:, link.parent] + rotations[:, link.parent] @ link.p[:3, 3]
             base = turn
             steps = []
-            for axis in link.joint.translations:
-                size, slope = self._of(axis, values)
-                along = base @ axis.direction
+            for ready in link.translations:
+                size, slope = self._of(ready, values)
+                along = base @ ready.axis.direction
                 center = center + size[:, None] * along
-                if with_screws and axis.coordinate:
-                    linear[:, self.names.index(axis.coordinate)] += slope[:, None] * along
-            for axis in link.joint.rotations:
-                angle, slope = self._of(axis, values)
-                if axis.coordinate:
-                    steps.append((axis.coordinate, slope[:, None] * (turn @ axis.direction)))
-                turn = turn @ _turned(axis.direction, angle)
+                if with_screws and ready.column >= 0:
+                    linear[:, ready.column] += slope[:, None] * along
+            for ready in link.rotations:
+                angle, slope = self._of(ready, values)
+                if ready.column >= 0:
+                    steps.append((ready.column, slope[:, None] * (turn @ ready.axis.direction)))
+                turn = turn @ ready.turned(angle)
             if with_screws:
-                for name, rate in steps:
-                    column = self.names.index(name)
+                for column, rate in steps:
                     angular[:, column] += rate
                     linear[:, column] += np.cross(center, rate)
             rotations[:, b] = turn @ link.c_inverse[:3, :3]
             origins[:, b] = center + turn @ link.c_inverse[:3, 3]
         return Screws(rotations, origins, angular, linear)
 
-    def _of(self, axis: JointAxis, values: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def _of(self, ready: _Axis, values: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Value (n,) of an axis and its slope by its coordinate."""
-        x = values[:, self.names.index(axis.coordinate)] if axis.coordinate else values[:, 0] * 0
-        value, first, _ = axis.function.with_derivatives(x)
+        x = values[:, ready.column] if ready.column >= 0 else values[:, 0] * 0
+        if is_identity(ready.axis.function):
+            return x, np.ones_like(x)
+        value, first, _ = ready.axis.function.with_derivatives(x)
         return value, first
 
     def _in_time(
-        self, axis: JointAxis, values: FloatArray, rates: FloatArray, accelerations: FloatArray
+        self, ready: _Axis, values: FloatArray, rates: FloatArray, accelerations: FloatArray
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Value (n,) of an axis with its first and second time derivative, by the chain rule."""
-        if not axis.coordinate:
+        c, function = ready.column, ready.axis.function
+        if c < 0:
             nothing = np.zeros(len(values))
-            return axis.function.with_derivatives(nothing)[0], nothing, nothing
-        c = self.names.index(axis.coordinate)
-        value, first, second = axis.function.with_derivatives(values[:, c])
+            return function.with_derivatives(nothing)[0], nothing, nothing
+        value, first, second = function.with_derivatives(values[:, c])
         return value, first * rates[:, c], first * accelerations[:, c] + second * rates[:, c] ** 2
 
 
-def _turned(axis: FloatArray, angle: FloatArray) -> FloatArray:
-    """(n, 3, 3) turns about a unit axis (Rodrigues)."""
-    skew = transforms.cross_matrix(axis)
-    s, c = np.sin(angle)[:, None, None], (1 - np.cos(angle))[:, None, None]
-    return np.eye(3) + s * skew + c * (skew @ skew)
-
-
 def _turning_jet(
-    axis: FloatArray, angle: FloatArray, rate: FloatArray, acceleration: FloatArray
+    ready: _Axis, angle: FloatArray, rate: FloatArray, acceleration: FloatArray
 ) -> Jet:
     """A turn about a unit axis with its time derivatives: R' = w K R, R'' = (w' K + w^2 K^2) R."""
-    skew = transforms.cross_matrix(axis)
     w, alpha = rate[:, None, None], acceleration[:, None, None]
-    turn = _turned(axis, angle)
+    turn = ready.turned(angle)
     matrices = np.zeros((3, len(angle), 4, 4))
     matrices[0, :, :3, :3], matrices[0, :, 3, 3] = turn, 1.0
-    matrices[1, :, :3, :3] = w * (skew @ turn)
-    matrices[2, :, :3, :3] = (alpha * skew + w**2 * (skew @ skew)) @ turn
+    matrices[1, :, :3, :3] = w * (ready.skew @ turn)
+    matrices[2, :, :3, :3] = (alpha * ready.skew + w**2 * ready.square) @ turn
     return Jet(*matrices)

@@ -30,11 +30,12 @@ def bodies_by_segment(bodies: Sequence[str]) -> dict[str, str]:
         LegsimError: a needed segment is missing; the message lists the bodies.
     """
     found: dict[str, tuple[int, str]] = {}
-    for body in bodies:
+    for body in _sided(bodies):
         segment, rank = _segment_of(body)
         if segment and (segment not in found or rank < found[segment][0]):
             found[segment] = rank, body
-    chosen = {segment: found[segment][1] for segment in SEGMENTS if segment in found}
+    own = dict(zip(_sided(bodies), bodies, strict=True))
+    chosen = {segment: own[found[segment][1]] for segment in SEGMENTS if segment in found}
     missing = [segment for segment in NEEDED if segment not in chosen]
     missing += [
         f"talus_{side} or calcn_{side}"
@@ -47,6 +48,17 @@ def bodies_by_segment(bodies: Sequence[str]) -> dict[str, str]:
             "of two legs is needed"
         )
     return chosen
+
+
+def _sided(bodies: Sequence[str]) -> tuple[str, ...]:
+    """The names with a side: of femur and lfemur the one without is the right one's (Arnold et al.
+    2010's model).
+    """
+    left = {body[1:] for body in bodies if body[:1] == "l" and body[1:] in bodies}
+    return tuple(
+        f"{body}_r" if body in left else f"{body[1:]}_l" if body[1:] in left else body
+        for body in bodies
+    )
 
 
 def _segment_of(body: str) -> tuple[str, int]:

@@ -4,6 +4,7 @@ how they move the markers.
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
@@ -24,19 +25,19 @@ _PARENTS = {
     "toes": "calcn",
 }
 
-_HIP = 0.006
+HIP = 0.006
 """m per axis: what people's hips deviate from the regression (Harrington 2007: 3 to 6 mm)"""
 
-_LENGTH = 0.03
+LENGTH = 0.03
 """of thigh and shank against the measured length, whose ends are markers on skin"""
 
-_UNLIKE = 0.015
+UNLIKE = 0.015
 """of a person's right and left lengths against each other"""
 
-_NEUTRAL = np.radians(10.0)
+NEUTRAL = np.radians(10.0)
 """rad of a person's habitual hip rotation against the model's neutral one"""
 
-_PLACES = {
+PLACES = {
     "asis": (0.008, 0.008, 0.008),
     "psis": (0.008, 0.008, 0.008),
     "sacrum": (0.008, 0.008, 0.008),
@@ -50,7 +51,7 @@ flesh over the epicondyles is the most uncertain (Della Croce et al. 1999, Med B
 37:155-161: 5 to 20 mm)
 """
 
-_LOOSE = (0.03, 0.03, 0.03)
+LOOSE = (0.03, 0.03, 0.03)
 """m: markers whose place differs between laboratories"""
 
 
@@ -62,6 +63,57 @@ class Person:
     sites: MarkerSites
     neutral: FloatArray
     """(2,) rad"""
+    theta: FloatArray
+    """(p,) the parameters that these were made from"""
+
+
+class Parameters(Protocol):
+    """What registration varies of a person: theta (p,), zero for the person as scaled."""
+
+    @property
+    def size(self) -> int:
+        """How many parameters there are, p."""
+        ...
+
+    @property
+    def center(self) -> FloatArray:
+        """(p,) mean of the prior."""
+        ...
+
+    @property
+    def precision(self) -> FloatArray:
+        """(p, p) of the prior."""
+        ...
+
+    @property
+    def marker_names(self) -> tuple[str, ...]:
+        """Markers and pegs."""
+        ...
+
+    @property
+    def pegged(self) -> np.ndarray:
+        """(p,) which parameters are places of pegs."""
+        ...
+
+    def __call__(self, theta: FloatArray) -> Person:
+        """The person of some parameters."""
+        ...
+
+    def jacobian(self, person: Person, values: FloatArray) -> FloatArray:
+        """Derivatives (n, m, 3, p) of the markers by the parameters, at values (n, c)."""
+        ...
+
+    def neutral_columns(self) -> tuple[tuple[int, int], ...]:
+        """Pairs of a parameter and the coordinate that it is the habitual value of."""
+        ...
+
+    def only(self, names: Sequence[str]) -> "Parameters":
+        """Those of the same person with some of the markers."""
+        ...
+
+    def columns_of(self, names: Sequence[str]) -> np.ndarray:
+        """Parameters here that remain with some of the markers."""
+        ...
 
 
 class PersonModel:
@@ -100,26 +152,26 @@ class PersonModel:
         spread = np.zeros(self.size)
         pose = leg.kinematics(leg.default_coordinates[None])
         hip = pose.origins[0, segment_index("femur_r")] - pose.origins[0, segment_index("pelvis")]
-        spread[:3] = _HIP / np.abs(hip)
-        spread[3 : self._first_offset] = _LENGTH
+        spread[:3] = HIP / np.abs(hip)
+        spread[3 : self._first_offset] = LENGTH
         spread[self._first_offset : self._first_neutral] = np.ravel(
             [
                 _planted_feet.spread(name)
                 or (
-                    _LOOSE
+                    LOOSE
                     if name in loose
-                    else _PLACES.get(name.removesuffix("_r").removesuffix("_l"), _LOOSE)
+                    else PLACES.get(name.removesuffix("_r").removesuffix("_l"), LOOSE)
                 )
                 for name in self._sites.names
             ]
         )
-        spread[self._first_neutral :] = _NEUTRAL
+        spread[self._first_neutral :] = NEUTRAL
         precision, pull = np.diag(spread**-2.0), np.zeros(self.size)
         for right, length in ((3, leg.thigh_length), (5, leg.shank_length)):
             pair = np.zeros(self.size)
             pair[[right, right + 1]] = 1.0, -1.0
-            precision += np.outer(pair, pair) / _UNLIKE**2
-            pull -= pair * np.log(length("r") / length("l")) / _UNLIKE**2
+            precision += np.outer(pair, pair) / UNLIKE**2
+            pull -= pair * np.log(length("r") / length("l")) / UNLIKE**2
         return precision, np.asarray(np.linalg.solve(precision, pull), np.float64)
 
     def __call__(self, theta: FloatArray) -> Person:
@@ -136,7 +188,8 @@ class PersonModel:
         positions = positions + theta[self._first_offset : self._first_neutral].reshape(-1, 3)
         names, segments, weights = self._sites.names, self._sites.segments, self._sites.weights
         sites = MarkerSites(names, segments, positions, weights)
-        return Person(LegModel.load(scales), sites, theta[self._first_neutral :].copy())
+        neutral = theta[self._first_neutral :].copy()
+        return Person(LegModel.load(scales), sites, neutral, theta.copy())
 
     def _growth(self, scales: SegmentScales) -> FloatArray:
         """(m, 3) how markers follow their bones; the pelvis' stay, so that its factors move the
@@ -146,8 +199,9 @@ class PersonModel:
         growth = (scales.factors / self._scales.factors)[rows]
         return np.where(np.array(self._sites.segments)[:, None] == "pelvis", 1.0, growth)
 
-    def jacobian(self, person: Person, pose: Kinematics) -> FloatArray:
-        """Derivatives (n, m, 3, p) of the markers by the parameters, at poses of the person."""
+    def jacobian(self, person: Person, values: FloatArray) -> FloatArray:
+        """Derivatives (n, m, 3, p) of the markers by the parameters, at values (n, c)."""
+        pose = person.leg.kinematics(values)
         n, m = len(pose.origins), len(self._sites.names)
         moved = np.zeros((n, m, 3, self.size))
         for k, segment in enumerate(self._sites.segments):
@@ -180,16 +234,16 @@ class PersonModel:
         """The model of the same person with some of the markers."""
         return PersonModel(self._leg, self._sites.only(names), self._loose)
 
-    def columns_of(self, other: "PersonModel") -> np.ndarray:
-        """Parameters here that are those of a model with some of the markers."""
-        markers = [self._sites.index(name) for name in other._sites.names]
+    def columns_of(self, names: Sequence[str]) -> np.ndarray:
+        """Parameters here that remain with some of the markers."""
+        markers = [self._sites.index(name) for name in names]
         offsets = self._first_offset + 3 * np.array(markers)[:, None] + np.arange(3)
         neutral = np.arange(self._first_neutral, self.size)
         return np.concatenate([np.arange(self._first_offset), offsets.ravel(), neutral])
 
 
 def joint_blocks(
-    model: PersonModel,
+    model: Parameters,
     person: Person,
     problem: Problem,
     values: FloatArray,
@@ -199,8 +253,7 @@ def joint_blocks(
     """Blocks of the Gauss-Newton matrix of poses (n, c) and parameters together: mixed (n, c, p),
     parameters alone (p, p); and the gradient (p,). Without the parameters' prior.
     """
-    pose = person.leg.kinematics(values)
-    by_person = model.jacobian(person, pose)
+    by_person = model.jacobian(person, values)
     by_pose = person.leg.marker_jacobians(values, person.sites)
     weighted = weights[..., None, None] * by_person
     n, p = len(values), model.size

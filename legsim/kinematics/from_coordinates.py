@@ -11,8 +11,11 @@ import numpy as np
 
 from legsim.core.errors import LegsimError, file_error, printable
 from legsim.core.values import FloatArray
+from legsim.kinematics import on_osim_model
 from legsim.kinematics.leg_model import COORDINATES, LegModel
 from legsim.kinematics.moving_leg import MovingLeg
+from legsim.kinematics.osim_leg import OsimLeg
+from legsim.mocap.coordinates import RawCoordinates
 from legsim.mocap.files import Recording
 from legsim.mocap.low_pass import low_pass
 from legsim.mocap.trajectories import JointTrajectories
@@ -62,6 +65,33 @@ def moving_leg(
         JointTrajectories(loaded.times, leg.coordinate_names, values),
         None,
         (*recording.notes, *filled, *turned, *gap_note(loaded.times)),
+    )
+
+
+def on_model(
+    path: Path,
+    raw: RawCoordinates,
+    leg: OsimLeg,
+    notes: tuple[str, ...],
+    low_pass_hz: float,
+    *,
+    unit: str | None,
+    in_degrees: bool | None,
+) -> MovingLeg:
+    """Coordinates of a file on the user's own model, as they are but for a low-pass."""
+    loaded, read_notes = raw.to_plausible_motion(
+        in_degrees=in_degrees, unit=unit, rotations=leg.rotations()
+    )
+    leg, moved, said = named(path, lambda: on_osim_model.coordinates(leg, loaded))
+    values = moved.values
+    if low_pass_hz > 0:
+        values = low_passed(path, values, loaded.times, low_pass_hz)
+    return MovingLeg(
+        printable(path.name),
+        leg,
+        JointTrajectories(loaded.times, leg.coordinate_names, values),
+        None,
+        (*read_notes, *notes, *said, *gap_note(loaded.times)),
     )
 
 

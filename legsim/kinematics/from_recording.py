@@ -2,7 +2,6 @@
 a report on each.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -11,48 +10,38 @@ import numpy as np
 from legsim.core import resources
 from legsim.core.errors import LegsimError, file_error, printable
 from legsim.kinematics import (
+    from_coordinates,
     ik_tasks,
     inverse_kinematics,
     marker_sites,
     on_osim_model,
+    osim_registration,
     osim_scaling,
     registration,
     scaling,
     smoothing,
     uncertainty,
 )
-from legsim.kinematics._ik_names import Tasks, left_out
+from legsim.kinematics._ik_names import Tasks
 from legsim.kinematics._ik_problem import Problem
+from legsim.kinematics._marker_reading import Reading, by_own_names, by_role
 from legsim.kinematics._planted_feet import Pegs
-from legsim.kinematics.from_coordinates import gap_note, low_passed, moving_leg, named
+from legsim.kinematics.from_coordinates import moving_leg, named
 from legsim.kinematics.ik_options import IkOptions
 from legsim.kinematics.inverse_kinematics import Solution
 from legsim.kinematics.leg import Leg
 from legsim.kinematics.leg_model import LegModel
 from legsim.kinematics.marker_sites import MarkerSites
 from legsim.kinematics.moving_leg import MarkerFit, MovingLeg
+from legsim.kinematics.osim_leg import OsimLeg
 from legsim.kinematics.registration import Registration
 from legsim.kinematics.scaling import Scaling
 from legsim.kinematics.skeleton import SegmentScales
-from legsim.mocap import cleaning as mocap_cleaning
 from legsim.mocap import files as mocap_files
-from legsim.mocap import marker_sets
 from legsim.mocap.cleaning import CleaningReport
 from legsim.mocap.coordinates import RawCoordinates
 from legsim.mocap.labels import PAPER_ROLES
-from legsim.mocap.trajectories import JointTrajectories, MarkerTrajectories
-
-
-@dataclass(frozen=True, slots=True)
-class _Reading:
-    """How marker files are read and cleaned: the keyword arguments of :func:`solve_kinematics`."""
-
-    marker_map: str | Path
-    unit: str | None
-    up: str | None
-    filter_hz: float
-    longest_gap: float
-    marker_noise: float
+from legsim.mocap.trajectories import MarkerTrajectories
 
 
 def find_recording(file: str | Path) -> Path:
@@ -110,6 +99,7 @@ def solve_kinematics(
     scale_from: str | Path | None = None,
     model: str | Path | None = None,
     scale_file: str | Path | None = None,
+    scale_model: bool = False,
     filter_coordinates: bool = False,
     in_degrees: bool | None = None,
     register: bool = True,
@@ -135,6 +125,8 @@ def solve_kinematics(
         model: an OpenSim model (.osim) whose legs are used instead of legsim's own, with its
             markers and as large as it is.
         scale_file: OpenSim's scale factors (.xml) for the generic leg, or for ``model``.
+        scale_model: scale ``model`` to the person by its own markers, and place these where the
+            person wears them; from ``scale_from`` where that is given.
         filter_coordinates: low-pass joint coordinates of a .mot, .sto or .csv too.
         in_degrees: whether the angles of a .mot or .sto are in degrees; None believes the header
             as far as the angles bear it out.
@@ -154,8 +146,8 @@ def solve_kinematics(
     """
     path = find_recording(recording)
     tasks = Tasks.read(ik or IkOptions())
-    reading = _Reading(marker_map, unit, up, filter_hz, longest_gap, marker_noise)
-    _check_one_size(path, scale_from, model, scale_file)
+    reading = Reading(marker_map, unit, up, filter_hz, longest_gap, marker_noise)
+    _check_one_size(path, scale_from, model, scale_file, scale_model)
     _check_there(model, scale_file)
     low_pass_hz = filter_hz if filter_coordinates else 0.0
     raw = mocap_files.read_raw(path)
@@ -166,8 +158,9 @@ def solve_kinematics(
         if scaled is None:
             _refuse_marker_options(path, reading, filter_coordinates)
         if model is not None:
-            return _coordinates_on_model(
-                path, raw, model, scale_file, low_pass_hz, unit=unit, in_degrees=in_degrees
+            leg, notes = _model_for_coordinates(reading, model, scale_file, scaled, scale_model)
+            return from_coordinates.on_model(
+                path, raw, leg, notes, low_pass_hz, unit=unit, in_degrees=in_degrees
             )
         found = mocap_files.resolve(
             path, raw, unit=unit, up=None if scaled else up, in_degrees=in_degrees
@@ -177,14 +170,17 @@ def solve_kinematics(
         return moving_leg(found, path, leg, low_pass_hz=low_pass_hz)
     mocap_files.refuse_options(path, {"angles": in_degrees}, "markers, not joint coordinates")
     if model is not None:
-        return _markers_on_model(reading, path, model, scale_file, tasks)
+        source = find_recording(scale_from) if scale_from else path
+        return _markers_on_model(
+            reading, path, model, scale_file, tasks, source if scale_model else None
+        )
     return _markers_on_own_leg(
         reading, path, tasks, scale_from=scale_from, scale_file=scale_file, register=register
     )
 
 
 def _markers_on_own_leg(
-    reading: _Reading,
+    reading: Reading,
     path: Path,
     tasks: Tasks,
     *,
@@ -196,13 +192,13 @@ def _markers_on_own_leg(
     # a trial that is scaled from another may go without the landmarks that only scaling needs
     given = scale_from or scale_file
     options, said = named(path, lambda: tasks.coordinates(LegModel.load()))
-    measured, cleaning, notes, weights = _cleaned(
+    measured, cleaning, notes, weights = by_role(
         reading, path, required=() if given else PAPER_ROLES, tasks=tasks
     )
     notes = (*notes, *said)
     scaled_from = Path(scale_file) if scale_file else _scaling_source(path, scale_from)
     same = scale_file or scaled_from == path
-    reference = measured if same else _cleaned(reading, scaled_from)[0]
+    reference = measured if same else by_role(reading, scaled_from)[0]
     sites = marker_sites.load().weighted({r: w for r, w in weights.items() if w > 0})
     if scale_file:
         fitted, said = _given_scales(scale_file, sites, measured)
@@ -222,6 +218,7 @@ def _markers_on_own_leg(
             scaled_from, lambda: registration.register(leg, reference, placed, loose, options)
         )
         leg, placed, options = registered.leg, registered.sites, registered.config
+        notes = (*notes, *registered.notes())
     # feet stand elsewhere in another recording
     pegs = registered.pegs if registered and same else None
     solution = named(
@@ -244,7 +241,7 @@ class _Fitting:
 
 
 def _solved(
-    reading: _Reading,
+    reading: Reading,
     path: Path,
     leg: Leg,
     solution: Solution,
@@ -287,73 +284,59 @@ def _solved(
 
 
 def _markers_on_model(
-    reading: _Reading,
+    reading: Reading,
     path: Path,
     model: str | Path,
     scale_file: str | Path | None,
     tasks: Tasks,
+    sized_from: Path | None,
 ) -> MovingLeg:
-    """A recording of markers on the user's own OpenSim model."""
+    """A recording of markers on the user's own OpenSim model, scaled to the one of ``sized_from``
+    where that is given.
+    """
     leg, notes = on_osim_model.load(model, scale_file)
-    raw, read_notes = mocap_files.read_markers(path, unit=reading.unit, up=reading.up)
-    own, sites, said = named(path, lambda: on_osim_model.marker_map(leg, raw.marker_names))
-    weights, weighed = named(
-        path,
-        lambda: tasks.marker_weights(own, raw.marker_names, leg.marker_sites()[0].names),
-    )
-    own = own.without(left_out(weights))
-    measured, cleaning = named(
-        path,
-        lambda: mocap_cleaning.clean(
-            raw,
-            own,
-            filter_hz=reading.filter_hz,
-            longest_gap_s=reading.longest_gap,
-            required=(),
-        ),
-    )
-    sites = sites.only([name for name in sites.names if name in measured.marker_names])
-    sites = sites.weighted(weights)
-    size = named(path, lambda: on_osim_model.size_note(sites, measured))
+    measured, sites, cleaning, said = by_own_names(reading, path, leg, tasks)
     leg, locked = on_osim_model.held_leg(leg)
-    config, tasked = named(path, lambda: tasks.coordinates(leg))
-    config = config.settled(on_osim_model.model_priors(leg, sites))
-    solution = named(path, lambda: inverse_kinematics.solve(leg, measured, sites, config))
+    options, tasked = named(path, lambda: tasks.coordinates(leg))
+    options = options.settled(on_osim_model.model_priors(leg, sites))
+    found = None
+    if sized_from is None:
+        size = named(path, lambda: on_osim_model.size_note(leg, measured, sites, options))
+    else:
+        reference, worn = measured, sites
+        if sized_from != path:
+            reference, worn, *_ = by_own_names(reading, sized_from, leg, tasks)
+        sized = named(sized_from, lambda: osim_registration.fit(leg, reference, worn, options))
+        leg, size, found = sized.leg, sized.notes, sized.registration
+        sites = leg.marker_sites()[0].only(sites.names).weighted(sites.by_name())
+        options = found.config
+    solution = named(path, lambda: inverse_kinematics.solve(leg, measured, sites, options))
     known = _Fitting(
         Scaling(leg.scales, sites, ()),
-        leg.model.path.name,
-        (*read_notes, *cleaning.notes, *notes, *said, *weighed, *size, *locked, *tasked),
-        config,
+        (sized_from or leg.model.path).name,
+        (*notes, *said, *size, *locked, *tasked),
+        options,
+        found,
     )
     return _solved(reading, path, leg, solution, measured, sites, cleaning, known)
 
 
-def _coordinates_on_model(
-    path: Path,
-    raw: RawCoordinates,
+def _model_for_coordinates(
+    reading: Reading,
     model: str | Path,
     scale_file: str | Path | None,
-    low_pass_hz: float,
-    *,
-    unit: str | None,
-    in_degrees: bool | None,
-) -> MovingLeg:
-    """Coordinates of a file on the user's own model, as they are."""
+    sized_from: Path | None,
+    scale_model: bool,
+) -> tuple[OsimLeg, tuple[str, ...]]:
+    """The user's model for a file of coordinates, and notes on it."""
     leg, notes = on_osim_model.load(model, scale_file)
-    loaded, read_notes = raw.to_plausible_motion(
-        in_degrees=in_degrees, unit=unit, rotations=leg.rotations()
-    )
-    leg, moved, said = named(path, lambda: on_osim_model.coordinates(leg, loaded))
-    values = moved.values
-    if low_pass_hz > 0:
-        values = low_passed(path, values, loaded.times, low_pass_hz)
-    return MovingLeg(
-        printable(path.name),
-        leg,
-        JointTrajectories(loaded.times, leg.coordinate_names, values),
-        None,
-        (*read_notes, *notes, *said, *gap_note(loaded.times)),
-    )
+    if not scale_model or sized_from is None:
+        return leg, notes
+    reference, sites, *_ = by_own_names(reading, sized_from, leg, Tasks.read(IkOptions()))
+    held, _ = on_osim_model.held_leg(leg)
+    options = IkOptions().settled(on_osim_model.model_priors(held, sites))
+    sized = named(sized_from, lambda: osim_registration.fit(held, reference, sites, options))
+    return OsimLeg(sized.leg.model), (*notes, *sized.notes)
 
 
 def _check_there(model: str | Path | None, scale_file: str | Path | None) -> None:
@@ -368,16 +351,26 @@ def _check_one_size(
     scale_from: str | Path | None,
     model: str | Path | None,
     scale_file: str | Path | None,
+    scale_model: bool,
 ) -> None:
-    """Refuses a size that is given twice."""
-    if scale_from and (model or scale_file):
-        other = "motion.model" if model else "motion.scale_file"
-        raise file_error(
-            path,
-            f"its person's size is given twice, by motion.scaling_file and {other}",
-            "leave motion.scaling_file out",
-            place="settings",
+    """Refuses a size that is given twice, and one that nothing gives."""
+    problem = ""
+    if scale_model and not model:
+        problem = "motion.scale_model scales an OpenSim model, and there is none", "give --model"
+    elif scale_model and scale_file:
+        problem = (
+            "its person's size is given twice, by motion.scale_model and motion.scale_file",
+            "leave one out",
         )
+    elif scale_from and (scale_file or (model and not scale_model)):
+        other = "motion.scale_file" if scale_file else "motion.model"
+        fix = "" if scale_file else ", or scale the model to it by --scale-model"
+        problem = (
+            f"its person's size is given twice, by motion.scaling_file and {other}",
+            f"leave motion.scaling_file out{fix}",
+        )
+    if problem:
+        raise file_error(path, *problem, place="settings")
 
 
 def _scales_of(scale_file: str | Path) -> tuple[SegmentScales, tuple[str, ...]]:
@@ -410,54 +403,9 @@ def _scaling_source(path: Path, scale_from: str | Path | None) -> Path:
     return squats if own and squats.is_file() else path
 
 
-def _cleaned(
-    reading: _Reading,
-    path: Path,
-    required: Sequence[str] = PAPER_ROLES,
-    tasks: Tasks | None = None,
-) -> tuple[MarkerTrajectories, CleaningReport, tuple[str, ...], dict[str, float]]:
-    """The markers by role, what was done to them, what there is to say about the file, and the
-    weights that ``tasks`` give; roles of weight 0 are left out.
-    """
-    raw, notes = mocap_files.read_markers(path, unit=reading.unit, up=reading.up)
-
-    def cleaned() -> tuple[MarkerTrajectories, CleaningReport, tuple[str, ...], dict[str, float]]:
-        automatic = reading.marker_map == "auto"
-        chosen = (
-            marker_sets.guess(raw.marker_names, required=required)
-            if automatic
-            else marker_sets.load(str(reading.marker_map))
-        )
-        # a mean of two markers that are used themselves would count them twice
-        shown = np.asarray(np.isfinite(raw.positions_world).all(-1).any(0))
-        seen = [name for name, here in zip(raw.marker_names, shown, strict=True) if here]
-        chosen = chosen.without(chosen.means_in(seen))
-        weights, said = {}, ()
-        if tasks is not None:
-            known = marker_sites.load().names
-            weights, said = tasks.marker_weights(chosen, raw.marker_names, known)
-            needed = [role for role in left_out(weights) if role in required]
-            if needed:
-                raise LegsimError(
-                    f"a weight of 0 leaves out {', '.join(needed)}, which scaling needs: give "
-                    "them a weight, or another recording to scale from (motion.scaling_file)"
-                )
-        markers, report = mocap_cleaning.clean(
-            raw,
-            chosen.without(left_out(weights)),
-            filter_hz=reading.filter_hz,
-            longest_gap_s=reading.longest_gap,
-            required=required,
-        )
-        return markers, report, said, weights
-
-    markers, report, said, weights = named(path, cleaned)
-    return markers, report, (*notes, *report.notes, *said), weights
-
-
-def _refuse_marker_options(path: Path, reading: _Reading, filter_coordinates: bool) -> None:
+def _refuse_marker_options(path: Path, reading: Reading, filter_coordinates: bool) -> None:
     """Refuses what is said about markers where the file holds none, and no other is read."""
-    usual = _Reading("auto", reading.unit, None, 6.0, 2.0, reading.marker_noise)
+    usual = Reading("auto", reading.unit, None, 6.0, 2.0, reading.marker_noise)
     filtered = filter_coordinates or reading.filter_hz in (0.0, usual.filter_hz)
     given = {
         "marker_map": reading.marker_map if reading.marker_map != usual.marker_map else None,
@@ -469,12 +417,12 @@ def _refuse_marker_options(path: Path, reading: _Reading, filter_coordinates: bo
 
 
 def _sized_leg(
-    reading: _Reading, reference: Path | None, scale_file: str | Path | None
+    reading: Reading, reference: Path | None, scale_file: str | Path | None
 ) -> tuple[LegModel, tuple[str, ...]]:
     """The model at the size of the person, and a note where nothing says that size."""
     leg = LegModel.load()
     if reference is not None:
-        markers, *_ = _cleaned(reading, reference)
+        markers, *_ = by_role(reading, reference)
         return LegModel.load(scaling.fit(leg, markers, marker_sites.load()).scales), ()
     if scale_file is not None:
         factors, notes = _scales_of(scale_file)

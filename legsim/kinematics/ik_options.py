@@ -65,6 +65,8 @@ class PriorStrengths:
     """toward the default"""
     toes: float = 1.0
     """toward the default"""
+    hyperextension: float = 1.0
+    """a knee that is overextended by more than 10 degrees is drawn back"""
     default_posture: float = 1.0
     """of a user's own OpenSim model: all other coordinates toward their defaults"""
 
@@ -112,6 +114,10 @@ class IkOptions:
     """m^2: of the squared horizontal part of each foot's upright axis; where no marker sits on the
     foot it stands flat on the floor
     """
+    hyperextension_weight: float = 3.3e-3
+    """m^2/rad^2: 5 mm of marker error against 5 degrees, of what a knee of legsim's own leg is
+    overextended beyond 10 degrees
+    """
     tolerance: float = 1e-9
     """m: converged when no free coordinate's gradient, over the root of its own curvature, exceeds
     this
@@ -147,6 +153,7 @@ class IkOptions:
                 replace(p, weight=p.weight * self.strengths.of(p.coordinate)) for p in priors
             ),
             flat_foot_weight=self.flat_foot_weight * self.strengths.flat_foot,
+            hyperextension_weight=self.hyperextension_weight * self.strengths.hyperextension,
             strengths=PriorStrengths(),
         )
 

@@ -7,7 +7,7 @@ from xml.etree.ElementTree import Element
 
 from legsim.core.errors import LegsimError, file_error
 from legsim.kinematics import _osim_functions as functions
-from legsim.kinematics import osim_file
+from legsim.kinematics import osim_xml
 from legsim.kinematics.ik_options import CoordinateTask
 
 _SETUPS = ("InverseKinematicsTool", "IKTool")
@@ -68,7 +68,7 @@ def read(path: str | Path) -> IkTaskSet:
             )
     if not markers and not coordinates:
         raise file_error(holder, "holds no task that applies", _FIX)
-    tool = osim_file.document(path, bare=_ROOTS)
+    tool = osim_xml.document(path, bare=_ROOTS)
     whole = tool.tag in _SETUPS or any(tool.find(setup) is not None for setup in _SETUPS)
     notes = (f"of {path.name} only the tasks are used, no model, recording or time range",)
     return IkTaskSet(path.name, markers, tuple(coordinates.values()), notes if whole else ())
@@ -76,7 +76,7 @@ def read(path: str | Path) -> IkTaskSet:
 
 def _task_set(path: Path) -> tuple[Element, Path]:
     """The task set, and the file that it is in."""
-    root = osim_file.document(path, bare=_ROOTS)
+    root = osim_xml.document(path, bare=_ROOTS)
     holders = [root, *(element for element in root if element.tag in _SETUPS)]
     found = [tasks for holder in holders for tasks in holder.findall("IKTaskSet")]
     found += [root] if root.tag == "IKTaskSet" else []
@@ -90,7 +90,7 @@ def _task_set(path: Path) -> tuple[Element, Path]:
     there = path.parent / other
     if not there.is_file():
         raise file_error(path, f"its task set {other} is not there", f"put it at {there}")
-    inner = osim_file.document(there, bare=("IKTaskSet",))
+    inner = osim_xml.document(there, bare=("IKTaskSet",))
     tasks = inner if inner.tag == "IKTaskSet" else inner.find("IKTaskSet")
     if tasks is None:
         raise file_error(there, "holds no IKTaskSet", _FIX)

@@ -159,7 +159,7 @@ class LegModel:
         joints = [model.joint(name).id for name in COORDINATES]
         self._address = np.array(joints)
         self.coordinate_ranges = frozen("coordinate_ranges", model.jnt_range[joints], (20, 2))
-        """(20, 2) lowest and highest value of each coordinate: gait2392's, at the ankle people's"""
+        """(20, 2) lowest and highest value of each coordinate: gait2392's, or people's"""
         self.default_coordinates = frozen("default_coordinates", model.qpos0[joints], (20,))
         """(20,) the standing pose: zero but for pelvis_ty"""
         self.moves = _moves(model, joints)

@@ -74,6 +74,10 @@ class MarkerSites:
         changed = np.array([weights.get(name, weight) for name, weight in own], float)
         return MarkerSites(self.names, self.segments, self.positions, changed)
 
+    def by_name(self) -> dict[str, float]:
+        """The weights by name."""
+        return dict(zip(self.names, map(float, self.weights), strict=True))
+
     def scaled(self, scales: SegmentScales) -> "MarkerSites":
         """The same places on the scaled segments."""
         factors = scales.factors[[segment_index(s) for s in self.segments]].reshape(-1, 3)

@@ -9,8 +9,8 @@ import numpy as np
 
 from legsim.core.errors import LegsimError, file_error
 from legsim.core.values import FloatArray
-from legsim.kinematics import osim_file, osim_scaling
-from legsim.kinematics.ik_options import CoordinatePrior
+from legsim.kinematics import osim_file, osim_registration, osim_scaling
+from legsim.kinematics.ik_options import CoordinatePrior, IkOptions
 from legsim.kinematics.marker_sites import MarkerSites
 from legsim.kinematics.osim_leg import OsimLeg
 from legsim.mocap.labels import MarkerMap
@@ -29,8 +29,8 @@ _LARGEST_EXTENSION_DEG = 25.0
 
 _LEAST_ON_PELVIS = 3
 
-_LONGEST_PAIR, _UNIT_FACTOR, _SIZE_FACTOR = 0.05, 2.0, 1.1
-"""m between two markers that tell a size; a ratio that is no person's; one worth a word"""
+_UNIT_FACTOR, _OTHER_SIZE = 2.0, 0.05
+"""a ratio of sizes that is no person's; a share of a length that is worth a warning"""
 
 
 def load(model: str | Path, scales: str | Path | None) -> tuple[OsimLeg, tuple[str, ...]]:
@@ -136,35 +136,33 @@ def marker_map(
     return used, known, tuple(notes)
 
 
-def size_note(sites: MarkerSites, measured: MarkerTrajectories) -> tuple[str, ...]:
-    """A word where the person is larger or smaller than the model, by markers of one segment.
-
-    Raises:
-        LegsimError: by so much that a unit is wrong.
-    """
-    ratios = []
-    for k, name in enumerate(sites.names):
-        for j in range(k):
-            apart = float(np.linalg.norm(sites.positions[k] - sites.positions[j]))
-            if sites.segments[j] == sites.segments[k] and apart > _LONGEST_PAIR:
-                seen = np.linalg.norm(
-                    measured.marker(name) - measured.marker(sites.names[j]), axis=1
-                )
-                if np.isfinite(seen).any():
-                    ratios.append(float(np.nanmedian(seen)) / apart)
-    if not ratios:
-        return ()
-    ratio = float(np.median(ratios))
+def check_unit(sites: MarkerSites, measured: MarkerTrajectories) -> None:
+    """Refuses markers of one segment so far apart, or so near, that a unit is wrong."""
+    known = sites.only([name for name in sites.names if name in measured.marker_names])
+    ratio = osim_registration.size_ratio(known, measured) or 1.0
     if not 1 / _UNIT_FACTOR < ratio < _UNIT_FACTOR:
         raise LegsimError(
             f"markers of one segment are {ratio:.3g} times as far apart as on the model: the unit "
             "of length is wrong; give the unit, as in --set motion.unit=mm (in Python: unit='mm')"
         )
-    if 1 / _SIZE_FACTOR < ratio < _SIZE_FACTOR:
+
+
+def size_note(
+    leg: OsimLeg, measured: MarkerTrajectories, sites: MarkerSites, config: IkOptions
+) -> tuple[str, ...]:
+    """A warning where the person is larger or smaller than the model, with the fix.
+
+    Raises:
+        LegsimError: no frame shows three markers of the pelvis.
+    """
+    off = osim_registration.size_off(leg, measured, sites, config)
+    if max(map(abs, off.values()), default=0.0) <= _OTHER_SIZE:
         return ()
+    sizes = ", ".join(f"{name} {100 * share:+.0f} %" for name, share in off.items())
     return (
-        f"warning: markers of one segment are {ratio:.2f} times as far apart as on the model: it "
-        "is not this person's size; scale it in OpenSim, or give a scale file",
+        f"warning: the model is not of this person's size; by its markers the person's are: "
+        f"{sizes}; scale it to the recording by --scale-model (motion.scale_model = true), or "
+        "scale it in OpenSim",
     )
 
 

@@ -10,11 +10,9 @@ R(a3, f3) and the translation f4 a4 + f5 a5 + f6 a6 along P's axes, axes of unit
 API documentation, Joint and SpatialTransform).
 """
 
-import re
-from collections.abc import Collection, Iterable
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
-from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
 
 import numpy as np
@@ -23,6 +21,7 @@ from legsim.core import transforms
 from legsim.core.errors import LegsimError, file_error
 from legsim.core.values import FloatArray, frozen
 from legsim.kinematics import _osim_functions as functions
+from legsim.kinematics import osim_xml
 from legsim.kinematics._osim_functions import Function
 
 _X, _Y, _Z = np.eye(3)
@@ -41,7 +40,8 @@ _PLAIN_JOINTS: dict[str, tuple[tuple[FloatArray, ...], tuple[FloatArray, ...]]] 
 
 SUPPORTED_JOINTS = ("CustomJoint", *_PLAIN_JOINTS)
 
-_AXIS_TAGS = ("coordinates", "coordinate", "axis", "is_rotation")
+AXIS_TAGS = ("coordinates", "coordinate", "axis", "is_rotation")
+"""children of a TransformAxis beside its function"""
 
 _SPATIAL = tuple(f"{kind}{k}" for kind in ("rotation", "translation") for k in (1, 2, 3))
 
@@ -133,6 +133,8 @@ class OsimModel:
     couplers: tuple[Coupler, ...]
     constraints: tuple[OtherConstraint, ...]
     markers: tuple[OsimMarker, ...]
+    factors: Mapping[str, FloatArray] = field(default_factory=dict)
+    """(3,) by which bodies have been scaled since the file was read, by their names"""
 
     def joint_of(self, body: str) -> Joint | None:
         """The joint that carries a body; None where there is none."""
@@ -146,7 +148,7 @@ def read(path: Path | str) -> OsimModel:
         LegsimError: the file is no OpenSim model, is damaged, or keeps a set in another file.
     """
     path = Path(path)
-    root = document(path)
+    root = osim_xml.document(path)
     model = root.find("Model")
     if model is None:
         raise file_error(
@@ -165,34 +167,9 @@ def read(path: Path | str) -> OsimModel:
         raise LegsimError(f"{path}: {error}") from error
 
 
-def document(path: Path, *, bare: Collection[str] = ()) -> Element:
-    """The root element of an OpenSim XML file.
-
-    ``bare`` are elements that may stand without the document around them, as in old files.
-
-    Raises:
-        LegsimError: the file cannot be read, or is not an OpenSim document.
-    """
-    try:
-        text = path.read_bytes()
-    except OSError as error:
-        raise file_error(path, f"cannot be read ({error.strerror})", "check the path") from error
-    if b"<!DOCTYPE" in text or b"<!ENTITY" in text:
-        raise file_error(path, "declares a document type", "give a file that OpenSim wrote")
-    try:
-        # names such as HuntCrossleyForce::ContactParameters are OpenSim's, but not XML's
-        root = ElementTree.fromstring(re.sub(rb"(</?\w+)::", rb"\1.", text))
-    except ElementTree.ParseError as error:
-        line, column = error.position
-        raise file_error(
-            path,
-            f"is not whole XML ({error})",
-            "copy the file again, or save it again from OpenSim",
-            place=f"line {line}, column {column + 1}",
-        ) from error
-    if root.tag not in ("OpenSimDocument", *bare):
-        raise file_error(path, f"begins with <{root.tag}>", "give a file that OpenSim wrote")
-    return root
+def is_free(function: Element) -> bool:
+    """Whether an axis' function returns its coordinate: the axis is a free one."""
+    return functions.is_identity(functions.read(function, "its axis"))
 
 
 def _model(path: Path, model: Element, version: int) -> OsimModel:
@@ -352,7 +329,7 @@ def _axis(element: Element, place: str) -> JointAxis:
     if len(names) > 1:
         raise LegsimError(f"its {place} follows {len(names)} coordinates; one is supported")
     holder = element.find("function")
-    inner = [e for e in element if e.tag not in _AXIS_TAGS] if holder is None else list(holder)
+    inner = [e for e in element if e.tag not in AXIS_TAGS] if holder is None else list(holder)
     if len(inner) > 1 or (names and not inner):
         raise LegsimError(f"its {place} holds {len(inner)} functions, expected one")
     function = functions.read(inner[0], f"its {place}") if inner else functions.ZERO

@@ -15,7 +15,7 @@ from legsim.kinematics._osim_functions import is_linear
 from legsim.kinematics._osim_roles import bodies_by_segment
 from legsim.kinematics.leg_model import Kinematics, SensorMotion, marker_rows
 from legsim.kinematics.marker_sites import MarkerSites
-from legsim.kinematics.osim_file import Coupler, Joint, OsimModel
+from legsim.kinematics.osim_file import Coupler, Joint, OsimMarker, OsimModel
 from legsim.kinematics.skeleton import (
     SEGMENTS,
     JointCenters,
@@ -42,7 +42,7 @@ class OsimLeg:
             LegsimError: the model has no two legs, or its legs have a joint, function, constraint
                 or axes that legsim does not support; the message names it.
         """
-        self.model = model
+        self.model, self.held = model, tuple(held)
         try:
             self._roles = bodies_by_segment(model.bodies)
             self._chain = Chain(_leg_joints(model, self._roles))
@@ -115,6 +115,30 @@ class OsimLeg:
         rotations, origins = self._chain.poses(self._all(self._checked(values)))
         poses = transforms.rigid(rotations, origins)
         return {name: poses[:, b] for b, name in enumerate(self._chain.bodies)}
+
+    @property
+    def bodies(self) -> tuple[str, ...]:
+        """Names of the model's bodies between the ground and the feet, parents first."""
+        return self._chain.bodies
+
+    def body_of(self, segment: str) -> str:
+        """Name of the model's body that carries a segment."""
+        return self._chain.bodies[self._frames.bodies[segment_index(segment)]]
+
+    def patella_body(self, side: str) -> str:
+        """Name of the model's own patella of a side; empty where it has none."""
+        return self._roles.get(f"patella_{side}", "")
+
+    def parent_of(self, body: str) -> str:
+        """Name of the body that carries one of ``bodies``; ``ground`` of the first."""
+        return self._chain.joint_of(self._chain.bodies.index(body)).parent
+
+    def growth(self, values: ArrayLike, factors: FloatArray) -> FloatArray:
+        """(n, b, 3, b, 3) shift (m) of the origins of ``bodies`` in world per relative growth of
+        each along each of its axes, at values (n, c); ``factors`` (b, 3) are those that the model
+        has been scaled by.
+        """
+        return self._chain.growth(self._all(self._checked(values)), factors)
 
     def joint_centers(self, poses: SegmentPoses) -> JointCenters:
         """Hip, knee and ankle centers: the origins of femur, tibia and talus."""
@@ -255,7 +279,7 @@ class OsimLeg:
             for k, s in enumerate(SEGMENTS)
             if s in self._roles and k not in _PATELLAE
         }
-        here = [m for m in self.model.markers if m.body in carriers]
+        here = self._markers_on(carriers)
         rows = [carriers[m.body] for m in here]
         places = [
             transforms.apply(
@@ -270,6 +294,23 @@ class OsimLeg:
             np.ones(len(here)),
         )
         return sites, tuple(m.name for m in self.model.markers if m.body not in carriers)
+
+    def _markers_on(self, bodies: Collection[str]) -> list[OsimMarker]:
+        """The markers on some bodies, one that is there twice at one place once.
+
+        Raises:
+            LegsimError: two places have one name.
+        """
+        found: dict[str, OsimMarker] = {}
+        for marker in self.model.markers:
+            if marker.body in bodies:
+                same = found.setdefault(marker.name, marker)
+                if same.body != marker.body or not np.allclose(same.location, marker.location):
+                    raise LegsimError(
+                        f"{self.model.path} (MarkerSet): two markers are named {marker.name}, on "
+                        f"{same.body} and {marker.body}; rename one"
+                    )
+        return list(found.values())
 
     def rotations(self) -> frozenset[str]:
         """Names of all coordinates of the model that a file in degrees has in degrees: those that

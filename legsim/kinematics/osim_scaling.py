@@ -12,7 +12,7 @@ from legsim.core import transforms
 from legsim.core.errors import LegsimError, file_error
 from legsim.core.values import FloatArray, frozen
 from legsim.kinematics import _osim_functions as functions
-from legsim.kinematics import osim_file
+from legsim.kinematics import osim_xml
 from legsim.kinematics.osim_file import Joint, JointAxis, OsimModel
 from legsim.kinematics.skeleton import SEGMENTS, SegmentScales
 
@@ -29,7 +29,7 @@ def read(path: Path | str) -> dict[str, FloatArray]:
     """
     path = Path(path)
     found: dict[str, FloatArray] = {}
-    for element in osim_file.document(path).iter("Scale"):
+    for element in osim_xml.document(path).iter("Scale"):
         body = (element.findtext("segment") or element.get("name") or "").strip()
         if (element.findtext("apply") or "true").strip().lower() != "true":
             continue
@@ -101,8 +101,14 @@ def scaled(model: OsimModel, factors: Mapping[str, FloatArray]) -> OsimModel:
             f"{', '.join(model.bodies)}"
         )
     one = np.ones(3)
+    before = model.factors
     return replace(
         model,
+        factors={
+            body: frozen("factors", before.get(body, one) * factors.get(body, one), (3,))
+            for body in model.bodies
+            if body in before or body in factors
+        },
         joints=tuple(_scaled_joint(joint, factors) for joint in model.joints),
         markers=tuple(
             replace(m, location=frozen("location", m.location * factors.get(m.body, one), (3,)))

@@ -7,6 +7,7 @@ import numpy as np
 from legsim.core.values import FloatArray
 from legsim.kinematics.inverse_kinematics import IkReport
 from legsim.kinematics.leg import Leg
+from legsim.kinematics.leg_model import LegModel
 from legsim.mocap.trajectories import JointTrajectories
 
 _FASTEST_DEG_PER_S = 1500.0
@@ -20,6 +21,9 @@ _STRONGEST = 20 * 9.80665
 
 _UNLIKE = 0.04
 """of the lengths of a person's thighs or shanks; 5 of 100 people differ by more than 2 %"""
+
+_OVEREXTENDED = np.radians(15.0)
+"""rad of a knee; 10 degrees count as lax (Beighton et al. 1973)"""
 
 _LONG_AT_LIMIT = 0.2
 """share of the frames"""
@@ -46,7 +50,9 @@ def objections(leg: Leg, trajectories: JointTrajectories) -> tuple[str, ...]:
 
 
 def at_limits(leg: Leg, trajectories: JointTrajectories) -> tuple[str, ...]:
-    """Sentences on knees that stay at a limit: the markers would bend them further."""
+    """Sentences on knees that stay at a limit, where the markers would bend them further, or
+    overextended by more than people's.
+    """
     lines = []
     for name in ("knee_angle_r", "knee_angle_l"):
         if name not in leg.coordinate_names:
@@ -61,6 +67,13 @@ def at_limits(leg: Leg, trajectories: JointTrajectories) -> tuple[str, ...]:
                     f"{100 * share:.0f} % of the frames: that knee goes beyond what the model has, "
                     "or its markers do not sit where the model has them"
                 )
+        back = float(np.mean(angle > _OVEREXTENDED)) if isinstance(leg, LegModel) else 0.0
+        if back > _LONG_AT_LIMIT and not any(line.startswith(name) for line in lines):
+            lines.append(
+                f"{name} is overextended by more than {np.degrees(_OVEREXTENDED):.0f} deg in "
+                f"{100 * back:.0f} % of the frames, which few people's knees are: see whether "
+                "knee and ankle markers are exchanged, or give a static trial (motion.scaling_file)"
+            )
     return tuple(lines)
 
 

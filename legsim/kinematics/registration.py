@@ -23,10 +23,16 @@ from legsim.kinematics import _ik_branches, _planted_feet
 from legsim.kinematics._ik_newton import held_at_limits, minimize
 from legsim.kinematics._ik_problem import Problem, State
 from legsim.kinematics._planted_feet import Pegs
-from legsim.kinematics._registration_model import Person, PersonModel, joint_blocks
+from legsim.kinematics._registration_model import (
+    Parameters,
+    Person,
+    PersonModel,
+    joint_blocks,
+)
 from legsim.kinematics.ik_options import IkOptions, leg_priors
 from legsim.kinematics.leg import Leg
 from legsim.kinematics.marker_sites import MarkerSites
+from legsim.kinematics.skeleton import segment_index
 from legsim.mocap.trajectories import MarkerTrajectories
 
 MARKER_ERROR = 0.003
@@ -55,6 +61,9 @@ _MOST_ROUNDS = 8
 _SAME_ERROR = 0.1
 """relative change of the markers' error that is none"""
 
+_HIPS_FAR = 0.015
+"""m: 2.5 standard deviations of the regression along one axis"""
+
 _SETTLED = 1e-5
 """relative decrease of the sum below which a step is the last"""
 
@@ -76,18 +85,32 @@ class Registration:
     """m, of the markers in those frames on the leg as scaled"""
     rms_after: float
     """m"""
-    model: PersonModel
+    model: Parameters
+    theta: FloatArray
+    """(p,) the parameters"""
     covariance: FloatArray
     """(p, p) of the parameters, given the markers, their errors and the priors"""
     error: float
     """m per axis, of a marker of weight 1: what the recording showed, or MARKER_ERROR where it has
     too few postures to show it
     """
+    hips_moved: FloatArray
+    """(2,) m, how far registration moved the right and left hip center against the pelvis' markers
+    """
 
-    def covariance_of(self, model: PersonModel) -> FloatArray:
-        """The covariance of the parameters of a model with some of the markers."""
-        columns = self.model.columns_of(model)
-        return self.covariance[np.ix_(columns, columns)]
+    def notes(self) -> tuple[str, ...]:
+        """A warning where the recording moves the hips farther than people's hips lie from the
+        regression.
+        """
+        if self.hips_moved.max() <= _HIPS_FAR:
+            return ()
+        right, left = 1e3 * self.hips_moved
+        return (
+            f"warning: registration moves the hip centers by {right:.0f} and {left:.0f} mm (right, "
+            "left) from the regression, which people's hips seldom are; skin that slides in deep "
+            "squats does that, and shifts the angles of hips and knees: scale from a static trial "
+            "or from shallower squats (motion.scaling_file)",
+        )
 
 
 def register(
@@ -114,13 +137,31 @@ def register(
     sites = sites.only([name for name in motion.marker_names if name in sites.names])
     measured = motion.positions_world[:, [motion.marker_names.index(n) for n in sites.names]]
     problem = Problem(leg, sites, config)
-    chosen = _postures(problem, measured)
+    chosen = postures(problem, measured)
     pegs = _planted_feet.find(leg, sites, motion, chosen, _posed(problem, measured[chosen]))
     shown = measured[chosen]
     if pegs is not None:
         sites, shown = pegs.beside(sites), pegs.beside_markers(shown)
         shown[:, measured.shape[1] :][pegs.shares[chosen] < 1] = np.nan
-    fit = _Fit(PersonModel(leg, sites, loose), config, shown)
+    return settled(PersonModel(leg, sites, loose), config, shown, pegs=pegs)
+
+
+def settled(
+    model: Parameters,
+    config: IkOptions,
+    measured: FloatArray,
+    *,
+    error: float = MARKER_ERROR,
+    least_error: float = _LEAST_ERROR,
+    many: int = _MANY,
+    pegs: Pegs | None = None,
+) -> Registration:
+    """The parameters that follow markers and pegs (n, m, 3) of some postures best.
+
+    ``error`` (m) is that of a marker until ``many`` postures show their own, ``least_error`` the
+    smallest that they may show.
+    """
+    fit = _Fit(model, config, measured, error, least_error, many)
     fit.settle()
     return fit.result(pegs)
 
@@ -132,7 +173,7 @@ def _posed(problem: Problem, measured: FloatArray) -> FloatArray:
     return np.array([m.values[0] for m in minima])
 
 
-def _postures(problem: Problem, measured: FloatArray) -> np.ndarray:
+def postures(problem: Problem, measured: FloatArray) -> np.ndarray:
     """Frames that show the most markers and differ in posture, each the farthest from those before
     it.
     """
@@ -163,14 +204,23 @@ def _postures(problem: Problem, measured: FloatArray) -> np.ndarray:
 class _Fit:
     """Levenberg-Marquardt on the person's parameters; poses follow."""
 
-    def __init__(self, model: PersonModel, config: IkOptions, measured: FloatArray) -> None:
+    def __init__(
+        self,
+        model: Parameters,
+        config: IkOptions,
+        measured: FloatArray,
+        error: float,
+        least_error: float,
+        many: int,
+    ) -> None:
         self._model, self._config = model, config
+        self._least, self._many = least_error, many
         self._seen = np.asarray(np.isfinite(measured).all(-1))
         self._is_peg = np.array([_planted_feet.is_peg(name) for name in model.marker_names])
         self._measured = np.nan_to_num(measured)
         self._share = min(1.0, _INDEPENDENT / len(measured))
         self.theta = np.zeros(model.size)
-        self._expect(MARKER_ERROR)
+        self._expect(error)
         self.state = self._posed_from_scratch()
         self.rms_before = self._rms()
 
@@ -181,9 +231,18 @@ class _Fit:
 
     def _settings(self, person: Person) -> IkOptions:
         """Hip rotation is pulled to the habitual one by as much as markers of this error leave it
-        open.
+        open; on a user's model, whose markers may be exact, all priors weigh by that.
         """
-        return with_neutral(self._config, person.neutral, min(1.0, self.error / MARKER_ERROR) ** 2)
+        share = min(1.0, self.error / MARKER_ERROR) ** 2
+        settings = with_neutral(self._config, person.neutral, share)
+        if isinstance(self._model, PersonModel):
+            return settings
+        hips = {f"hip_rotation_{side}" for side in "rl"}
+        priors = tuple(
+            p if p.coordinate in hips else replace(p, weight=share * p.weight)
+            for p in settings.priors or ()
+        )
+        return replace(settings, priors=priors, flat_foot_weight=share * settings.flat_foot_weight)
 
     def _posed_from_scratch(self) -> State:
         measured = np.where(self._seen[..., None], self._measured, np.nan)
@@ -216,8 +275,8 @@ class _Fit:
             if cheaper:
                 self.state = again
             before = self.error
-            if len(self._measured) >= _MANY:
-                self._expect(float(np.clip(self._shown_error(), _LEAST_ERROR, _MOST_ERROR)))
+            if len(self._measured) >= self._many:
+                self._expect(float(np.clip(self._shown_error(), self._least, _MOST_ERROR)))
                 self.state = self._posed(self._problem, self.state.values)
             if not cheaper and abs(np.log(self.error / before)) < _SAME_ERROR:
                 break
@@ -288,6 +347,18 @@ class _Fit:
         squares = ((where - self._measured) ** 2).sum(-1)
         return float(np.sqrt(squares[self._seen & ~self._is_peg].mean()))
 
+    def _hips_moved(self) -> FloatArray:
+        """(2,) m, against the mean of the pelvis' markers."""
+        hips = []
+        for person in (self.person, self._model(np.zeros(self._model.size))):
+            pose = person.leg.kinematics(person.leg.default_coordinates[None])
+            pelvis = segment_index("pelvis")
+            femurs = [segment_index(f"femur_{side}") for side in "rl"]
+            away = (pose.origins[0, femurs] - pose.origins[0, pelvis]) @ pose.rotations[0, pelvis]
+            rows = [k for k, s in enumerate(person.sites.segments) if s == "pelvis"]
+            hips.append(away - person.sites.positions[rows].mean(0))
+        return frozen("hips_moved", np.linalg.norm(hips[0] - hips[1], axis=1), (2,))
+
     def result(self, pegs: Pegs | None) -> Registration:
         """What was found."""
         _, hessian, _ = self._system()
@@ -301,6 +372,8 @@ class _Fit:
             rms_before=self.rms_before,
             rms_after=self._rms(),
             model=self._model,
+            theta=frozen("theta", self.theta, (self._model.size,)),
+            hips_moved=self._hips_moved(),
             error=self.error,
             covariance=frozen("covariance", self._unit * np.linalg.inv(hessian), hessian.shape),
         )

@@ -11,7 +11,7 @@ import numpy as np
 
 from legsim.core.values import FloatArray, frozen
 from legsim.kinematics._ik_problem import Problem
-from legsim.kinematics._registration_model import Person, PersonModel, joint_blocks
+from legsim.kinematics._registration_model import Parameters, Person, PersonModel, joint_blocks
 from legsim.kinematics.leg import Leg
 from legsim.kinematics.registration import MARKER_ERROR, Registration
 
@@ -44,11 +44,15 @@ def coordinate_spread(
     curvature = curvature + problem.floor()
     error = MARKER_ERROR if found is None else found.error
     own = error**2 * np.linalg.inv(curvature)
-    model = PersonModel(leg, sites, ()) if found is None else found.model.only(sites.names)
-    covariance = np.linalg.inv(model.precision) if found is None else found.covariance_of(model)
-    mixed, _, _ = joint_blocks(
-        model, Person(leg, sites, np.zeros(2)), problem, values, measured, weights
-    )
+    model: Parameters = PersonModel(leg, sites, ())
+    if found is None:
+        theta, covariance = np.zeros(model.size), np.linalg.inv(model.precision)
+    else:
+        columns = found.model.columns_of(sites.names)
+        model, theta = found.model.only(sites.names), found.theta[columns]
+        covariance = found.covariance[np.ix_(columns, columns)]
+    person = Person(leg, sites, np.zeros(2), theta)
+    mixed, _, _ = joint_blocks(model, person, problem, values, measured, weights)
     follow = np.linalg.solve(curvature, mixed)
     variance = np.einsum("ncc->nc", own) + np.einsum("ncp,pq,ncq->nc", follow, covariance, follow)
     spread = np.sqrt(variance.mean(0))

@@ -12,6 +12,7 @@ from legsim import figures
 from legsim.imu import plausibility as imu_plausibility
 from legsim.kinematics.leg_model import LegModel
 from legsim.kinematics.moving_leg import MarkerFit, MovingLeg
+from legsim.kinematics.osim_leg import OsimLeg
 from legsim.mocap.cleaning import CleaningReport
 from legsim.report.page import FileNote, PageSection, Picture, ReportContent, Table
 from legsim.scene.values import ReplayScene
@@ -27,7 +28,8 @@ REPLAY_FILES = (
     FileNote("joint_centres.csv", "hip, knee and ankle centers in world, m"),
     FileNote("poses.npz", "segment poses"),
     FileNote("imu.csv", "what the sensors read, in their own frames"),
-    FileNote("scaled_model.osim", "legsim's leg in this person's size, with markers, for OpenSim"),
+    FileNote("scaled_model.osim", "the leg in this person's size, with markers, for OpenSim"),
+    FileNote("scale_factors.xml", "factors of the bodies, for OpenSim's scale tool"),
     FileNote("model_markers.trc", "where the model has the markers"),
     FileNote("marker_errors.sto", "distances of measured from modeled markers, by frame, m"),
 )
@@ -62,9 +64,13 @@ def replay_figures(scene: ReplayScene) -> tuple[tuple[str, str, Figure], ...]:
 def replay_files(recovered: MovingLeg) -> tuple[FileNote, ...]:
     """Lists the files that a replay leaves of this person.
 
-    A user's own model has no scaled model; without markers there are no marker files.
+    A user's own model has no scaled model unless it was scaled; without markers there are no marker
+    files.
     """
-    left_out = set() if isinstance(recovered.leg, LegModel) else {"scaled_model.osim"}
+    leg = recovered.leg
+    left_out = set() if isinstance(leg, OsimLeg) and leg.model.factors else {"scale_factors.xml"}
+    if left_out and not isinstance(leg, LegModel):
+        left_out.add("scaled_model.osim")
     left_out |= {"coordinates_from_zero.mot"} if recovered.zero is None else set()
     left_out |= {"model_markers.trc", "marker_errors.sto"} if recovered.fit is None else set()
     return tuple(note for note in REPLAY_FILES if note.name not in left_out)

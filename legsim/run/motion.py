@@ -44,6 +44,7 @@ def solve(motion: MotionConfig, *, filter_coordinates: bool = False) -> MovingLe
         scale_from=motion.scaling_file or None,
         model=motion.model or None,
         scale_file=motion.scale_file or None,
+        scale_model=motion.scale_model,
         filter_coordinates=filter_coordinates,
         in_degrees=None if motion.angles == "file" else motion.angles == "degrees",
         register=motion.registration,

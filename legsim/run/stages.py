@@ -21,9 +21,10 @@ from legsim.geometry.cone_beam import Projections
 from legsim.imu import simulation
 from legsim.imu.files import load_imu, load_rest, save_imu, save_rest
 from legsim.imu.signals import ImuSignals
-from legsim.kinematics import osim_export
+from legsim.kinematics import osim_export, osim_scaled_file
 from legsim.kinematics.leg_model import LegModel
 from legsim.kinematics.moving_leg import MovingLeg
+from legsim.kinematics.osim_leg import OsimLeg
 from legsim.mocap import opensim, trc
 from legsim.opencl.device import Device
 from legsim.phantom import imaged_leg
@@ -101,6 +102,11 @@ def write_kinematics(person: MovingLeg, folder: RunFolder, key: str) -> None:
             model = osim_export.text(person.leg, sites, name=Path(person.name).stem)
             write_text(path / "scaled_model.osim", model)
             more.append("scaled_model.osim")
+        if isinstance(person.leg, OsimLeg) and person.leg.model.factors:
+            scaled = person.leg.model
+            write_text(path / "scaled_model.osim", osim_scaled_file.text(scaled))
+            write_text(path / "scale_factors.xml", osim_scaled_file.scale_set(scaled.factors))
+            more += ["scaled_model.osim", "scale_factors.xml"]
         if person.fit is not None:
             trc.save(path / "model_markers.trc", person.fit.modelled)
             save_marker_errors(path / "marker_errors.sto", person.fit.measured, person.fit.modelled)

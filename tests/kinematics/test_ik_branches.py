@@ -126,8 +126,8 @@ def test_frames_with_two_minima_are_one_movement():
     turned[:, COORDINATES.index("knee_angle_l")] = np.radians(-7)
     weights = np.tile(SITES.weights, (len(values), 1))
     other, _, _ = minimize(problem, turned, motion.positions_world, weights)
-    # nearly every frame has another minimum, far away
-    assert (np.degrees(np.abs(other.values - values)[:, rotation]) > 10).mean() > 0.9
+    # most frames have another minimum, far away
+    assert (np.degrees(np.abs(other.values - values)[:, rotation]) > 10).mean() > 0.8
     _assert_laws(problem, motion.positions_world, values)
     assert np.degrees(np.abs(np.diff(values[:, 6:], axis=0))).max() < 0.3
 

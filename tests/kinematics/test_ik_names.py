@@ -203,7 +203,7 @@ def test_what_is_pulled_and_locked_is_said_and_a_value_beyond_the_range(
     assert "locked: mtp_angle_r" in notes
     assert "pulled by tasks: knee_angle_r (0.0001), pelvis_ty (0.0001)" in notes
     (warning,) = [note for note in notes if note.startswith("warning")]
-    assert "knee_angle_r pulls to 57.3 deg, beyond its range of -120 to 10 deg" in warning
+    assert "knee_angle_r pulls to 57.3 deg, beyond its range of -160 to 20 deg" in warning
     plain = solved(tmp_path, squat, marker_map).notes
     assert not any("pulled" in note or "locked" in note for note in plain)
 

@@ -130,6 +130,21 @@ def test_seven_markers_give_the_knees_and_a_stated_share_of_the_rest():
         assert solution.trajectories.coordinate(f"mtp_angle_{side}") == pytest.approx(0)
 
 
+@pytest.mark.parametrize("knee_deg", [11.0, -140.0])
+def test_knees_that_go_as_far_as_peoples_come_back(knee_deg):
+    """Eleven degrees beyond straight, drawn back by a tenth of a degree; a heel at the buttock."""
+    values = squats()
+    for side in "rl":
+        values[:, COORDINATES.index(f"knee_angle_{side}")] = np.radians(
+            knee_deg + np.linspace(-1, 1, len(values))
+        )
+    solution = inverse_kinematics.solve(LEG, recording(values, sites(SEVEN)), sites(SEVEN))
+    off = degrees_off(solution, values)
+    for side in "rl":
+        assert off[:, COORDINATES.index(f"knee_angle_{side}")].max() < 0.5
+        assert not solution.report.coordinate_at_limit[COORDINATES.index(f"knee_angle_{side}")]
+
+
 def test_a_foot_is_by_its_prior_in_frames_that_show_fewer_than_three_of_its_markers():
     values, used = squats(), sites(FULL)
     motion = recording(values, used)
@@ -227,7 +242,7 @@ def test_the_second_derivatives_do_not_change_the_gauss_newton_scale(rng):
 def test_limits_hold_and_are_reported():
     values = squats()
     knee = COORDINATES.index("knee_angle_r")
-    values[:, knee] = np.radians(20)
+    values[:, knee] = np.radians(30)
     solution = inverse_kinematics.solve(LEG, recording(values, sites(FULL)), sites(FULL), NO_PRIOR)
     assert solution.trajectories.values[:, knee].max() <= LEG.coordinate_ranges[knee, 1]
     assert solution.report.coordinate_at_limit[knee] == len(values)

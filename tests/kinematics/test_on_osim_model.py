@@ -122,7 +122,10 @@ def test_too_few_markers_and_a_wrong_size_are_refused_or_told(tmp_path, model, l
         from_recording.solve_kinematics(few, model=model)
     tall = recorded(leg, tmp_path / "tall.trc", factor=1.2)
     notes = from_recording.solve_kinematics(tall, model=model).notes
-    assert any("are 1.20 times as far apart as on the model" in note for note in notes)
+    assert any(
+        "not of this person's size; by its markers the person's are: thighs +20 %" in note
+        for note in notes
+    )
     small = recorded(leg, tmp_path / "small.trc", factor=0.1)
     with pytest.raises(LegsimError, match="unit of length is wrong"):
         from_recording.solve_kinematics(small, model=model)

@@ -64,6 +64,20 @@ def test_legs_of_unlike_length_are_named():
     assert "the thighs differ by 8 %" in said[0]
 
 
+def test_a_lax_knee_is_plausible_and_one_that_no_person_has_is_not():
+    values = swaying(100)
+    column = COORDINATES.index("knee_angle_l")
+    for degrees, said in (
+        (11.0, ()),
+        (17.0, ("knee_angle_l is overextended by more than 15 deg",)),
+    ):
+        values[:, column] = np.radians(degrees)
+        moved = JointTrajectories(np.arange(100) / 100, COORDINATES, values)
+        lines = plausibility.at_limits(LEG, moved)
+        assert len(lines) == len(said)
+        assert all(line.startswith(start) for line, start in zip(lines, said, strict=True))
+
+
 def test_a_knee_at_its_limit_is_implausible_and_printed():
     values = swaying()
     column = COORDINATES.index("knee_angle_l")
@@ -71,5 +85,5 @@ def test_a_knee_at_its_limit_is_implausible_and_printed():
     times = np.arange(len(values)) / 100
     moving = MovingLeg("a.mot", LEG, JointTrajectories(times, COORDINATES, values), None)
     assert moving.implausible == moving.warnings
-    assert "knee_angle_l is at its limit of 10 deg in 100 % of the frames" in moving.warnings[0]
+    assert "knee_angle_l is at its limit of 20 deg in 100 % of the frames" in moving.warnings[0]
     assert any(line.startswith("warning: knee_angle_l is at its limit") for line in moving.lines())

@@ -68,7 +68,7 @@ def test_the_jacobian_is_the_derivative_of_the_markers(rng: np.random.Generator)
     theta, h = 0.02 * rng.normal(size=model.size), 1e-6
     person = model(theta)
     values = squats(5)
-    jacobian = model.jacobian(person, person.leg.kinematics(values))
+    jacobian = model.jacobian(person, values)
     for parameter in range(model.size):
         ahead, behind = (model(theta + s * h * np.eye(model.size)[parameter]) for s in (1, -1))
         slope = (
@@ -88,6 +88,7 @@ def test_markers_that_sit_where_the_model_has_them_stay():
     assert found.leg.thigh_length("r") == pytest.approx(leg.thigh_length("r"), abs=1e-3)
     assert found.leg.shank_length("r") == pytest.approx(leg.shank_length("r"), abs=1e-3)
     assert found.rms_after < 2e-4
+    assert found.notes() == ()
 
 
 def knee_errors(found: FloatArray, true: FloatArray) -> FloatArray:
@@ -109,6 +110,9 @@ def test_a_rigid_squat_with_gait2392s_own_markers_is_found():
     after = inverse_kinematics.solve(found.leg, motion, found.sites, found.config)
     assert after.report.rms < 0.5e-3
     assert knee_errors(after.trajectories.values, values).max() < 0.5
+    # 4 cm from the regression, which is said
+    assert found.hips_moved.min() > 0.02
+    assert "moves the hip centers by" in found.notes()[0]
     # squats turn the hips forwards: that tells their centers in this plane, and not across it
     true = GENERIC.segment_poses(JointTrajectories(motion.times, COORDINATES, values))
     solved = found.leg.segment_poses(after.trajectories)
@@ -169,10 +173,12 @@ def test_the_sum_has_its_minimum_where_registration_ends(rng: np.random.Generato
     scaled = scaling.fit(GENERIC, noisy, SITES)
     leg = LegModel.load(scaled.scales)
     sites = scaled.sites
-    chosen = registration._postures(
+    chosen = registration.postures(
         inverse_kinematics.Problem(leg, sites, IkOptions()), noisy.positions_world
     )
-    fit = registration._Fit(PersonModel(leg, sites, ()), IkOptions(), noisy.positions_world[chosen])
+    fit = registration._Fit(
+        PersonModel(leg, sites, ()), IkOptions(), noisy.positions_world[chosen], 3e-3, 3e-4, 8
+    )
     fit.settle()
     assert 1e-3 < fit.error < 3e-3
     least = fit._total(fit.state, fit.theta)
@@ -203,7 +209,7 @@ def test_a_real_person_who_stands_is_followed(shared_data: Path):
     plain = run_motion.solve(motion.model_copy(update={"registration": False}))
     assert plain.fit is not None
     assert plain.fit.registration is None
-    assert plain.fit.ik.rms > 8e-3
+    assert plain.fit.ik.rms > 7.5e-3
 
 
 def test_registration_can_be_left_out():

@@ -2,10 +2,14 @@
 -m peer).
 """
 
+import os
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from legsim.core import transforms
+from legsim.core.errors import LegsimError
 from legsim.kinematics import (
     from_recording,
     inverse_kinematics,
@@ -13,6 +17,7 @@ from legsim.kinematics import (
     on_osim_model,
     osim_export,
     osim_file,
+    osim_scaled_file,
     osim_scaling,
 )
 from legsim.kinematics.ik_options import IkOptions, PriorStrengths
@@ -31,6 +36,8 @@ MODELS = (
     "FullBodyModel_Hamner2010_v2_0",
     "Rajagopal2016",
 )
+OTHERS = sorted(Path(os.environ.get("LEGSIM_OSIM_FOLDER", "nowhere")).glob("*.osim"))
+"""any other models, in the folder that LEGSIM_OSIM_FOLDER names"""
 CENTER_OF = {"hip": "femur", "knee": "tibia", "ankle": "talus"}
 
 
@@ -59,13 +66,48 @@ def test_scaled_models_agree_with_opensims_scaling(opensim_peer, shared_data, rn
     check(opensim_peer.any_model(path, factors), leg, opensim_peer, rng, agree)
 
 
+@pytest.mark.parametrize("name", MODELS)
+def test_the_scaled_models_file_opens_to_the_same_leg(
+    opensim_peer, shared_data, rng, tmp_path, name, agree
+):
+    """Bodies, joint centers, markers and masses, as OpenSim itself scales the user's file."""
+    path = shared_data / f"opensim/{name}.osim"
+    read = osim_file.read(path)
+    factors = {body: rng.uniform(0.8, 1.2, 3) for body in read.bodies}
+    scaled = osim_scaling.scaled(read, factors)
+    (tmp_path / "scaled.osim").write_text(osim_scaled_file.text(scaled))
+    opened = opensim_peer.any_model(tmp_path / "scaled.osim")
+    check(opened, OsimLeg(scaled), opensim_peer, rng, agree)
+    theirs = opensim_peer.any_model(path, factors)
+    for body in read.bodies:
+        one, two = (model.getBodySet().get(body) for model in (opened, theirs))
+        assert one.getMass() == pytest.approx(two.getMass(), rel=1e-9)
+        moments = [[m.get(k) for m in (b.get_inertia(),) for k in range(6)] for b in (one, two)]
+        np.testing.assert_allclose(*moments, rtol=1e-9, atol=1e-12)
+        centers = [[b.getMassCenter().get(k) for k in range(3)] for b in (one, two)]
+        np.testing.assert_allclose(*centers, atol=1e-12)
+
+
+@pytest.mark.parametrize("path", OTHERS, ids=lambda path: path.stem)
+def test_a_folder_of_models_agrees_or_is_refused_by_name(opensim_peer, rng, path, agree):
+    try:
+        leg = OsimLeg(osim_file.read(path))
+    except LegsimError as error:
+        pytest.skip(str(error).removeprefix(f"{path}: "))
+    try:
+        model = opensim_peer.any_model(path)
+    except RuntimeError as error:
+        pytest.skip(f"OpenSim itself does not open it: {error}")
+    check(model, leg, opensim_peer, rng, agree)
+
+
 def check(model, leg, opensim_peer, rng, agree):
     """Bodies, joint centers and markers of both within 0.05 mm and 0.01 degrees."""
     theirs = opensim_peer.random_postures(model, POSTURES, rng)
     columns = [theirs.coordinates.index(n) for n in leg.coordinate_names]
     values = theirs.values[:, columns]
     ours = leg.body_poses(values)
-    assert set(ours) >= {"pelvis", "femur_r", "tibia_l", "talus_r", "calcn_l", "toes_r"}
+    assert set(ours) >= {leg.body_of(segment) for segment in SEGMENTS}
     for body, pose in ours.items():
         away = pose[:, :3, 3] - theirs.bodies[body][:, :3, 3]
         far = 1e3 * np.linalg.norm(away, axis=-1).max()
@@ -78,7 +120,7 @@ def check(model, leg, opensim_peer, rng, agree):
     centers = leg.joint_centers(poses)
     for center in JOINT_CENTERS:
         joint, side = center.split("_")
-        true = theirs.centers[f"{CENTER_OF[joint]}_{side}"]
+        true = theirs.centers[leg.body_of(f"{CENTER_OF[joint]}_{side}")]
         far = 1e3 * np.linalg.norm(centers.of(center) - true, axis=-1).max()
         agree("joint centers, .osim", "OpenSim", far, 0.05, "mm")
     sites, _ = leg.marker_sites()

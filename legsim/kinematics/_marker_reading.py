@@ -1,0 +1,107 @@
+"""Marker files read and cleaned: by role for legsim's own leg, by a user's model's own names."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from legsim.core.errors import LegsimError
+from legsim.kinematics import marker_sites, on_osim_model
+from legsim.kinematics._ik_names import Tasks, left_out
+from legsim.kinematics.from_coordinates import named
+from legsim.kinematics.marker_sites import MarkerSites
+from legsim.kinematics.osim_leg import OsimLeg
+from legsim.mocap import cleaning as mocap_cleaning
+from legsim.mocap import files as mocap_files
+from legsim.mocap import marker_sets
+from legsim.mocap.cleaning import CleaningReport
+from legsim.mocap.labels import PAPER_ROLES
+from legsim.mocap.trajectories import MarkerTrajectories
+
+
+@dataclass(frozen=True, slots=True)
+class Reading:
+    """How marker files are read and cleaned: keyword arguments of
+    :func:`legsim.kinematics.from_recording.solve_kinematics`.
+    """
+
+    marker_map: str | Path
+    unit: str | None
+    up: str | None
+    filter_hz: float
+    longest_gap: float
+    marker_noise: float
+
+
+def by_role(
+    reading: Reading,
+    path: Path,
+    required: Sequence[str] = PAPER_ROLES,
+    tasks: Tasks | None = None,
+) -> tuple[MarkerTrajectories, CleaningReport, tuple[str, ...], dict[str, float]]:
+    """The markers by role, what was done to them, what there is to say about the file, and the
+    weights that ``tasks`` give; roles of weight 0 are left out.
+    """
+    raw, notes = mocap_files.read_markers(path, unit=reading.unit, up=reading.up)
+
+    def cleaned() -> tuple[MarkerTrajectories, CleaningReport, tuple[str, ...], dict[str, float]]:
+        automatic = reading.marker_map == "auto"
+        chosen = (
+            marker_sets.guess(raw.marker_names, required=required)
+            if automatic
+            else marker_sets.load(str(reading.marker_map))
+        )
+        # a mean of two markers that are used themselves would count them twice
+        shown = np.asarray(np.isfinite(raw.positions_world).all(-1).any(0))
+        seen = [name for name, here in zip(raw.marker_names, shown, strict=True) if here]
+        chosen = chosen.without(chosen.means_in(seen))
+        weights, said = {}, ()
+        if tasks is not None:
+            known = marker_sites.load().names
+            weights, said = tasks.marker_weights(chosen, raw.marker_names, known)
+            needed = [role for role in left_out(weights) if role in required]
+            if needed:
+                raise LegsimError(
+                    f"a weight of 0 leaves out {', '.join(needed)}, which scaling needs: give "
+                    "them a weight, or another recording to scale from (motion.scaling_file)"
+                )
+        markers, report = mocap_cleaning.clean(
+            raw,
+            chosen.without(left_out(weights)),
+            filter_hz=reading.filter_hz,
+            longest_gap_s=reading.longest_gap,
+            required=required,
+        )
+        return markers, report, said, weights
+
+    markers, report, said, weights = named(path, cleaned)
+    return markers, report, (*notes, *report.notes, *said), weights
+
+
+def by_own_names(
+    reading: Reading, path: Path, leg: OsimLeg, tasks: Tasks
+) -> tuple[MarkerTrajectories, MarkerSites, CleaningReport, tuple[str, ...]]:
+    """A recording's markers by the names of a user's model, their places on it, what was done to
+    them, and notes.
+    """
+    raw, read_notes = mocap_files.read_markers(path, unit=reading.unit, up=reading.up)
+    own, sites, said = named(path, lambda: on_osim_model.marker_map(leg, raw.marker_names))
+    weights, weighed = named(
+        path, lambda: tasks.marker_weights(own, raw.marker_names, leg.marker_sites()[0].names)
+    )
+    own = own.without(left_out(weights))
+    measured, cleaning = named(
+        path,
+        lambda: mocap_cleaning.clean(
+            raw, own, filter_hz=reading.filter_hz, longest_gap_s=reading.longest_gap, required=()
+        ),
+    )
+    named(path, lambda: on_osim_model.check_unit(sites, measured))
+    sites = sites.only([name for name in sites.names if name in measured.marker_names])
+    return (
+        measured,
+        sites.weighted(weights),
+        cleaning,
+        (*read_notes, *cleaning.notes, *said, *weighed),
+    )
