@@ -18,7 +18,7 @@ test: setup check
 quick: setup
 	$(BIN)/python -m pytest -n 2 --dist worksteal -m "not end_to_end"
 
-# beside OpenSim, RTK and ASTRA, as far as they are installed (pip install -e '.[peer]'); a table
+# beside OpenSim, RTK, ASTRA and GTSAM, as far as they are installed (pip install -e '.[peer]'); a table
 peers: setup
 	$(BIN)/python -m pytest -m peer
 

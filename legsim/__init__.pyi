@@ -2,6 +2,7 @@ from .config import load_settings as load_settings
 from .core.errors import LegsimError as LegsimError
 from .correction.bead_scan import Beads as Beads
 from .correction.fused import FusedBeads as FusedBeads
+from .correction.fused import FusedFiducials as FusedFiducials
 from .correction.fused import SensorPriors as SensorPriors
 from .correction.fused import Standing as Standing
 from .correction.marker_based import MarkerBased as MarkerBased
@@ -14,6 +15,7 @@ from .correction.rigid import Rigid as Rigid
 from .correction.rigid import Uncorrected as Uncorrected
 from .correction.rough_start import StartErrors as StartErrors
 from .correction.smoother import BeadShadows as BeadShadows
+from .correction.smoother import FiducialShadows as FiducialShadows
 from .deformation.models import ControlPointMotion as ControlPointMotion
 from .deformation.models import FieldMotion as FieldMotion
 from .deformation.models import RigidMotion as RigidMotion

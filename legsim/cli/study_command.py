@@ -18,7 +18,7 @@ def study(
         typer.Argument(
             metavar="STUDY",
             help="A STUDY.toml, or a study that comes with legsim: "
-            "paper_order, paper_scheme, quick, table1, "
+            "paper_order, paper_scheme, quick, sensors, table1, "
             "table1_one_leg, table1_paper, table2, table3.",
         ),
     ],
@@ -30,6 +30,14 @@ def study(
         list[str] | None,
         typer.Option(
             "--set", metavar="a.b=c", help="Change one setting of every run, as in `legsim run`."
+        ),
+    ] = None,
+    recordings: Annotated[
+        list[Path] | None,
+        typer.Option(
+            "--recording",
+            metavar="FILE",
+            help="A further recording, one scan more; its folder and name call it.",
         ),
     ] = None,
     workers: Annotated[
@@ -64,7 +72,10 @@ def study(
         )
     overrides = tuple(settings or ())
     asked, base = config.load(
-        study_file, preset=None if preset is None else preset.value, overrides=overrides
+        study_file,
+        preset=None if preset is None else preset.value,
+        overrides=overrides,
+        recordings=tuple(map(str, recordings or ())),
     )
     if store is not None:
         check_shared(store.resolve(), out.resolve())
@@ -73,6 +84,7 @@ def study(
     options = ([] if preset is None else ["--preset", preset.value]) + [
         word for setting in overrides for word in ("--set", setting)
     ]
+    options += [word for file in recordings or () for word in ("--recording", str(file))]
     options += [] if store is None else ["--store", str(store)]
     command = shlex.join(["legsim", "study", study_file, *options, "--out", str(out)])
     with progress.of_study(console.err) as (runs, stages):

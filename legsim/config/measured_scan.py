@@ -51,6 +51,19 @@ class CountsConfig(ConfigSection):
     """an image that is not 0 where a pixel is bad"""
 
 
+class MeasuredBeadsConfig(ConfigSection):
+    """One to four metal beads on the skin of the segment that carries the followed sensor."""
+
+    file: str
+    """CSV of view,bead,u,v: pixels of their shadows, in as many views as show them"""
+    track: bool = False
+    """the file holds each bead in a few views, by hand; all others are found in the projections"""
+    diameter_mm: float = Field(default=2.0, gt=0)
+    """of a bead, where they are tracked"""
+    error_px: float = Field(default=0.3, gt=0)
+    """standard deviation of a shadow along u and v, of its detection and of skin that slides"""
+
+
 class MeasuredMethodsConfig(ConfigSection):
     """Options of the methods, as in a run."""
 
@@ -58,6 +71,12 @@ class MeasuredMethodsConfig(ConfigSection):
     """that rigid methods follow; empty: the first one with a start"""
     scheme: Literal["accurate", "paper"] = "accurate"
     node_mm: float = Field(default=8.0, gt=0)
+    sensor_model: str = "bmi160"
+    """whose errors standing and fused-beads expect: of the catalogue, or a TOML file of a sensor"""
+    spread_mm: float = Field(default=2.0, gt=0)
+    """RMS of each coordinate by which a knee is expected to move in a scan"""
+    clock_ms: float = Field(default=10.0, ge=0)
+    """standard deviation of the offset between the clocks that is left"""
 
 
 class MeasuredScanConfig(ConfigSection):
@@ -91,6 +110,7 @@ class MeasuredScanConfig(ConfigSection):
     imu: tuple[ImuFileConfig | str, ...] = ()
     """files of sensors, or the names of TOML files about them"""
     joints: tuple[JointConfig, ...] = ()
+    beads: MeasuredBeadsConfig | None = None
     grid: MeasuredGridConfig = MeasuredGridConfig()
     reconstruction: ReconstructionConfig = ReconstructionConfig()
     methods: MeasuredMethodsConfig = MeasuredMethodsConfig()

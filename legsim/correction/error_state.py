@@ -40,6 +40,11 @@ _MARGIN = 0.3
 _STANDING_TURN = np.radians(5.0)
 """rad by which a standing person may turn over a scan: enough for a first guess of the bias"""
 
+CLOCK_REACH = 5.0
+"""standard deviations of the clock that a step of an estimate may reach; what lies beyond is never
+an offset, and a recording need not go so far beyond the views
+"""
+
 _TURN_STEP, _CLOCK_STEP = 1e-6, 1e-4
 """rad and s of the central differences"""
 
@@ -128,7 +133,8 @@ class ErrorState:
         """
         rate, force = self._corrected(errors)
         wanted = self.views if at is None else at
-        times = self.times - self.clock_sigma * errors[-1]
+        late = float(np.clip(errors[-1], -CLOCK_REACH, CLOCK_REACH))
+        times = self.times - self.clock_sigma * late
         return strapdown.integrate(times, rate, force, self._start(errors), wanted)
 
     def path(self, errors: FloatArray) -> SensorPath:

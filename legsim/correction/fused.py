@@ -1,6 +1,6 @@
-"""Corrections by a consumer sensor whose drift is found: the person stands, beads are seen.
+"""Corrections by a consumer sensor whose drift is found: the person stands, metal is seen.
 
-Both follow the segment that carries one sensor, as :class:`legsim.correction.rigid.Rigid` does, but
+All follow the segment that carries one sensor, as :class:`legsim.correction.rigid.Rigid` does, but
 along the path that :mod:`legsim.correction.smoother` estimates. Where the data do not determine a
 motion that the images would see, they say so and leave the scan as it is.
 """
@@ -12,10 +12,16 @@ import numpy as np
 
 from legsim.correction.bead_scan import BeadScan
 from legsim.correction.bead_tracking import track
-from legsim.correction.error_state import ErrorState, error_state
+from legsim.correction.error_state import CLOCK_REACH, ErrorState, error_state
 from legsim.correction.method import Correction, Scan
 from legsim.correction.rough_start import StartErrors
-from legsim.correction.smoother import BeadShadows, SmoothedPath, StandingPrior, smooth
+from legsim.correction.smoother import (
+    BeadShadows,
+    FiducialShadows,
+    SmoothedPath,
+    StandingPrior,
+    smooth,
+)
 from legsim.deformation.models import RigidMotion
 from legsim.imu.catalogue import load_sensor
 from legsim.imu.errors import SensorErrors
@@ -26,9 +32,6 @@ _DISCERNED = float(np.sqrt(2))
 What is found of a motion m with an error e has m^2 + e^2 on average. Following it leaves e, not
 following it leaves m.
 """
-
-_CLOCK_REACH = 5.0
-"""standard deviations of the clock by which a recording must go beyond the views to find it"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,7 +61,8 @@ class Standing:
 
     def __call__(self, scan: Scan, /) -> Correction:
         found = smooth(
-            _state(scan, self.sensor, self.priors, clock=0.0), standing=_standing(scan, self.priors)
+            sensor_state(scan, self.sensor, self.priors, clock=0.0),
+            standing=_standing(scan, self.priors),
         )
         return _corrected("standing", scan, found, ())
 
@@ -81,8 +85,9 @@ class FusedBeads:
         if isinstance(beads, BeadScan):
             pixels = track(beads.projections, beads.guesses, radius=beads.radius)
             beads = BeadShadows(pixels)
+        state = sensor_state(scan, self.sensor, self.priors, clock=self.priors.clock)
         found = smooth(
-            _state(scan, self.sensor, self.priors, clock=self.priors.clock),
+            state,
             standing=_standing(scan, self.priors),
             geometry=scan.projections.geometry,
             beads=beads,
@@ -92,10 +97,41 @@ class FusedBeads:
             f"{beads.pixels.shape[1]} beads: {100 * share:.0f} % of their shadows were found, "
             f"{found.residual_px:.2f} px RMS from the sensor's path."
         )
-        return _corrected("fused-beads", scan, found, (note,))
+        return _corrected("fused-beads", scan, found, (note, *_clock_note(state, found)))
 
 
-def _state(scan: Scan, sensor: str, priors: SensorPriors, *, clock: float) -> ErrorState:
+@dataclass(frozen=True, slots=True)
+class FusedFiducials:
+    """Rigid motion from one sensor, a person who stands, and shadows of points in the sensor.
+
+    Their places in the sensor are known, so that they show the sensor itself in every view: its
+    turn about the vertical and its place are found too.
+    """
+
+    fiducials: FiducialShadows | Callable[[], FiducialShadows]
+    """their shadows in all views, or what finds them"""
+    sensor: str = ""
+    """the sensor that they are in; empty: the scan's first"""
+    priors: SensorPriors = field(default_factory=SensorPriors)
+
+    def __call__(self, scan: Scan, /) -> Correction:
+        fiducials = self.fiducials() if callable(self.fiducials) else self.fiducials
+        state = sensor_state(scan, self.sensor, self.priors, clock=self.priors.clock)
+        found = smooth(
+            state,
+            standing=_standing(scan, self.priors),
+            geometry=scan.projections.geometry,
+            fiducials=fiducials.enough(),
+        )
+        share = float(np.isfinite(fiducials.pixels).all(-1).mean())
+        note = (
+            f"{fiducials.pixels.shape[1]} fiducials in the sensor: {100 * share:.0f} % of their "
+            f"shadows were found, {found.residual_px:.2f} px RMS from the sensor's path."
+        )
+        return _corrected("fused-fiducials", scan, found, (note, *_clock_note(state, found)))
+
+
+def sensor_state(scan: Scan, sensor: str, priors: SensorPriors, *, clock: float) -> ErrorState:
     """The errors of one sensor; its clock is taken as known where the recording is too short."""
     name = sensor or scan.signals.sensor_names[0]
     times, views = scan.signals.times, scan.times
@@ -107,12 +143,27 @@ def _state(scan: Scan, sensor: str, priors: SensorPriors, *, clock: float) -> Er
         views,
         priors.errors,
         priors.start,
-        clock=clock if beyond > _CLOCK_REACH * clock else 0.0,
+        clock=clock if beyond > CLOCK_REACH * clock else 0.0,
     )
 
 
 def _standing(scan: Scan, priors: SensorPriors) -> StandingPrior:
     return StandingPrior.at(scan.projections.geometry.rotation_center(), priors.spread)
+
+
+def _clock_note(state: ErrorState, found: SmoothedPath) -> tuple[str, ...]:
+    """What was found of the offset between the clocks, and how well; nothing where it is known."""
+    if not state.clock_sigma:
+        return ()
+    offset, spread = (
+        1e3 * state.clock_sigma * number
+        for number in (found.errors[-1], float(np.sqrt(found.covariance[-1, -1])))
+    )
+    return (
+        f"The sensor's clock is {offset:+.1f} ms ahead of the views', with a standard deviation of "
+        f"{spread:.1f} ms (before: {1e3 * state.clock_sigma:.1f} ms); its own filter's delay "
+        "counts the other way.",
+    )
 
 
 def _corrected(name: str, scan: Scan, found: SmoothedPath, notes: tuple[str, ...]) -> Correction:

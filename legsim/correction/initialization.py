@@ -26,6 +26,7 @@ from legsim.correction.fiducials import (
     project_fiducials,
     velocity_from_views,
 )
+from legsim.correction.smoother import FiducialShadows
 from legsim.geometry.cone_beam import ConeBeamGeometry
 from legsim.imu import calibration, simulation, strapdown
 from legsim.imu.sensors import Sensor
@@ -105,7 +106,8 @@ class FiducialScan:
     poses: SegmentPoses
     """poses of the sensors, under their names, and of the segments, at those views"""
     phantom: LegPhantom
-    device: Device
+    device: Device | None = None
+    """renders the fiducials where they are found in images"""
 
 
 def from_fiducials(
@@ -157,6 +159,25 @@ def from_fiducials(
     return Starts(tuple(starts), tuple(notes))
 
 
+def fiducial_shadows(
+    sensor: Sensor,
+    poses: FloatArray,
+    scan: FiducialScan,
+    options: FiducialOptions,
+    rng: np.random.Generator,
+) -> FiducialShadows:
+    """Shadows of one sensor's fiducials in all views; NaN off a bounded detector.
+
+    ``poses`` (v, 4, 4) are the sensor's true ones, where the fiducials appear.
+    """
+    fiducials = options.fiducials
+    pixels = _seen(sensor, poses, scan, options, fiducials, rng)
+    if options.detector == "bounded":
+        shown = correction_fiducials.on_detector(scan.geometry, poses, fiducials)
+        pixels = np.where(shown[..., None], pixels, np.nan)
+    return FiducialShadows(pixels, fiducials.points_sensor)
+
+
 def _how(options: FiducialOptions) -> str:
     way = (
         "found as shadows in the images"
@@ -195,6 +216,8 @@ def _seen(
     )
     if options.found == "exact":
         return exact + options.error_px * rng.standard_normal(exact.shape)
+    if scan.device is None:
+        raise LegsimError("fiducials are found in images that a device renders; give device=")
     geometry, shift = scan.geometry[: len(poses)], 0
     if options.detector == "unbounded":
         geometry, shift = _widened(geometry, exact)

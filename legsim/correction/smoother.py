@@ -99,6 +99,21 @@ class FiducialShadows:
     error_px: float = 0.3
     """standard deviation along u and v"""
 
+    def enough(self) -> "FiducialShadows":
+        """The same, if they are seen often enough to tell anything.
+
+        Raises:
+            LegsimError: they are not.
+        """
+        views = int(np.isfinite(self.pixels).all(-1).any(-1).sum())
+        if views < _FEWEST_VIEWS:
+            raise LegsimError(
+                f"fiducials of the sensor are seen in {views} views, {_FEWEST_VIEWS} are needed; "
+                "place the sensor nearer to the knee, or ask for the paper's detector without "
+                'bounds (methods.fiducials.detector = "unbounded")'
+            )
+        return self
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SmoothedPath:
@@ -206,8 +221,12 @@ class _Normal(NamedTuple):
         """Change (n,) of the errors and (b, 3) of the places."""
         matrix, right = self.reduced()
         errors = -cho_solve(cho_factor(matrix), right)
+        return errors, self.of_beads(errors)
+
+    def of_beads(self, errors: FloatArray) -> FloatArray:
+        """Change (b, 3) of the places that a change (n,) of the errors asks for."""
         left = self.right_places + np.einsum("bni,n->bi", self.mixed, errors)
-        return errors, -np.linalg.solve(self.of_places, left[..., None])[..., 0]
+        return -np.linalg.solve(self.of_places, left[..., None])[..., 0]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -334,6 +353,18 @@ def smooth(
     Raises:
         LegsimError: shadows without a geometry or of other views.
     """
+    problem, errors, places = _prepared(state, standing, geometry, beads, fiducials)
+    return _result(problem, *_descended(problem, errors, places))
+
+
+def _prepared(
+    state: ErrorState,
+    standing: StandingPrior | None,
+    geometry: ConeBeamGeometry | None,
+    beads: BeadShadows | None,
+    fiducials: FiducialShadows | None,
+) -> tuple[_Problem, FloatArray, FloatArray]:
+    """The problem of one sensor, and errors and places of beads to start from."""
     for given in (beads, fiducials):
         if given is not None and len(given.pixels) != len(state.views):
             raise LegsimError(
@@ -342,7 +373,7 @@ def smooth(
             )
     if beads is None and fiducials is None:
         plain = _Problem(state, standing)
-        return _result(plain, *_descended(plain, state.first_guess(), plain.first_places))
+        return plain, state.first_guess(), plain.first_places
     # someone who stays in place brings the path near enough for shadows to be linear in its errors
     near = standing or StandingPrior.at(_of(geometry).rotation_center(), _NEAR)
     plain = _Problem(state, near)
@@ -351,9 +382,8 @@ def smooth(
     if beads is not None:
         used = beads.enough()
         moved = _of(geometry).moved(state.path(errors).motion())
-        places = _triangulated(moved, used.pixels)
-    whole = _Problem(state, standing, geometry, used, fiducials, places)
-    return _result(whole, *_descended(whole, errors, places))
+        places = triangulated(moved, used.pixels)
+    return _Problem(state, standing, geometry, used, fiducials, places), errors, places
 
 
 def _descended(
@@ -378,6 +408,18 @@ def _result(
 ) -> SmoothedPath:
     normal, path = problem.linearized(errors, places)
     matrix, _ = normal.reduced()
+    covariance = cho_solve(cho_factor(matrix), np.eye(len(errors)))
+    return _smoothed(problem, path, errors, covariance, places, settled)
+
+
+def _smoothed(
+    problem: _Problem,
+    path: SensorPath,
+    errors: FloatArray,
+    covariance: FloatArray,
+    places: FloatArray,
+    settled: bool,
+) -> SmoothedPath:
     seen = [s for s in problem.shadows(path.poses, places) if s is not None]
     residual = float("nan")
     if seen:
@@ -392,14 +434,14 @@ def _result(
         problem.state.views,
         path,
         errors,
-        cho_solve(cho_factor(matrix), np.eye(len(errors))),
+        covariance,
         places,
         residual,
         settled,
     )
 
 
-def _triangulated(geometry: ConeBeamGeometry, pixels: FloatArray) -> FloatArray:
+def triangulated(geometry: ConeBeamGeometry, pixels: FloatArray) -> FloatArray:
     """Points (b, 3) nearest to the rays through their shadows (v, b, 2) under moved matrices."""
     sources, inverses = geometry.sources(), np.linalg.inv(geometry.matrices[:, :, :3])
     places = np.zeros((pixels.shape[1], 3))

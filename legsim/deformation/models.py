@@ -217,6 +217,6 @@ def image_points(
         view = int(np.argmin(np.minimum(depth.min(-1), depth_moved.min(-1))))
         raise LegsimError(
             f"a control point lies behind the source in view {view}; draw the points nearer to "
-            "the knee"
+            "the knee, or follow sensors that drift less"
         )
     return resting, moved

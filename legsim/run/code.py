@@ -75,6 +75,16 @@ STAGES = {
     "presentation": Code(("run.pipeline",)),
     "replay": Code(("run.replay",)),
     "study": Code(("run.pipeline",), ("study.jobs",)),
+    "aided": Code(
+        (
+            *("correction", "imu", "kinematics.from_recording", "scan.c_arm"),
+            *("phantom.leg_phantom", "evaluation.residual_motion"),
+        ),
+        (
+            *("study.aiding", "simulation.setup", "run.scores", "run.volumes", "run.stages"),
+            *("run.c_arm", "run.sensors", "run.motion"),
+        ),
+    ),
     "ladder": Code(
         ("imu", "kinematics.from_recording", "scan.c_arm"),
         ("study.jobs", "run.c_arm", "run.sensors", "run.motion"),

@@ -27,7 +27,7 @@ from legsim.opencl import failures
 from legsim.opencl.device import Device, open_device
 from legsim.report import measured_page, page, scan_page
 from legsim.report.measured_page import Sharpness
-from legsim.run import code, measured, methods, reconstruction
+from legsim.run import code, measured, measured_aids, methods, reconstruction
 from legsim.run.corrected import Reconstructed, Reconstructor
 from legsim.run.folder import RunFolder, commit
 from legsim.run.measured import MeasuredScan
@@ -112,13 +112,20 @@ def correct(
     with failures.reported(opened.label), RunFolder(out, about, kind="correct") as made:
         given = Reconstructor(made, read.settings.reconstruction, read.grid, opened, on_progress)
         key = key_of(_key_of(read), code.fingerprint("correct"), opened.candidate.compiler)
+        key = key_of(key, measured_aids.fingerprint(read))
+        worn = measured_aids.as_worn(read)
         corrected = tuple(
-            given.of(name, key_of(key, methods.fingerprint(name)), lambda m=method: m(read.seen))
+            given.of(
+                name,
+                key_of(key, methods.fingerprint(name)),
+                lambda m=method, s=worn if name in methods.FIND_START else read.seen: m(s),
+            )
             for name, method in built.items()
         )
         _write_motions(made, read, corrected)
         sharpness = _sharpness(made, read, corrected)
         notes = (*read.notes, *(note for one in corrected for note in one.notes))
+        notes = (*notes, *measured_aids.doubts(read, names))
         _present(given, key, read, corrected, sharpness, notes)
         return CorrectResult(out, sharpness, notes)
 
@@ -171,16 +178,18 @@ def _check_out(out: Path, inputs: Sequence[Path]) -> None:
 
 def _build(names: Sequence[str], scan: MeasuredScan, device: Device) -> dict[str, CorrectionMethod]:
     """Builds every method, or reports in one line all that is missing for them."""
-    sensors, wanted = scan.seen.signals.sensor_names, scan.settings.methods
+    wanted = scan.settings.methods
     shank = next((s for s in scan.segments.values() if s.startswith("tibia")), "tibia_l")
     given = MethodInputs(
-        sensor=wanted.sensor or (sensors[0] if sensors else ""),
+        sensor=measured_aids.followed(scan),
         scheme=wanted.scheme,
         device=device,
         nodes=scan.grid.coarse(1e-3 * wanted.node_mm),
         scanned_shank=shank,
         truth=None,
         beads=None,
+        priors=measured_aids.priors(scan),
+        fused_beads=measured_aids.beads(scan),
     )
     built: dict[str, CorrectionMethod] = {}
     missing = []

@@ -1,7 +1,7 @@
 """A measured scan from its SCAN.toml: the input of every method, without any truth."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -49,6 +49,10 @@ class MeasuredScan:
     """all files that were read"""
     notes: tuple[str, ...]
     """what was found in them, for the report"""
+    worn: Mapping[str, StartConfig] = field(default_factory=dict)
+    """how each sensor's start was given, by its name"""
+    folder: Path = Path()
+    """that the settings' files are relative to"""
 
     def __repr__(self) -> str:
         return f"MeasuredScan({self.seen!r}, {self.grid!r})"
@@ -92,6 +96,7 @@ def assemble(
         for s in started
         if s.worn.start is not None and s.worn.start.fiducials
     ]
+    more += [folder / settings.beads.file] if settings.beads else []
     more += [described_by] if described_by else []
     return MeasuredScan(
         settings,
@@ -107,6 +112,8 @@ def assemble(
             *(note for _, notes in found for note in notes),
             *clocks,
         ),
+        {s.recording.name: s.worn.start for s in started if s.worn.start is not None},
+        folder,
     )
 
 
@@ -214,7 +221,7 @@ def _start(
                 detector=given.detector,
             )
             return found.start, (initialization.conditioning(name, found),)
-        pose = _pose(given)
+        pose = stated_pose(given)
         if given.known == "exactly":
             return SensorStart(pose, 1e-3 * np.array(given.velocity_mm_s)), ()
         stands = standing_start(signals, name, pose, geometry.times, scheme=scheme)
@@ -236,7 +243,7 @@ def _on_standing(name: str, given: StartConfig, tilted: float, vertical: float) 
     )
 
 
-def _pose(given: StartConfig) -> np.ndarray:
+def stated_pose(given: StartConfig) -> np.ndarray:
     """World_from_sensor (4, 4) of a stated pose."""
     if given.rotation is not None:
         rotation = np.array(given.rotation)

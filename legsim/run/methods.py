@@ -16,13 +16,14 @@ from legsim.core.errors import LegsimError, file_error
 from legsim.correction import method as correction_method
 from legsim.correction.bead_scan import BeadScan
 from legsim.correction.bead_tracking import Reference
-from legsim.correction.fused import FusedBeads, SensorPriors, Standing
+from legsim.correction.expected_drift import drift_warning
+from legsim.correction.fused import FusedBeads, FusedFiducials, SensorPriors, Standing
 from legsim.correction.marker_based import MarkerBased
 from legsim.correction.method import Correction, CorrectionMethod, Scan
 from legsim.correction.nonrigid import NonRigid2D, NonRigid3D
 from legsim.correction.oracle import Oracle
 from legsim.correction.rigid import Rigid, Uncorrected
-from legsim.correction.smoother import BeadShadows
+from legsim.correction.smoother import BeadShadows, FiducialShadows
 from legsim.geometry.volume import VolumeGrid
 from legsim.imu.strapdown import Scheme
 from legsim.opencl.device import Device
@@ -57,15 +58,44 @@ class MethodInputs:
     """what is known beforehand of the sensor that is followed"""
     fused_beads: Callable[[], BeadScan | BeadShadows] | None = None
     """few beads on the sensor's segment, made when called; None for a measured scan"""
+    fused_fiducials: Callable[[], FiducialShadows] | None = None
+    """points in the followed sensor, seen in all views; None for a measured scan"""
     bead_reference: Reference = "bundle"
     """what the beads' poses are fitted to"""
 
 
 FOLLOW_ONE, FOLLOW_JOINTS = (
-    ("rigid", "rigid-paper-order", "standing", "fused-beads"),
+    ("rigid", "rigid-paper-order", "standing", "fused-beads", "fused-fiducials"),
     ("nonrigid-2d", "nonrigid-3d"),
 )
 """methods that need the sensor of methods.sensor, and those that need thigh and shank"""
+
+
+FIND_START = ("standing", "fused-beads", "fused-fiducials")
+"""methods that find start and drift themselves, from a start as it was strapped on"""
+
+DEAD_RECKONING = ("rigid", "rigid-paper-order", *FOLLOW_JOINTS)
+"""methods that follow sensors alone, wherever these drift"""
+
+
+def undetermined(names: Sequence[str], scan: Scan, sensor: str, priors: SensorPriors) -> list[str]:
+    """A sentence for each method and sensor whose expected drift hides how a person moves.
+
+    Args:
+        names: of the methods.
+        scan: as methods see it.
+        sensor: the one that rigid methods follow.
+        priors: what is known of every sensor.
+    """
+    on_joints = dict.fromkeys(point.sensor for leg in scan.joints for point in leg)
+    said = []
+    for name in names:
+        own = rigid_sensor(name)
+        if own is None and name not in DEAD_RECKONING:
+            continue
+        followed = on_joints if name in FOLLOW_JOINTS else (own or sensor,)
+        said += [drift_warning(name, scan, one, priors) for one in followed]
+    return [line for line in said if line]
 
 
 def _oracle(given: MethodInputs) -> CorrectionMethod:
@@ -97,10 +127,19 @@ def _marker_based(given: MethodInputs) -> CorrectionMethod:
 def _fused_beads(given: MethodInputs) -> CorrectionMethod:
     if given.fused_beads is None:
         raise LegsimError(
-            "fused-beads follows beads on the skin, which only a simulated scan has here; leave "
-            "it out, or call legsim.FusedBeads with the shadows that you found"
+            "fused-beads follows beads on the skin: give the pixels of their shadows as [beads] in "
+            "SCAN.toml"
         )
     return FusedBeads(given.fused_beads, given.sensor, given.priors)
+
+
+def _fused_fiducials(given: MethodInputs) -> CorrectionMethod:
+    if given.fused_fiducials is None:
+        raise LegsimError(
+            "fused-fiducials follows points in the sensor, which only a simulated scan has here; "
+            "leave it out, or call legsim.FusedFiducials with the shadows that you found"
+        )
+    return FusedFiducials(given.fused_fiducials, given.sensor, given.priors)
 
 
 BUILT_IN: dict[str, Callable[[MethodInputs], CorrectionMethod]] = {
@@ -113,6 +152,7 @@ BUILT_IN: dict[str, Callable[[MethodInputs], CorrectionMethod]] = {
     "nonrigid-3d": lambda given: NonRigid3D(given.nodes, given.scheme),
     "standing": lambda given: Standing(given.sensor, given.priors),
     "fused-beads": _fused_beads,
+    "fused-fiducials": _fused_fiducials,
     "rigid-paper-order": lambda given: Rigid(given.sensor, given.scheme, "paper"),
 }
 

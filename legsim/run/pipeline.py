@@ -13,7 +13,6 @@ from legsim import __version__, config, view
 from legsim.config import RunConfig
 from legsim.core.files import key_of, write_text
 from legsim.core.progress import OnProgress, silent
-from legsim.correction.initialization import Starts
 from legsim.correction.method import Scan
 from legsim.deformation.models import RigidMotion
 from legsim.evaluation.scores import MethodResult
@@ -22,7 +21,7 @@ from legsim.imu import plausibility as imu_plausibility
 from legsim.opencl import failures
 from legsim.opencl.device import Device, open_device
 from legsim.report import page, scan_page
-from legsim.run import c_arm, code, scan_file, scores, sensors, stages, volumes
+from legsim.run import c_arm, code, methods, scan_file, scores, sensors, stages, volumes
 from legsim.run.corrected import Reconstructed
 from legsim.run.folder import RunFolder, commit
 from legsim.run.stages import StageContext
@@ -40,7 +39,7 @@ class RunResult:
     folder: Path
     methods: tuple[MethodResult, ...]
     warnings: tuple[str, ...] = ()
-    """about the movement that was scanned"""
+    """about the movement that was scanned, and sensors whose drift hides it"""
 
     @property
     def region_names(self) -> tuple[str, ...]:
@@ -156,9 +155,13 @@ def _run(stage: StageContext, *, presented: bool) -> RunResult:
     grid = c_arm.volume_grid(settings.grid, setup.geometry.rotation_center())
     corrected = volumes.reconstruct_methods(stage, scan, grid)
     results = scores.score_methods(stage, scan, corrected, grid)
+    doubts = methods.undetermined(
+        settings.methods.run, scan.seen, settings.methods.sensor, volumes.sensor_priors(settings)
+    )
     if presented:
-        _present(stage, scan, corrected, results, starts)
-    return RunResult(folder.path, results, (*setup.person.warnings, *readings))
+        notes = (*starts.notes, *(note for c in corrected for note in c.notes))
+        _present(stage, scan, corrected, results, (*notes, *(f"In doubt: {d}." for d in doubts)))
+    return RunResult(folder.path, results, (*setup.person.warnings, *readings, *doubts))
 
 
 def _about(settings: RunConfig, device: Device) -> dict[str, Any]:
@@ -179,7 +182,7 @@ def _present(
     scan: SimulatedScan,
     corrected: tuple[Reconstructed, ...],
     results: tuple[MethodResult, ...],
-    starts: Starts,
+    notes: Sequence[str],
 ) -> None:
     """Writes the recording, the pictures and the report."""
     settings, folder, setup = stage.settings, stage.folder, scan.setup
@@ -199,7 +202,6 @@ def _present(
         provenance = [(what, str(value)) for what, value in folder.about.items()] + [
             ("command", f"legsim run config.toml --out {folder.path.name}")
         ]
-        notes = (*starts.notes, *(note for c in corrected for note in c.notes))
         content = scan_page.scan_report(
             setup.person,
             results,

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from legsim import __version__
-from legsim.config import MethodsConfig, RoughConfig, RunConfig
+from legsim.config import FiducialsConfig, MethodsConfig, RoughConfig, RunConfig
 from legsim.core.errors import LegsimError
 from legsim.core.files import key_of, write_text
 from legsim.core.progress import OnProgress
@@ -37,7 +37,7 @@ from legsim.run.folder import RunFolder
 from legsim.simulation.setup import PhantomOptions, ScanSetup, prepare_scan
 from legsim.simulation.simulated_scan import expose
 
-_NOISE, _STARTS, _PHOTONS, VIBRATION = 1, 2, 4, 5
+NOISE, STARTS, _PHOTONS, VIBRATION = 1, 2, 4, 5
 """random streams of the run's seed"""
 
 
@@ -132,7 +132,7 @@ def read_sensors(
     signals: list[ImuSignals] = []
 
     def write() -> tuple[str, ...]:
-        drawing = np.random.default_rng([settings.seed, _NOISE])
+        drawing = np.random.default_rng([settings.seed, NOISE])
         shaking = np.random.default_rng([settings.seed, VIBRATION])
         read = run_sensors.record(
             person,
@@ -256,6 +256,18 @@ def start_errors(methods: MethodsConfig) -> StartErrors:
     )
 
 
+def fiducial_options(wanted: FiducialsConfig) -> FiducialOptions:
+    """Builds the configured fiducials in SI units."""
+    return FiducialOptions(
+        Fiducials(1e-3 * wanted.axis_length_mm),
+        wanted.views,
+        wanted.detector,
+        wanted.found,
+        wanted.error_px,
+        0.5e-3 * wanted.bead_mm,
+    )
+
+
 def _rough_sentence(rough: RoughConfig) -> str:
     return (
         f"Poses start roughly: {rough.tilt_deg:g} deg of tilt, {rough.heading_deg:g} deg of "
@@ -271,25 +283,17 @@ def _starts(stage: StageContext, setup: ScanSetup, signals: ImuSignals) -> Start
     if settings.methods.start == "truth":
         return exact
     if settings.methods.start == "rough":
-        rng = np.random.default_rng([settings.seed, _STARTS])
+        rng = np.random.default_rng([settings.seed, STARTS])
         return Starts(
             rough_start.rough(exact.starts, start_errors(settings.methods), rng),
             (_rough_sentence(settings.methods.rough),),
         )
-    wanted = settings.methods.fiducials
     return initialization.from_fiducials(
         signals,
         setup.sensors,
         FiducialScan(setup.geometry, setup.poses, setup.phantom, stage.device),
         simulation.sensor_poses(person.leg, person.splines, setup.sensors, setup.times),
-        FiducialOptions(
-            Fiducials(1e-3 * wanted.axis_length_mm),
-            wanted.views,
-            wanted.detector,
-            wanted.found,
-            wanted.error_px,
-            0.5e-3 * wanted.bead_mm,
-        ),
+        fiducial_options(settings.methods.fiducials),
         scheme=settings.methods.scheme,
-        rng=np.random.default_rng([settings.seed, _STARTS]),
+        rng=np.random.default_rng([settings.seed, STARTS]),
     )

@@ -10,18 +10,21 @@ from legsim.config import RunConfig
 from legsim.core.constants import STANDARD_GRAVITY
 from legsim.core.errors import LegsimError
 from legsim.core.files import key_of
-from legsim.correction import bead_scan
+from legsim.correction import bead_scan, initialization
 from legsim.correction.bead_scan import Beads, BeadScan
 from legsim.correction.fused import SensorPriors
+from legsim.correction.initialization import FiducialScan
 from legsim.correction.method import Correction, CorrectionMethod
-from legsim.correction.smoother import BeadShadows
+from legsim.correction.smoother import BeadShadows, FiducialShadows
 from legsim.geometry.volume import VolumeGrid
+from legsim.imu import simulation
+from legsim.opencl.device import Device
 from legsim.run import code, methods, reconstruction, stages
 from legsim.run import sensors as run_sensors
 from legsim.run.corrected import Reconstructed, Reconstructor
 from legsim.run.methods import MethodInputs
 from legsim.run.stages import StageContext
-from legsim.simulation.setup import Side
+from legsim.simulation.setup import ScanSetup, Side
 from legsim.simulation.simulated_scan import SimulatedScan
 
 _BEADS = 3
@@ -29,6 +32,9 @@ _BEADS = 3
 
 _FUSED = 6
 """random stream of the run's seed, of few beads"""
+
+_FIDUCIALS = 7
+"""random stream of the run's seed, of fiducials in all views"""
 
 _NEED_NOTHING = (methods.REFERENCE, "uncorrected")
 """names whose volumes depend on the scan and the grid only"""
@@ -182,6 +188,7 @@ def _method_inputs(stage: StageContext, scan: SimulatedScan, grid: VolumeGrid) -
         bead_reference=wanted.reference,
         priors=sensor_priors(settings),
         fused_beads=lambda: _fused_beads(stage, scan),
+        fused_fiducials=lambda: fused_fiducials(settings, setup, stage.device),
     )
 
 
@@ -204,24 +211,51 @@ def sensor_priors(settings: RunConfig) -> SensorPriors:
 def _fused_beads(stage: StageContext, scan: SimulatedScan) -> BeadScan | BeadShadows:
     """Few beads on the segment that carries the followed sensor."""
     settings, setup = stage.settings, scan.setup
-    wanted, followed = settings.methods.fused, settings.methods.sensor
-    segment = next(s.segment for s in settings.imu.sensors if s.name == followed)
-    beads = Beads.on_one_side(
-        wanted.beads, below=not segment.startswith("femur"), radius=0.5e-3 * wanted.bead_mm
-    )
-    rng, side = np.random.default_rng([settings.seed, _FUSED]), setup.side[0]
-    if wanted.found == "exact":
-        paths = bead_scan.bead_paths(setup.phantom, setup.poses, beads, side)
-        exact = setup.geometry.project(paths)[0]
-        return BeadShadows(exact + wanted.error_px * rng.standard_normal(exact.shape))
+    if settings.methods.fused.found == "exact":
+        return exact_beads(settings, setup)
     return bead_scan.add_beads(
         scan.seen.projections,
         setup.phantom,
         setup.poses,
-        beads,
+        _few_beads(settings),
         stage.device,
-        side=side,
+        side=setup.side[0],
         energy_kev=settings.phantom.energy_kev,
-        rng=rng,
+        rng=np.random.default_rng([settings.seed, _FUSED]),
         progress=partial(stage.on_progress, "projecting few beads"),
+    )
+
+
+def exact_beads(settings: RunConfig, setup: ScanSetup) -> BeadShadows:
+    """Projects the true places of few beads, with ``methods.fused.error_px`` of noise."""
+    paths = bead_scan.bead_paths(setup.phantom, setup.poses, _few_beads(settings), setup.side[0])
+    exact = setup.geometry.project(paths)[0]
+    noise = np.random.default_rng([settings.seed, _FUSED]).standard_normal(exact.shape)
+    return BeadShadows(exact + settings.methods.fused.error_px * noise)
+
+
+def _few_beads(settings: RunConfig) -> Beads:
+    wanted = settings.methods.fused
+    below = not followed_segment(settings).startswith("femur")
+    return Beads.on_one_side(wanted.beads, below=below, radius=0.5e-3 * wanted.bead_mm)
+
+
+def followed_segment(settings: RunConfig) -> str:
+    """Segment that carries the sensor that rigid methods follow."""
+    return next(s.segment for s in settings.imu.sensors if s.name == settings.methods.sensor)
+
+
+def fused_fiducials(
+    settings: RunConfig, setup: ScanSetup, device: Device | None = None
+) -> FiducialShadows:
+    """Shadows of the points in the followed sensor in all views, by ``methods.fiducials``."""
+    person, name = setup.person, settings.methods.sensor
+    sensor = next(s for s in setup.sensors if s.name == name)
+    poses = simulation.sensor_poses(person.leg, person.splines, [sensor], setup.times)
+    return initialization.fiducial_shadows(
+        sensor,
+        poses.of(name),
+        FiducialScan(setup.geometry, setup.poses, setup.phantom, device),
+        stages.fiducial_options(settings.methods.fiducials),
+        np.random.default_rng([settings.seed, _FIDUCIALS]),
     )

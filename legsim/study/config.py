@@ -64,6 +64,30 @@ class Ladder(ConfigSection):
     """before the scan; of ``sensors``"""
 
 
+Aid = Literal[
+    "uncorrected", "dead-reckoning", "standing", "beads-1", "beads-2", "beads-4", "fiducials"
+]
+"""what helps a sensor: nothing followed, nothing but the sensor, a person who stands, and that with
+beads on the skin or points in the sensor"""
+
+
+class Aiding(ConfigSection):
+    """Sensors with what aids them, against the true motion of the bone that carries them."""
+
+    sensors: tuple[str, ...] = Field(default=("bmi160", "none"), min_length=1)
+    """of the catalogue, or TOML files of sensors; "none" is free of errors"""
+    aids: tuple[Aid, ...] = Field(
+        default=("uncorrected", "dead-reckoning", "standing", "beads-1", "beads-2", "fiducials"),
+        min_length=1,
+    )
+    """estimates of motion from exact shadows with noise; nothing is reconstructed"""
+    repetitions: int = Field(default=3, ge=1)
+    volume_sensors: tuple[str, ...] = ()
+    """sensors with which volumes are reconstructed too"""
+    volume_methods: tuple[str, ...] = ()
+    volume_repetitions: int = Field(default=1, ge=1)
+
+
 def exponent(written: Exponent) -> float | None:
     """None for no noise."""
     return None if written == "none" else written
@@ -81,16 +105,39 @@ class StudyConfig(ConfigSection):
     """path of a recording, relative to the STUDY.toml, or its name among those that come with
     legsim
     """
+    recordings: tuple[str, ...] = ()
+    """further recordings, one scan each: FOLDER/NAME.trc is posture NAME of subject FOLDER"""
     methods: tuple[str, ...] = ()
     """compared on clean signals in every scan; none for a study of the ladder alone"""
     settings: dict[str, Any] = Field(default_factory=dict)
     """sections of a run's configuration, laid over the preset"""
     noise: tuple[NoiseRuns, ...] = ()
     ladder: Ladder | None = None
+    aiding: Aiding | None = None
+
+    def scans(self) -> tuple[tuple[str, str], ...]:
+        """Subject and posture of every scan."""
+        own = [(subject, posture) for subject in self.subjects for posture in self.postures]
+        return (*own, *map(_who, self.recordings))
+
+    def recording_of(self, subject: str, posture: str) -> str:
+        """The recording of one scan."""
+        further = (r for r in self.recordings if _who(r) == (subject, posture))
+        return next(further, self.recording.format(subject=subject, posture=posture))
+
+
+def _who(recording: str) -> tuple[str, str]:
+    """Subject and posture of a further recording, by its folder and name."""
+    path = Path(recording)
+    return path.parent.name or path.stem, path.stem
 
 
 def load(
-    path: str, *, preset: str | None = None, overrides: tuple[str, ...] = ()
+    path: str,
+    *,
+    preset: str | None = None,
+    overrides: tuple[str, ...] = (),
+    recordings: tuple[str, ...] = (),
 ) -> tuple[StudyConfig, Path]:
     """The study in a TOML file, or the shipped one of that name, and the folder that its paths are
     relative to.
@@ -98,6 +145,7 @@ def load(
     Args:
         preset: instead of the file's.
         overrides: ``section.key=value`` of the runs' configuration, laid over the file's settings.
+        recordings: further ones, relative to where the command runs.
 
     Raises:
         LegsimError: no such study, or a key or value that is not allowed.
@@ -106,13 +154,24 @@ def load(
     tree = config.read(file)
     if preset is not None:
         tree["preset"] = preset
+    if recordings:
+        further = [str(Path(recording).resolve()) for recording in recordings]
+        tree["recordings"] = [*tree.get("recordings", ()), *further]
     for override in overrides:
         tree["settings"] = config.merged(
             tree.get("settings", {}), config.parse_override(override, config.RunConfig)
         )
     study = config.validated(StudyConfig, tree, file)
-    if not (study.methods or study.ladder):
-        raise file_error(file, "asks for nothing", 'name methods = ["rigid", ...] or a [ladder]')
+    if not (study.methods or study.ladder or study.aiding):
+        raise file_error(
+            file, "asks for nothing", 'name methods = ["rigid", ...], a [ladder] or [aiding]'
+        )
+    if study.aiding and bool(study.aiding.volume_sensors) != bool(study.aiding.volume_methods):
+        raise file_error(
+            file,
+            "asks for volumes of sensors without methods, or of methods without sensors",
+            "give both aiding.volume_sensors and aiding.volume_methods, or neither",
+        )
     if study.noise and not study.methods:
         raise file_error(
             file,
@@ -152,11 +211,17 @@ def _anchored(study: StudyConfig, base: Path) -> StudyConfig:
         holder["methods"] = tuple(
             _beside(base, m, m.rpartition(":")[0]) if ".py:" in m else m for m in holder["methods"]
         )
-    if tree["ladder"] is not None:
-        named = tree["ladder"]["sensors"]
-        tree["ladder"]["sensors"] = tuple(
-            _beside(base, s, s if s.endswith(".toml") else "") for s in named
-        )
+    for section, key in (
+        ("ladder", "sensors"),
+        ("aiding", "sensors"),
+        ("aiding", "volume_sensors"),
+    ):
+        if tree[section] is not None:
+            named = tree[section][key]
+            tree[section][key] = tuple(
+                _beside(base, s, s if s.endswith(".toml") else "") for s in named
+            )
+    tree["recordings"] = tuple(_beside(base, r, r) for r in tree["recordings"])
     for section, key in _FILES:
         inside = tree["settings"]
         for name in section:
@@ -205,6 +270,7 @@ def run_settings(
     posture: str,
     noise: NoiseLevel | None,
     seed: int | None,
+    sensor: str = "",
 ) -> RunConfig:
     """The configuration of one run.
 
@@ -212,8 +278,10 @@ def run_settings(
         base: folder that the study's paths are relative to.
         noise: None for clean sensors, and the methods that are compared on them.
         seed: of the noise; None keeps the settings'.
+        sensor: of the catalogue, with the methods that its volumes are made by; empty keeps the
+            settings'.
     """
-    file = study.recording.format(subject=subject, posture=posture)
+    file = study.recording_of(subject, posture)
     named = base / file
     trees: list[dict[str, Any]] = [
         study.settings,
@@ -223,6 +291,9 @@ def run_settings(
     if noise is not None:
         methods = next(n.methods for n in study.noise if noise in n.noise())
         trees.append({"imu": {"noise": _noise_tree(noise)}})
+    if sensor and study.aiding is not None:
+        methods = study.aiding.volume_methods
+        trees.append({"imu": {"noise": {"kind": sensor}}})
     if seed is not None:
         trees.append({"seed": seed})
     trees.append({"methods": {"run": ["static", *methods]}})

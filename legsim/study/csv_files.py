@@ -5,7 +5,7 @@ from dataclasses import asdict, fields
 
 from legsim.evaluation.similarity import RegionScores
 from legsim.report import formats
-from legsim.study.results import LadderScore, NoiseLevel, ScanScore, SensorScore
+from legsim.study.results import AidedScore, LadderScore, NoiseLevel, ScanScore, SensorScore
 
 _RESIDUALS = ("mm", "degrees", "pixels", "pixels_after_similarity")
 
@@ -31,6 +31,7 @@ def scores_csv(scores: Sequence[ScanScore]) -> str:
         "posture",
         "method",
         *_NOISE_COLUMNS,
+        "sensor",
         "repetition",
         "scaling",
         "window",
@@ -53,6 +54,7 @@ def scores_csv(scores: Sequence[ScanScore]) -> str:
             score.posture,
             score.method,
             *_noise_cells(score.noise),
+            score.sensor,
             score.repetition,
             score.metrics.scaling,
             score.metrics.window,
@@ -65,6 +67,12 @@ def sensors_csv(sensors: Sequence[SensorScore]) -> str:
     """One row per draw of a sensor's errors."""
     header = [f.name for f in fields(SensorScore)]
     return formats.csv_text(header, [tuple(asdict(s).values()) for s in sensors])
+
+
+def aided_csv(aided: Sequence[AidedScore]) -> str:
+    """One row per draw of a sensor's errors and aid."""
+    header = [f.name for f in fields(AidedScore)]
+    return formats.csv_text(header, [tuple(asdict(s).values()) for s in aided])
 
 
 def ladder_csv(ladder: Sequence[LadderScore]) -> str:

@@ -28,9 +28,15 @@ from legsim.run import c_arm, code, methods, pipeline, stages
 from legsim.run import motion as run_motion
 from legsim.run import sensors as run_sensors
 from legsim.run.store import StageCache
-from legsim.study import results
-from legsim.study.config import Ladder, exponent
-from legsim.study.results import LadderScore, NoiseLevel, ScanScore, SensorScore
+from legsim.study import aiding, results
+from legsim.study.config import Aiding, Ladder, exponent
+from legsim.study.results import (
+    AidedScore,
+    LadderScore,
+    NoiseLevel,
+    ScanScore,
+    SensorScore,
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,11 +52,15 @@ class ScanJob:
     device: str | None
     store: Path
     """folder of finished stages"""
+    sensor: str = ""
+    """of the catalogue, where the study compares such; empty: the settings' own"""
 
     @property
     def name(self) -> str:
         """Unique in the study; the run's folder below runs/."""
         level = "" if self.noise is None else f"-{self.noise.stem}-{self.repetition}"
+        if self.sensor:
+            level = f"-{_stem(self.sensor)}-{self.repetition}"
         return f"{self.subject}-{self.posture}{level}".replace("/", "_")
 
     @property
@@ -89,8 +99,7 @@ class SensorJob:
     @property
     def name(self) -> str:
         """Unique in the study."""
-        stem = Path(self.sensor).stem if self.sensor.endswith(".toml") else self.sensor
-        return f"sensor-{self.subject}-{self.posture}-{stem}".replace("/", "_")
+        return f"sensor-{self.subject}-{self.posture}-{_stem(self.sensor)}".replace("/", "_")
 
     def under(self, calibration: CalibrationKind) -> ImuConfig:
         """Settings of the sensor that is integrated, under one calibration."""
@@ -98,6 +107,28 @@ class SensorJob:
         chosen = tuple(s for s in imu.sensors if s.name == self.ladder.sensor)
         noise = imu.noise.model_copy(update={"kind": self.sensor, "calibration": calibration})
         return imu.model_copy(update={"sensors": chosen, "noise": noise})
+
+
+@dataclass(frozen=True, slots=True)
+class AidedJob:
+    """One sensor on one recording, with all that aids it."""
+
+    study_folder: Path
+    subject: str
+    posture: str
+    sensor: str
+    aiding: Aiding
+    settings: RunConfig
+
+    @property
+    def name(self) -> str:
+        """Unique in the study."""
+        return f"aided-{self.subject}-{self.posture}-{_stem(self.sensor)}".replace("/", "_")
+
+
+def _stem(sensor: str) -> str:
+    """A sensor's name that a file may have."""
+    return Path(sensor).stem if sensor.endswith(".toml") else sensor
 
 
 def seed_of(subject: str, posture: str, repetition: int) -> int:
@@ -123,7 +154,7 @@ def scan(job: ScanJob, on_progress: OnProgress | None = None) -> tuple[ScanScore
 
     def run() -> list[dict[str, Any]]:
         store = StageCache(job.store)
-        clean = job.noise is None
+        clean = job.noise is None and not job.sensor
         result = pipeline.run_scan(
             settings,
             job.folder,
@@ -144,6 +175,7 @@ def scan(job: ScanJob, on_progress: OnProgress | None = None) -> tuple[ScanScore
                 m.residuals,
                 m.seconds,
                 place,
+                job.sensor,
             )
             for m in result.methods
         ]
@@ -269,6 +301,33 @@ def _sensor(job: SensorJob, on_progress: OnProgress) -> list[SensorScore]:
             scores.append(SensorScore(*who, millimeters, degrees))
     on_progress("sensors", len(asked.calibrations), len(asked.calibrations))
     return scores
+
+
+def aided(job: AidedJob, on_progress: OnProgress | None = None) -> tuple[AidedScore, ...]:
+    """Errors of the motion by every aid and in every repetition."""
+    settings = job.settings
+    key = key_of(
+        __version__,
+        code.fingerprint("aided"),
+        settings.model_dump(exclude={"methods": {"run"}}),
+        run_motion.fingerprint(settings.motion),
+        job.aiding.aids,
+        job.aiding.repetitions,
+        run_sensors.fingerprint(settings.imu),
+    )
+    seeds = [seed_of(job.subject, job.posture, r) for r in range(job.aiding.repetitions)]
+
+    def run() -> list[dict[str, Any]]:
+        found = aiding.measure(settings, job.aiding.aids, seeds, on_progress or _quiet)
+        who = (job.subject, job.posture, job.sensor)
+        return [
+            asdict(AidedScore(*who, aid, repetition, *left))
+            for repetition, of_draw in enumerate(found)
+            for aid, left in of_draw.items()
+        ]
+
+    entries = _kept(job.study_folder / "scores" / f"{job.name}.json", key, run)
+    return tuple(AidedScore(**entry) for entry in entries)
 
 
 def _quiet(*_: object) -> None:

@@ -16,9 +16,9 @@ from legsim.run import c_arm, methods, sensors, volumes
 from legsim.run import motion as run_motion
 from legsim.study import config
 from legsim.study import jobs as study_jobs
-from legsim.study.config import Ladder, StudyConfig
+from legsim.study.config import Aiding, Ladder, StudyConfig
 from legsim.study.engine import Task
-from legsim.study.jobs import LadderJob, ScanJob, SensorJob, seed_of
+from legsim.study.jobs import AidedJob, LadderJob, ScanJob, SensorJob, seed_of
 from legsim.study.results import NoiseLevel
 
 _FLOAT = 4
@@ -33,10 +33,13 @@ class Plan:
     scans: tuple[ScanJob, ...]
     ladders: tuple[LadderJob, ...]
     sensors: tuple[SensorJob, ...] = ()
+    aided: tuple[AidedJob, ...] = ()
 
     def tasks(self) -> tuple[Task, ...]:
-        """Noisy runs wait for the clean one of their scan, whose projections they share."""
-        clean = {(job.subject, job.posture): job.name for job in self.scans if job.noise is None}
+        """Runs wait for the first one of their scan, whose projections they share."""
+        first: dict[tuple[str, str], str] = {}
+        for job in self.scans:
+            first.setdefault((job.subject, job.posture), job.name)
         ladders = [Task(job.name, study_jobs.ladder, (job,)) for job in self.ladders]
         sensors = [Task(job.name, study_jobs.sensor, (job,)) for job in self.sensors]
         scans = [
@@ -44,11 +47,12 @@ class Plan:
                 job.name,
                 study_jobs.scan,
                 (job,),
-                () if job.noise is None else (clean[job.subject, job.posture],),
+                _needs(job.name, first[job.subject, job.posture]),
             )
             for job in self.scans
         ]
-        return (*ladders, *sensors, *scans)
+        aided = [Task(job.name, study_jobs.aided, (job,)) for job in self.aided]
+        return (*ladders, *sensors, *aided, *scans)
 
     def disk(self) -> int:
         """Bytes that all runs take."""
@@ -70,6 +74,10 @@ class Plan:
             + _field_bytes(job.settings)
             for job in self.scans
         )
+
+
+def _needs(name: str, first: str) -> tuple[str, ...]:
+    return () if name == first else (first,)
 
 
 # measured on a CPU, where the device's memory is the process's own: the greatest peak_mib of
@@ -120,7 +128,7 @@ def _shared_bytes(job: ScanJob) -> int:
     """Of what a noisy run takes from the clean one: the exposures, unless each has photons of its
     own, the reference, and the rest.
     """
-    own = job.noise is None
+    own = job.noise is None and not job.sensor
     images = (
         _exposures_bytes(job.settings) + _volume_bytes(job.settings)
         if own or job.settings.scan.detector.photons
@@ -150,6 +158,7 @@ def plan(
         _scans(study, base, out, device, out / "store" if store is None else store),
         () if study.ladder is None else _ladders(study, study.ladder, base, out),
         () if study.ladder is None else _sensors(study, study.ladder, base, out),
+        () if study.aiding is None else _aided(study, study.aiding, base, out),
     )
     called = [task.name for task in found.tasks()]
     twice = next((name for name in called if called.count(name) > 1), None)
@@ -158,10 +167,10 @@ def plan(
             f"two runs of the study would be called {twice}; name every subject and posture once, "
             "each differently"
         )
-    for job in (*found.scans, *found.ladders):
+    for job in (*found.scans, *found.ladders, *found.aided):
         run_motion.fingerprint(job.settings.motion)
         volumes.check(job.settings)
-    for job in found.scans:
+    for job in (*found.scans, *found.aided):
         sensors.check(job.settings.imu)
     for job in found.sensors:
         sensors.check(job.under("none"))
@@ -182,15 +191,41 @@ def _scans(
     levels: list[tuple[NoiseLevel | None, int]] = [(None, 0)] if study.methods else []
     levels += [(level, r) for n in study.noise for level in n.noise() for r in range(n.repetitions)]
     jobs = []
-    for subject in study.subjects:
-        for posture in study.postures:
-            for noise, repetition in levels:
-                seed = None if noise is None else seed_of(subject, posture, repetition)
-                settings = config.run_settings(study, base, subject, posture, noise, seed)
-                jobs.append(
-                    ScanJob(out, subject, posture, noise, repetition, settings, device, store)
-                )
+    for subject, posture in study.scans():
+        for noise, repetition in levels:
+            seed = None if noise is None else seed_of(subject, posture, repetition)
+            settings = config.run_settings(study, base, subject, posture, noise, seed)
+            jobs.append(ScanJob(out, subject, posture, noise, repetition, settings, device, store))
+        for sensor, repetition in _volumes_of_sensors(study):
+            seed = seed_of(subject, posture, repetition)
+            settings = config.run_settings(study, base, subject, posture, None, seed, sensor)
+            jobs.append(
+                ScanJob(out, subject, posture, None, repetition, settings, device, store, sensor)
+            )
     return tuple(jobs)
+
+
+def _volumes_of_sensors(study: StudyConfig) -> list[tuple[str, int]]:
+    """Sensor and repetition of the runs that compare sensors in images."""
+    if study.aiding is None:
+        return []
+    asked = study.aiding
+    return [(sensor, r) for sensor in asked.volume_sensors for r in range(asked.volume_repetitions)]
+
+
+def _aided(study: StudyConfig, asked: Aiding, base: Path, out: Path) -> tuple[AidedJob, ...]:
+    return tuple(
+        AidedJob(
+            out,
+            subject,
+            posture,
+            sensor,
+            asked,
+            config.run_settings(study, base, subject, posture, None, None, sensor),
+        )
+        for subject, posture in study.scans()
+        for sensor in asked.sensors
+    )
 
 
 def _ladders(study: StudyConfig, ladder: Ladder, base: Path, out: Path) -> tuple[LadderJob, ...]:
@@ -213,9 +248,19 @@ def _climbed(
     study: StudyConfig, ladder: Ladder, base: Path
 ) -> Iterator[tuple[str, str, RunConfig]]:
     """Subject, posture and settings of each scan that a ladder climbs."""
-    for subject in ladder.subjects or study.subjects:
-        for posture in ladder.postures or study.postures:
-            yield subject, posture, config.run_settings(study, base, subject, posture, None, None)
+    own = ladder.subjects or ladder.postures
+    subjects, postures = ladder.subjects or study.subjects, ladder.postures or study.postures
+    scans = tuple((s, p) for s in subjects for p in postures) if own else study.scans()
+    for subject, posture in scans:
+        yield subject, posture, config.run_settings(study, base, subject, posture, None, None)
+
+
+def _without_images(planned: Plan) -> str:
+    """Counts the tasks that reconstruct nothing."""
+    counts = [counted(len(planned.ladders), "noise ladder")]
+    counts += [counted(len(planned.sensors), "sensor")] if planned.sensors else []
+    counts += [counted(len(planned.aided), "aided sensor")] if planned.aided else []
+    return ", ".join(counts)
 
 
 def needs(planned: Plan, out: Path, workers: int = 0) -> str:
@@ -234,8 +279,7 @@ def needs(planned: Plan, out: Path, workers: int = 0) -> str:
             out, f"cannot be made ({error.strerror})", "choose another folder with --out"
         ) from error
     if not planned.scans:
-        beside = f", {counted(len(planned.sensors), 'sensor')}" if planned.sensors else ""
-        return f"{counted(len(planned.ladders), 'noise ladder')}{beside}; no reconstruction"
+        return f"{_without_images(planned)}; no reconstruction"
     # runs share files: each counts once
     taken = sum(
         {
@@ -256,7 +300,7 @@ def needs(planned: Plan, out: Path, workers: int = 0) -> str:
             + (f"use --workers {there // held}" if there >= held else "use a smaller --preset")
         )
     return (
-        f"{counted(len(planned.scans), 'run')}, {counted(len(planned.ladders), 'noise ladder')}; "
+        f"{counted(len(planned.scans), 'run')}, {_without_images(planned)}; "
         f"{disk / _GIB:.1f} GiB of disk, "
         f"{held / _GIB:.1f} GiB of memory a worker"
     )

@@ -10,7 +10,7 @@ from legsim.report import formats, page, published_tables, published_values
 from legsim.report.page import FileNote, PageSection, Picture, ReportContent
 from legsim.report.published_tables import counted
 from legsim.run import methods
-from legsim.study import csv_files, sections, statistics
+from legsim.study import aided_sections, csv_files, sections, statistics
 from legsim.study import tables as study_tables
 from legsim.study.results import (
     RESULTS_FILE,
@@ -29,8 +29,8 @@ def write(
     pictures: Sequence[Picture] = (),
     noisy_pictures: Sequence[Picture] = (),
 ) -> ReportContent:
-    """Writes report.html, report.md, tables.tex, tables/, scores.csv, ladder.csv, sensors.csv and
-    the pictures drawn here; gives back what it says.
+    """Writes report.html, report.md, tables.tex, tables/, scores.csv, ladder.csv, sensors.csv,
+    aided.csv and the pictures drawn here; gives back what it says.
     """
     made = content(results, pictures, noisy_pictures)
     (folder / "pictures").mkdir(parents=True, exist_ok=True)
@@ -47,6 +47,8 @@ def write(
         files.write_text(folder / "scores.csv", csv_files.scores_csv(results.scores))
     if results.ladder:
         files.write_text(folder / "ladder.csv", csv_files.ladder_csv(results.ladder))
+    if results.aided:
+        files.write_text(folder / "aided.csv", csv_files.aided_csv(results.aided))
     if results.sensors:
         files.write_text(folder / "sensors.csv", csv_files.sensors_csv(results.sensors))
     files.write_text(folder / "report.md", formats.markdown(made))
@@ -65,7 +67,8 @@ def content(
         noisy_pictures: slices of one scan from noisy sensors.
     """
     scores = tuple(s for s in results.scores if s.method != methods.REFERENCE)
-    clean = tuple(s for s in scores if s.noise is None)
+    clean = tuple(s for s in scores if s.noise is None and not s.sensor)
+    of_sensors = tuple(s for s in scores if s.sensor)
     noisy = tuple(s for s in scores if s.noise is not None)
     cells = statistics.ladder_cells(results.ladder)
     parts = [
@@ -73,8 +76,10 @@ def content(
         *((PageSection("Pictures of one scan", figures=tuple(pictures)),) if pictures else ()),
         *(sections.ladder(results.ladder, cells) if cells else ()),
         *((sections.sensors(results.sensors),) if results.sensors else ()),
+        *aided_sections.of_motion(results.aided),
+        *aided_sections.of_volumes(of_sensors),
         *((sections.noisy(scores, noisy_pictures),) if noisy or noisy_pictures else ()),
-        *((sections.every_scan(clean, noisy),) if scores else ()),
+        *((sections.every_scan(clean, (*noisy, *of_sensors)),) if scores else ()),
         *(
             (PageSection("What it took", tables=(study_tables.costs(results.costs),)),)
             if results.costs
@@ -83,7 +88,12 @@ def content(
     ]
     return ReportContent(
         title=results.title,
-        summary=(*_sizes(clean, noisy, results.ladder), *_headlines(clean), *_needed(cells)),
+        summary=(
+            *_sizes(clean, noisy, results.ladder),
+            *_headlines(clean),
+            *_needed(cells),
+            *aided_sections.headlines(results.aided),
+        ),
         sections=tuple(
             section for section in parts if section.tables or section.figures or section.lines
         ),
@@ -172,6 +182,8 @@ def _files(results: StudyResults) -> tuple[FileNote, ...]:
         )
     if results.ladder:
         notes.append(FileNote("ladder.csv", "one row per draw of noise"))
+    if results.aided:
+        notes.append(FileNote("aided.csv", "one row per draw of a sensor's errors and aid"))
     if results.sensors:
         notes.append(FileNote("sensors.csv", "one row per draw of a sensor's errors"))
     return tuple(notes)

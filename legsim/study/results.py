@@ -66,6 +66,8 @@ class ScanScore:
     """estimation and reconstruction"""
     folder: str
     """of the run, relative to the study's"""
+    sensor: str = ""
+    """of the catalogue, with all its errors and a rough start; empty: the study's own settings"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,6 +95,27 @@ class SensorScore:
     translation_mm: float
     """RMSE over the views, mean of three axes"""
     rotation_deg: float
+
+
+@dataclass(frozen=True, slots=True)
+class AidedScore:
+    """How far a sensor, with what aids it, misses the motion of the bone that carries it.
+
+    RMS over views and points of the bone.
+    """
+
+    subject: str
+    posture: str
+    sensor: str
+    aid: str
+    repetition: int
+    px_after_similarity: float
+    """after the one constant similarity that images cannot see"""
+    px: float
+    mm: float
+    degrees: float
+    followed: bool
+    """whether a motion was followed; else the scan was left as it is"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,6 +147,7 @@ class StudyResults:
     registration_errors: tuple[RegistrationError, ...] = ()
     """by how much the registration misses a known motion of the motion-free volume, one per scan"""
     sensors: tuple[SensorScore, ...] = ()
+    aided: tuple[AidedScore, ...] = ()
 
 
 def condition(posture: str) -> str:
@@ -156,6 +180,7 @@ def load(path: Path) -> StudyResults:
             tuple(StageCost(**entry) for entry in content["costs"]),
             tuple(RegistrationError(**entry) for entry in content["registration_errors"]),
             tuple(SensorScore(**entry) for entry in content.get("sensors", ())),
+            tuple(AidedScore(**entry) for entry in content.get("aided", ())),
         )
     except FileNotFoundError:
         raise file_error(path, "no such file", "give the folder of a study") from None

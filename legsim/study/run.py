@@ -145,7 +145,7 @@ def _one_scan_under_noise(ended: Sequence[ScanJob], out: Path) -> tuple[Picture,
 
 def _shown(ended: Sequence[ScanJob]) -> ScanJob | None:
     """The scan whose pictures the report shows: the first subject's last posture."""
-    clean = [job for job in ended if job.noise is None]
+    clean = [job for job in ended if job.noise is None and not job.sensor]
     return next((job for job in reversed(clean) if job.subject == clean[0].subject), None)
 
 
@@ -156,10 +156,12 @@ def gathered(
     scores = [score for job in planned.scans for score in outcome.results.get(job.name, ())]
     cells = [score for job in planned.ladders for score in outcome.results.get(job.name, ())]
     sensors = [score for job in planned.sensors for score in outcome.results.get(job.name, ())]
+    aided = [score for job in planned.aided for score in outcome.results.get(job.name, ())]
     failures = tuple(f"{name}: {why}" for name, why in outcome.failures.items())
     provenance = (("command", command), ("legsim", __version__), *_about(planned, out))
     costs = stage_costs([job.folder for job in planned.scans])
-    missed = [registration_error(job.folder) for job in planned.scans if job.noise is None]
+    clean = [job for job in planned.scans if job.noise is None and not job.sensor]
+    missed = [registration_error(job.folder) for job in clean]
     errors = tuple(error for error in missed if error is not None)
     return StudyResults(
         study.name,
@@ -171,13 +173,15 @@ def gathered(
         costs,
         errors,
         tuple(sensors),
+        tuple(aided),
     )
 
 
 def lines(results: StudyResults, out: Path) -> list[str]:
     """What to print at the end."""
     return [
-        f"{len(results.scores)} scores, {len(results.ladder)} cells of the noise ladder",
+        f"{len(results.scores)} scores, {len(results.ladder)} cells of the noise ladder"
+        + (f", {len(results.aided)} motions of aided sensors" if results.aided else ""),
         f"report: {out / 'report.html'}",
         f"numbers: {out / RESULTS_FILE}",
     ]

@@ -441,6 +441,8 @@ def every_scan(scores: Sequence[ScanScore], name: str) -> tuple[Table, ...]:
     runs: dict[tuple[str, str, str], dict[str, ScanScore]] = {}
     for score in scores:
         noise = "" if score.noise is None else f", {score.noise.label}, draw {score.repetition + 1}"
+        if score.sensor:
+            noise = f", {score.sensor}, draw {score.repetition + 1}"
         runs.setdefault((f"{score.subject}, {score.posture}{noise}", score.folder, noise), {})[
             score.method
         ] = score

@@ -5,12 +5,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from legsim.core import transforms
+from legsim.core.errors import LegsimError
 from legsim.correction.bead_scan import BeadScan
 from legsim.correction.error_state import error_state
-from legsim.correction.fused import FusedBeads, SensorPriors, Standing
+from legsim.correction.fiducials import Fiducials
+from legsim.correction.fused import FusedBeads, FusedFiducials, SensorPriors, Standing
 from legsim.correction.method import Correction, Scan
 from legsim.correction.rough_start import EXACT, StartErrors, rough
-from legsim.correction.smoother import BeadShadows, smooth
+from legsim.correction.smoother import BeadShadows, FiducialShadows, smooth
 from legsim.deformation.models import RigidMotion
 from legsim.geometry.cone_beam import ConeBeamGeometry, Projections
 from legsim.imu.catalogue import load_sensor
@@ -59,6 +62,14 @@ def shadows(sway: Sway, seed: int) -> BeadShadows:
     return BeadShadows(exact + 0.2 * np.random.default_rng(seed).standard_normal(exact.shape))
 
 
+def in_sensor(sway: Sway, seed: int) -> FiducialShadows:
+    """Four points 30 mm apart, on a detector without bounds."""
+    places = Fiducials(0.03).points_sensor
+    exact = GEOMETRY.project(transforms.apply(sway.poses(VIEWS), places))[0]
+    noise = np.random.default_rng(seed).standard_normal(exact.shape)
+    return FiducialShadows(exact + 0.2 * noise, places)
+
+
 def motion_found(found: Correction) -> RigidMotion:
     assert isinstance(found.motion, RigidMotion)
     return found.motion
@@ -95,11 +106,34 @@ def test_a_consumer_sensor_and_two_beads_undo_a_sway(seed: int):
     assert "100 % of their shadows" in found.notes[0]
 
 
+@pytest.mark.parametrize("seed", range(2))
+def test_points_in_a_consumer_sensor_undo_a_sway(seed: int):
+    found = FusedFiducials(in_sensor(SWAY, seed), "shank_l", SensorPriors(BMI160))(
+        scanned(SWAY, seed)
+    )
+    before = left_px(RigidMotion.identity(VIEWS), SWAY)
+    assert left_px(motion_found(found), SWAY) < 0.15 * before
+    assert "4 fiducials in the sensor: 100 %" in found.notes[0]
+
+
+def test_points_in_a_sensor_that_the_detector_does_not_show_are_refused():
+    whole = in_sensor(SWAY, 0)
+    pixels = np.full_like(whole.pixels, np.nan)
+    pixels[:2] = whole.pixels[:2]
+    hidden = FiducialShadows(pixels, whole.points_sensor)
+    with pytest.raises(LegsimError, match=r"seen in 2 views, 3 are needed; place the sensor"):
+        FusedFiducials(hidden, "shank_l", SensorPriors(BMI160))(scanned(SWAY, 0))
+
+
 @pytest.mark.parametrize("seed", range(3))
 def test_a_person_who_does_not_move_is_not_moved(seed: int):
     """With a BMI160's noise, bias and scale: less than 0.1 mm, and a word why."""
     scan, priors = scanned(STILL, seed), SensorPriors(BMI160)
-    for method in (Standing("", priors), FusedBeads(shadows(STILL, seed), "", priors)):
+    for method in (
+        Standing("", priors),
+        FusedBeads(shadows(STILL, seed), "", priors),
+        FusedFiducials(in_sensor(STILL, seed), "", priors),
+    ):
         found = method(scan)
         assert wobble_mm(motion_found(found)) < 0.1
         assert "the scan is left as it is" in found.notes[-1]
@@ -150,6 +184,21 @@ def test_a_late_clock_is_found(late: float):
     sigma = clock * float(np.sqrt(found.covariance[-1, -1]))
     assert sigma < 0.005
     assert clock * found.errors[-1] == pytest.approx(late, abs=3 * sigma)
+
+
+def test_a_step_beyond_any_offset_of_the_clocks_stays_within_the_recording():
+    scan, clock = scanned(SWAY, 0), 0.01
+    near = np.abs(SAMPLES - VIEWS.mean()) < 0.5 * np.ptp(VIEWS) + 0.06
+    cut = ImuSignals(
+        SAMPLES[near],
+        ("shank_l",),
+        scan.signals.angular_velocity[near],
+        scan.signals.specific_force[near],
+    )
+    state = error_state(cut, "shank_l", scan.starts[0], VIEWS, BMI160, StartErrors(), clock=clock)
+    errors = np.zeros(state.size)
+    errors[-1] = 40.0
+    assert np.isfinite(state.path(errors).twists).all()
 
 
 def test_a_recording_no_longer_than_the_scan_is_enough():

@@ -10,10 +10,11 @@ import trimesh
 from legsim.core import transforms
 from legsim.correction.bead_scan import BeadScan
 from legsim.correction.control_points import AttachedPoint
+from legsim.correction.fiducials import Fiducials
 from legsim.correction.fused import SensorPriors
 from legsim.correction.method import Scan
 from legsim.correction.rough_start import EXACT
-from legsim.correction.smoother import BeadShadows
+from legsim.correction.smoother import BeadShadows, FiducialShadows
 from legsim.deformation import models
 from legsim.deformation.models import FieldMotion, RigidMotion
 from legsim.geometry.cone_beam import ConeBeamGeometry, Projections
@@ -37,7 +38,7 @@ JOINTS = KNEE + np.array([[-0.1, 0.4, 0.0], [0, 0, 0], [-0.05, -0.4, 0.02]])
 GRID = VolumeGrid.cubic(48, 4e-3, KNEE.tolist())
 MOVING = (
     *("oracle", "oracle-nonrigid", "marker-based", "rigid", "nonrigid-2d", "nonrigid-3d"),
-    *("standing", "fused-beads"),
+    *("standing", "fused-beads", "fused-fiducials"),
 )
 DEVICE = device.open_device()
 
@@ -101,6 +102,11 @@ def beaded() -> BeadScan:
     return BeadScan(exposed(Phantom((*body().parts, *beads)), true_motion()), bead_places(), 0.004)
 
 
+def in_sensor() -> FiducialShadows:
+    places = Fiducials().points_sensor
+    return FiducialShadows(c_arm().project(transforms.apply(SWAY.poses(VIEWS), places))[0], places)
+
+
 def true_motion() -> RigidMotion:
     return RigidMotion.from_poses(VIEWS, SWAY.poses(VIEWS))
 
@@ -160,6 +166,7 @@ INPUTS = methods.MethodInputs(
     beads=beaded,
     priors=SensorPriors(SensorErrors(), EXACT),
     fused_beads=lambda: BeadShadows(c_arm().project(true_motion().carry(bead_places()[:2]))[0]),
+    fused_fiducials=in_sensor,
 )
 
 

@@ -18,6 +18,7 @@ PACKAGES = {
     "RTK": "itk-rtk",
     "ASTRA": "astra-toolbox",
     "gVirtualXray": "gvxr",
+    "GTSAM": "gtsam",
 }
 """Authorities, and the distributions that they come in"""
 

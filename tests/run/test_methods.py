@@ -41,6 +41,7 @@ INPUTS = methods.MethodInputs(
     truth=cast(ScanTruth, Truth()),
     beads=unwanted,
     fused_beads=unwanted,
+    fused_fiducials=unwanted,
 )
 
 

@@ -254,7 +254,7 @@ def test_a_calibrated_sensor_is_read_again_with_its_rest(standing, tmp_path, und
     key = stages.motion_key(settings)
     with RunFolder(out, {}, kind="replay") as folder:
         again = stages.read_sensors(settings, person, folder, key, rest_at=first)
-    rng = np.random.default_rng([settings.seed, stages._NOISE])
+    rng = np.random.default_rng([settings.seed, stages.NOISE])
     fresh = run_sensors.record(person, settings.imu, view_rate_hz=31.0, rest_at=first, rng=rng)
     np.testing.assert_array_equal(again.specific_force, fresh.specific_force)
     np.testing.assert_array_equal(again.rest_force, fresh.rest_force)

@@ -230,6 +230,28 @@ def test_a_consumer_sensor_and_few_beads_better_the_scan_from_a_rough_start(
     assert "Poses start roughly: 1.5 deg of tilt" in (tmp_path / "report.html").read_text()
 
 
+def test_the_papers_sensor_shows_its_points_on_a_detector_without_bounds_alone(
+    tiny_run, tiny_settings, tmp_path
+):
+    for name in ("a", "b"):
+        (tmp_path / name).mkdir()
+    bounded = changed(tiny_settings, run=("fused-fiducials",), start="rough")
+    with pytest.raises(LegsimError, match=r'seen in 0 views.*detector = "unbounded"'):
+        pipeline.run_scan(bounded, branched(tiny_run, tmp_path / "a"), on_progress=quiet)
+    seen = bounded.methods.fiducials.model_copy(update={"detector": "unbounded", "error_px": 0.2})
+    found = pipeline.run_scan(
+        changed(bounded, fiducials=seen), branched(tiny_run, tmp_path / "b"), on_progress=quiet
+    )
+    (tibia,) = [
+        r
+        for m in found.methods
+        for r in m.residuals
+        if (m.method, r.structure) == ("fused-fiducials", "tibia")
+    ]
+    # in mm the scene's depth is open
+    assert tibia.pixels_after_similarity < 0.1
+
+
 def sensors(*segments: str) -> str:
     tables = (f'{{name="on {s}", segment="{s}", distance_mm=140}}' for s in segments)
     return f"imu.sensors=[{', '.join(tables)}]"

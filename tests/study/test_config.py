@@ -155,6 +155,23 @@ def test_runs_of_one_name_are_refused(tmp_path, subjects, postures):
         study_plan.plan(asked, base, tmp_path)
 
 
+def test_further_recordings_are_scans_named_by_folder_and_file(tmp_path):
+    (tmp_path / "anna").mkdir()
+    (tmp_path / "anna" / "stand.trc").touch()
+    text = PLAIN.replace("methods =", 'recordings = ["anna/stand.trc"]\nmethods =')
+    asked, base = load(tmp_path, text, recordings=("/far/ben/sit.c3d",))
+    assert asked.scans() == (("subject01", "squat_30"), ("anna", "stand"), ("ben", "sit"))
+    files = [
+        config.run_settings(asked, base, *scan, None, None).motion.file for scan in asked.scans()
+    ]
+    assert files[1:] == [str(tmp_path / "anna" / "stand.trc"), "/far/ben/sit.c3d"]
+
+
+def test_volumes_of_sensors_need_methods(tmp_path):
+    with pytest.raises(LegsimError, match=r"give both aiding.volume_sensors and aiding"):
+        load(tmp_path, PLAIN + '[aiding]\nvolume_sensors = ["bmi160"]\n')
+
+
 def test_a_study_that_asks_for_nothing_is_refused(tmp_path):
     with pytest.raises(LegsimError, match="asks for nothing"):
         load(tmp_path, PLAIN.replace('methods = ["uncorrected", "rigid"]', ""))

@@ -13,8 +13,8 @@ from legsim.run import pipeline
 from legsim.run.folder import RunFolder
 from legsim.run.pipeline import RunResult
 from legsim.study import jobs as study_jobs
-from legsim.study.config import Ladder
-from legsim.study.jobs import LadderJob, ScanJob, SensorJob, _kept, seed_of
+from legsim.study.config import Aiding, Ladder
+from legsim.study.jobs import AidedJob, LadderJob, ScanJob, SensorJob, _kept, seed_of
 from legsim.study.results import NoiseLevel
 
 LADDER = Ladder(f_a=(0.0, "none"), f_g=(1.0,), conventions=("SI",), repetitions=2)
@@ -148,3 +148,34 @@ def test_sensors_from_files_have_names_that_a_file_may_have(tmp_path):
     assert given.name == "sensor-a_b-30-my sensor"
     assert given.under("rest").noise.kind == "/far/away/my sensor.toml"
     assert [s.name for s in given.under("rest").sensors] == ["shank_l"]
+
+
+@pytest.mark.end_to_end
+def test_an_aided_sensor_is_measured_once(tmp_path, monkeypatch):
+    settings = config.load_settings(
+        preset="demo",
+        overrides=(
+            "motion.file=subject01/squat_30.trc",
+            "methods.start=rough",
+            "imu.noise.kind=bmi160",
+        ),
+    )
+    asked = Aiding(sensors=("bmi160",), aids=("uncorrected", "beads-2"), repetitions=2)
+    given = AidedJob(tmp_path, "subject01", "squat_30", "bmi160", asked, settings)
+    first = study_jobs.aided(given)
+    assert [(s.aid, s.repetition, s.followed) for s in first] == [
+        ("uncorrected", 0, False),
+        ("beads-2", 0, True),
+        ("uncorrected", 1, False),
+        ("beads-2", 1, True),
+    ]
+    assert first[1].px_after_similarity != first[3].px_after_similarity
+
+    def refuse(*_: object, **__: object) -> None:
+        raise AssertionError("computed again")
+
+    monkeypatch.setattr(run_motion, "solve", refuse)
+    assert study_jobs.aided(given) == first
+    with pytest.raises(AssertionError, match="computed again"):
+        more = asked.model_copy(update={"repetitions": 3})
+        study_jobs.aided(replace(given, aiding=more))

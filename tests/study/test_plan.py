@@ -29,7 +29,7 @@ def load(tmp_path, text, **options):
 def test_every_shipped_study_plans(tmp_path, name):
     asked, base = config.load(name)
     planned = study_plan.plan(asked, base, tmp_path)
-    assert planned.scans or planned.ladders
+    assert planned.scans or planned.ladders or planned.aided
     assert asked.name == name
 
 
@@ -65,3 +65,33 @@ def test_an_unknown_sensor_is_refused_before_anything_runs(tmp_path):
     asked, base = load(tmp_path, PLAIN + LADDER.replace("own.toml", "bmi161"))
     with pytest.raises(LegsimError, match="unknown sensor 'bmi161'"):
         study_plan.plan(asked, base, tmp_path)
+
+
+def test_runs_of_sensors_have_their_own_noise_and_wait_for_the_first_of_their_scan(tmp_path):
+    text = PLAIN.replace('methods = ["uncorrected", "rigid"]', "") + (
+        '[aiding]\nsensors = ["bmi160"]\nvolume_sensors = ["none", "bmi160"]\n'
+        'volume_methods = ["rigid"]\nvolume_repetitions = 2\n'
+    )
+    planned = study_plan.plan(*load(tmp_path, text), tmp_path)
+    stem = "subject01-squat_30"
+    names = [f"{stem}-none-0", f"{stem}-none-1", f"{stem}-bmi160-0", f"{stem}-bmi160-1"]
+    assert [job.name for job in planned.scans] == names
+    assert [job.settings.imu.noise.kind for job in planned.scans] == ["none"] * 2 + ["bmi160"] * 2
+    assert planned.scans[0].settings.methods.run == ("static", "rigid")
+    assert len({job.settings.seed for job in planned.scans}) == 2
+    waits = {task.name: task.needs for task in planned.tasks()}
+    assert waits == {
+        f"aided-{stem}-bmi160": (),
+        names[0]: (),
+        **dict.fromkeys(names[1:], (names[0],)),
+    }
+
+
+def test_a_wrong_sensor_or_method_is_reported_before_anything_runs(tmp_path):
+    for wrong, said in (
+        ('sensors = ["bmi161"]', "unknown sensor 'bmi161'"),
+        ('volume_sensors = ["none"]\nvolume_methods = ["rigidd"]', "unknown correction method"),
+    ):
+        asked, base = load(tmp_path, f"{PLAIN}[aiding]\n{wrong}\n")
+        with pytest.raises(LegsimError, match=said):
+            study_plan.plan(asked, base, tmp_path)

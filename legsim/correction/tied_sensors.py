@@ -1,0 +1,300 @@
+"""One estimate of two sensors, on thigh and shank, that share the knee's center.
+
+Each sensor alone has a gauge of its own: M(0) = I puts the error of the first view into a constant
+displacement of thigh against shank, which no registration of the volume as a whole takes away. The
+knee's center is known in both sensors, and both must carry it to the same place; on demand the feet
+stand on the ground, and the hip stays about where it is. These ties join the two problems of
+:mod:`legsim.correction.smoother` into one, by Gauss-Newton steps over the errors of both sensors.
+
+The thigh's and the shank's lengths are in the places of the joints: a sensor carries both ends of
+its segment rigidly. The angle between the two is left free, as the knee's is.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from scipy.linalg import block_diag, cho_factor, cho_solve
+
+from legsim.core import transforms
+from legsim.core.errors import LegsimError
+from legsim.core.values import FloatArray, frozen
+from legsim.correction.error_state import ErrorState, SensorPath
+from legsim.correction.fused import SensorPriors, sensor_state
+from legsim.correction.method import Scan
+from legsim.correction.smoother import (
+    _ROUNDS,
+    _SETTLED,
+    BeadShadows,
+    FiducialShadows,
+    SmoothedPath,
+    StandingPrior,
+    _add,
+    _descended,
+    _Normal,
+    _prepared,
+    _Problem,
+    _smoothed,
+)
+from legsim.deformation.models import RigidMotion
+from legsim.geometry.cone_beam import ConeBeamGeometry
+
+_KNEE = 3
+"""numbers of the knee's place in the thigh's sensor"""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MeasuredSegment:
+    """A sensor on a segment, and what else is measured of that segment."""
+
+    state: ErrorState
+    standing: StandingPrior | None = None
+    beads: BeadShadows | None = None
+    """on this segment"""
+    fiducials: FiducialShadows | None = None
+    """in this sensor"""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LegTie:
+    """Where the joints are in the sensors of one leg, and how firmly they tie the two.
+
+    Each standard deviation is per coordinate.
+    """
+
+    knee_in_thigh: FloatArray
+    """(3,) m in the thigh's sensor"""
+    knee_in_shank: FloatArray
+    """(3,) m in the shank's sensor"""
+    ankle_in_shank: FloatArray
+    """(3,) m in the shank's sensor"""
+    hip_in_thigh: FloatArray
+    """(3,) m in the thigh's sensor"""
+    laxity: float = 1e-3
+    """m by which both sensors may have the knee apart over the scan: soft tissue, and a knee that
+    is no ball in a socket"""
+    placement: float = 5e-3
+    """m by which the knee is misplaced in the thigh's sensor, as far as the shank's has it"""
+    ankle_spread: float | None = None
+    """m, RMS over the scan of an ankle whose foot stands; None leaves it free, see below"""
+    hip_spread: float | None = None
+    """m, RMS over the scan of the hip of a person who stands; None leaves it free
+
+    What a person who stands does pulls thigh and shank alike, also along the rays, where beads tell
+    little. A hold on one of them alone sets it right there and the other not, and parts the two.
+    """
+    samples: float = 8.0
+    """independent samples in a scan, as of :class:`legsim.correction.smoother.StandingPrior`"""
+
+    def __post_init__(self) -> None:
+        for name in ("knee_in_thigh", "knee_in_shank", "ankle_in_shank", "hip_in_thigh"):
+            object.__setattr__(self, name, frozen(name, getattr(self, name), (3,)))
+        for name in ("laxity", "placement", "ankle_spread", "hip_spread", "samples"):
+            size = getattr(self, name)
+            if size is not None and not size > 0:
+                raise LegsimError(f"{name} of a leg's tie must be positive; got {size:g}")
+
+    def weight(self, views: int) -> float:
+        """Root of the weight of one coordinate of the knee in one view."""
+        return float(np.sqrt(self.samples / views)) / self.laxity
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TiedPaths:
+    """Paths of both sensors and what is known of them together."""
+
+    thigh: SmoothedPath
+    shank: SmoothedPath
+    covariance: FloatArray
+    """(n, n) of the errors of the thigh's sensor, the shank's, and the knee's place in the thigh's
+    sensor"""
+    knee_off: FloatArray
+    """(3,) m by which the knee was misplaced in the thigh's sensor"""
+    settled: bool
+
+    @property
+    def motions(self) -> tuple[RigidMotion, RigidMotion]:
+        """Motions of thigh and shank against the first view."""
+        return self.thigh.motion, self.shank.motion
+
+    def joints(self, tie: LegTie) -> FloatArray:
+        """Hip, knee and ankle (3, 3) m in world at the first view."""
+        thigh, shank = self.thigh.path.poses[0], self.shank.path.poses[0]
+        return np.concatenate(
+            [
+                transforms.apply(pose, place[None])
+                for pose, place in (
+                    (thigh, tie.hip_in_thigh),
+                    (shank, tie.knee_in_shank),
+                    (shank, tie.ankle_in_shank),
+                )
+            ]
+        )
+
+    def apart(self, point: FloatArray) -> FloatArray:
+        """How far (v, 3) m the thigh carries a point (3,) of the first view from where the shank
+        does.
+        """
+        at = np.asarray(point, float)[None]
+        thigh, shank = self.motions
+        return (thigh.carry(at) - shank.carry(at))[:, 0]
+
+    def apart_covariance(self, point: FloatArray) -> FloatArray:
+        """Covariance (v, 3, 3) m^2 of :meth:`apart`."""
+        at = np.asarray(point, float)[None]
+        by = np.concatenate(
+            [self.thigh.path.of_points(at)[:, 0], -self.shank.path.of_points(at)[:, 0]], -1
+        )
+        errors = self.covariance[:-_KNEE, :-_KNEE]
+        return by @ errors @ np.swapaxes(by, -1, -2)
+
+
+class _Joint(NamedTuple):
+    """Both sensors' problems, where they stand, and the tie."""
+
+    problems: tuple[_Problem, _Problem]
+    """thigh, shank"""
+    tie: LegTie
+    still: tuple[StandingPrior | None, StandingPrior | None]
+    """hip, ankle; None where they are free"""
+
+    def tied(
+        self, paths: Sequence[SensorPath], knee_off: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Normal equations (n, n), (n,) that the ties add."""
+        thigh = paths[0]
+        sizes = [path.twists.shape[-1] for path in paths]
+        count = sum(sizes) + _KNEE
+        matrix, right = np.zeros((count, count)), np.zeros(count)
+        weight = self.tie.weight(len(thigh.poses))
+        # the knee's misplacement counts in meters here; its prior is of one standard deviation
+        places = [(self.tie.knee_in_thigh + knee_off)[None], self.tie.knee_in_shank[None]]
+        at = [transforms.apply(p.poses, k) for p, k in zip(paths, places, strict=True)]
+        by_knee = np.broadcast_to(thigh.poses[:, None, :3, :3], (*at[0].shape, 3))
+        ends = [p.of_attached(k) for p, k in zip(paths, places, strict=True)]
+        rows = np.concatenate([ends[0], -ends[1], by_knee], -1)
+        _add(matrix, right, weight * (at[0] - at[1]), weight * rows)
+        known = np.zeros((_KNEE, count))
+        known[:, -_KNEE:] = np.eye(_KNEE)
+        _add(matrix, right, knee_off / self.tie.placement, known / self.tie.placement)
+        first = 0
+        for path, still, size in zip(paths, self.still, sizes, strict=True):
+            own = slice(first, first + size)
+            first += size
+            if still is None:
+                continue
+            moved = transforms.apply(path.motion(), still.points) - still.points
+            firm = still.weight(len(path.poses))
+            _add(matrix[own, own], right[own], firm * moved, firm * path.of_points(still.points))
+        return matrix, right
+
+
+def smooth_tied(
+    thigh: MeasuredSegment, shank: MeasuredSegment, tie: LegTie, geometry: ConeBeamGeometry
+) -> TiedPaths:
+    """Estimates the paths of both sensors over a scan in one.
+
+    Args:
+        thigh: its sensor and what is measured of it.
+        shank: the same.
+        tie: where the joints are in both sensors.
+        geometry: of the scan.
+
+    Raises:
+        LegsimError: the sensors' states are of other views; or as
+            :func:`legsim.correction.smoother.smooth`.
+    """
+    if not np.array_equal(thigh.state.views, shank.state.views):
+        raise LegsimError("tied sensors are of one scan; give both states the same views")
+    starts = [
+        _prepared(one.state, one.standing, geometry, one.beads, one.fiducials)
+        for one in (thigh, shank)
+    ]
+    problems = (starts[0][0], starts[1][0])
+    # each alone first, so that the ties are linear in what is left of the errors
+    errors, places = [], []
+    for problem, begun, at in starts:
+        own, own_places, _ = _descended(problem, begun, at)
+        errors.append(own)
+        places.append(own_places)
+    still = (
+        _at_first_view(thigh.state, errors[0], tie.hip_in_thigh, tie.hip_spread, tie.samples),
+        _at_first_view(shank.state, errors[1], tie.ankle_in_shank, tie.ankle_spread, tie.samples),
+    )
+    return _descended_together(_Joint(problems, tie, still), errors, places)
+
+
+def tied_paths(
+    scan: Scan,
+    sensors: tuple[str, str],
+    tie: LegTie,
+    priors: SensorPriors,
+    beads: tuple[BeadShadows | None, BeadShadows | None] = (None, None),
+) -> TiedPaths:
+    """Estimates the paths of the thigh's and the shank's sensor of a scan.
+
+    Args:
+        scan: with both sensors.
+        sensors: names, of the thigh's and the shank's.
+        tie: where the joints are in both.
+        priors: of either sensor and of the person.
+        beads: on thigh and shank.
+
+    Raises:
+        LegsimError: an unknown sensor, or as :func:`smooth_tied`.
+    """
+    geometry = scan.projections.geometry
+    standing = StandingPrior.at(geometry.rotation_center(), priors.spread)
+    thigh, shank = (
+        MeasuredSegment(sensor_state(scan, name, priors, clock=priors.clock), standing, on)
+        for name, on in zip(sensors, beads, strict=True)
+    )
+    return smooth_tied(thigh, shank, tie, geometry)
+
+
+def _at_first_view(
+    state: ErrorState, errors: FloatArray, place: FloatArray, spread: float | None, samples: float
+) -> StandingPrior | None:
+    """A joint that stays where a sensor has it at the first view."""
+    if spread is None:
+        return None
+    first = state.poses(errors)[0]
+    return StandingPrior(transforms.apply(first, place[None]), spread, samples)
+
+
+def _descended_together(
+    joint: _Joint, errors: list[FloatArray], places: list[FloatArray]
+) -> TiedPaths:
+    knee_off, settled = np.zeros(_KNEE), False
+    for _ in range(_ROUNDS):
+        normals, matrix, right, _ = _linearized(joint, errors, places, knee_off)
+        step = -cho_solve(cho_factor(matrix), right)
+        parts = np.split(step, np.cumsum([len(one) for one in errors]))
+        places = [at + n.of_beads(by) for at, n, by in zip(places, normals, parts[:2], strict=True)]
+        errors = [one + by for one, by in zip(errors, parts[:2], strict=True)]
+        knee_off = knee_off + parts[2]
+        if max(np.abs(parts[0]).max(), np.abs(parts[1]).max()) < _SETTLED:
+            settled = True
+            break
+    _, matrix, _, paths = _linearized(joint, errors, places, knee_off)
+    covariance = cho_solve(cho_factor(matrix), np.eye(len(matrix)))
+    found, first = [], 0
+    for problem, path, own, at in zip(joint.problems, paths, errors, places, strict=True):
+        block = slice(first, first + len(own))
+        found.append(_smoothed(problem, path, own, covariance[block, block], at, settled))
+        first += len(own)
+    return TiedPaths(found[0], found[1], covariance, knee_off, settled)
+
+
+def _linearized(
+    joint: _Joint, errors: list[FloatArray], places: list[FloatArray], knee_off: FloatArray
+) -> tuple[list[_Normal], FloatArray, FloatArray, list[SensorPath]]:
+    """Normal equations of both sensors, of all with the ties, and the paths."""
+    made = [p.linearized(*at) for p, *at in zip(joint.problems, errors, places, strict=True)]
+    normals, paths = [normal for normal, _ in made], [path for _, path in made]
+    alone = [normal.reduced() for normal in normals]
+    matrix, right = joint.tied(paths, knee_off)
+    matrix += block_diag(*(own for own, _ in alone), np.zeros((_KNEE, _KNEE)))
+    right += np.concatenate([*(own for _, own in alone), np.zeros(_KNEE)])
+    return normals, matrix, right, paths

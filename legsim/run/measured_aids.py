@@ -1,0 +1,158 @@
+"""What aids the sensors of a measured scan: what is known of them, how they were worn, beads."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from legsim.config.imu_file import StartConfig
+from legsim.core.constants import STANDARD_GRAVITY
+from legsim.core.errors import file_error
+from legsim.core.files import key_of, sha256
+from legsim.core.values import FloatArray
+from legsim.correction.bead_scan import BeadScan
+from legsim.correction.fused import SensorPriors
+from legsim.correction.method import Scan
+from legsim.correction.rough_start import StartErrors
+from legsim.correction.smoother import BeadShadows, triangulated
+from legsim.imu import tables
+from legsim.imu.catalogue import load_sensor
+from legsim.imu.signals import SensorStart
+from legsim.run import measured, methods
+from legsim.run.measured import MeasuredScan
+
+_MOST_BEADS = 4
+
+_FEWEST_BY_HAND = 2
+"""views that give a bead its place in space"""
+
+
+def followed(scan: MeasuredScan) -> str:
+    """Sensor that methods of one sensor follow; empty where none has a start."""
+    names = scan.seen.signals.sensor_names
+    return scan.settings.methods.sensor or (names[0] if names else "")
+
+
+def priors(scan: MeasuredScan) -> SensorPriors:
+    """What is known of the followed sensor: its model's data sheet, and how it was worn.
+
+    Raises:
+        LegsimError: an unknown model.
+    """
+    wanted = scan.settings.methods
+    beside = scan.folder / wanted.sensor_model
+    named = str(beside) if beside.is_file() else wanted.sensor_model
+    errors = load_sensor(named).errors
+    start = _start_errors(scan.worn.get(followed(scan)))
+    # a start that was leveled at rest is tilted by the accelerometer's bias
+    leveled = errors.accelerometer.turn_on_bias / STANDARD_GRAVITY
+    start = replace(start, tilt=max(start.tilt, leveled))
+    return SensorPriors(errors, start, 1e-3 * wanted.spread_mm, 1e-3 * wanted.clock_ms)
+
+
+def _start_errors(given: StartConfig | None) -> StartErrors:
+    """As stated for a rough start; a stated pose is trusted no more than a hand."""
+    usual = StartErrors()
+    if given is None or given.known == "exactly":
+        return usual
+    return replace(
+        usual,
+        heading=float(np.radians(given.heading_sd_deg)) or usual.heading,
+        place=1e-3 * given.position_sd_mm or usual.place,
+    )
+
+
+def as_worn(scan: MeasuredScan) -> Scan:
+    """The same scan whose rough starts are as they were given, without speed.
+
+    Dead reckoning needs a tilt and a velocity that keep the person in place, which a biased sensor
+    turns into a start far from the truth; methods that find the bias start from what was given.
+    """
+    starts = []
+    for name, start in zip(scan.seen.signals.sensor_names, scan.seen.starts, strict=True):
+        given = scan.worn.get(name)
+        rough = given is not None and given.known == "roughly" and not given.fiducials
+        starts.append(
+            SensorStart(measured.stated_pose(given), np.zeros(3)) if given and rough else start
+        )
+    return replace(scan.seen, starts=tuple(starts))
+
+
+def doubts(scan: MeasuredScan, names: Sequence[str]) -> tuple[str, ...]:
+    """Sentences on methods whose sensors drift by more than a person who stands moves."""
+    said = methods.undetermined(names, scan.seen, followed(scan), priors(scan))
+    model = scan.settings.methods.sensor_model
+    return tuple(f"In doubt: {line}; its errors are taken for those of {model}." for line in said)
+
+
+def fingerprint(scan: MeasuredScan) -> str:
+    """Part of the keys that changes with how sensors were worn and with the beads."""
+    given, model = scan.settings.beads, scan.folder / scan.settings.methods.sensor_model
+    return key_of(
+        {name: start.model_dump() for name, start in scan.worn.items()},
+        None if given is None else (given.model_dump(), sha256(scan.folder / given.file)),
+        sha256(model) if model.is_file() else None,
+    )
+
+
+def beads(scan: MeasuredScan) -> Callable[[], BeadShadows | BeadScan] | None:
+    """Shadows of the scan's beads, or where to track them; None where it has none.
+
+    Raises:
+        LegsimError: a file that cannot be used.
+    """
+    given, geometry = scan.settings.beads, scan.seen.projections.geometry
+    if given is None:
+        return None
+    path = scan.folder / given.file
+    pixels = load_beads(path, len(geometry))
+    if not given.track:
+        return lambda: BeadShadows(pixels, given.error_px).enough()
+    counts = np.isfinite(pixels).all(-1).sum(0)
+    if counts.min() < _FEWEST_BY_HAND:
+        raise file_error(
+            path,
+            f"bead {int(np.argmin(counts))} is there in {counts.min()} view",
+            f"give each bead in {_FEWEST_BY_HAND} views or more, far apart; the others are tracked",
+        )
+    guesses = triangulated(geometry, pixels)
+    return lambda: BeadScan(scan.seen.projections, guesses, 0.5e-3 * given.diameter_mm)
+
+
+def load_beads(path: Path, views: int) -> FloatArray:
+    """Reads pixels (v, b, 2) of a CSV ``view,bead,u,v``; NaN where a bead is not named.
+
+    Views and beads count from 0.
+
+    Raises:
+        LegsimError: missing columns, what is no number, a view or bead that is not there or there
+            twice.
+    """
+    seen: dict[tuple[int, int], tuple[float, float]] = {}
+    for number, (view, bead, u, v) in tables.read_rows(path, ("view", "bead", "u", "v")):
+        place = f"line {number}"
+        try:
+            key, pixel = (int(view), int(bead)), (float(u), float(v))
+        except ValueError:
+            problem = f"{view}, {bead}, {u} or {v} is not a number"
+            raise file_error(path, problem, "correct it", place=place) from None
+        if not (0 <= key[0] < views and 0 <= key[1] < _MOST_BEADS and np.isfinite(pixel).all()):
+            raise file_error(
+                path,
+                f"view {view}, bead {bead} at {u}, {v} is none of this scan",
+                f"count views from 0 to {views - 1}, beads from 0 to {_MOST_BEADS - 1}, and leave "
+                "out what is not seen",
+                place=place,
+            )
+        if key in seen:
+            problem = f"bead {bead} of view {view} is there twice"
+            raise file_error(path, problem, "keep one of the lines", place=place)
+        seen[key] = pixel
+    named = sorted({bead for _, bead in seen})
+    if named != list(range(len(named))):
+        raise file_error(path, f"has beads {named}", "count beads from 0 without gaps")
+    pixels = np.full((views, len(named), 2), np.nan)
+    for (view, bead), pixel in seen.items():
+        pixels[view, bead] = pixel
+    return pixels

@@ -1,0 +1,193 @@
+"""Beads, clocks and rough starts of a measured scan: a consumer sensor is corrected from files."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import legsim as ls
+from legsim.core import transforms
+from legsim.core.errors import LegsimError
+from legsim.correction.bead_scan import BeadScan
+from legsim.correction.rough_start import StartErrors, turned
+from legsim.correction.smoother import BeadShadows
+from legsim.deformation.files import load_motion
+from legsim.geometry import files as geometry_files
+from legsim.geometry import image_files
+from legsim.geometry.cone_beam import Projections
+from legsim.imu.catalogue import load_sensor
+from legsim.imu.files import save_imu
+from legsim.imu.readout import read_out
+from legsim.imu.signals import ImuSignals
+from legsim.run import measured_aids
+from legsim.run.measured import MeasuredScan, load_measured_scan
+from tests.correction.test_fused import BMI160, GEOMETRY, PLACES, SAMPLES, VIEWS, left_px, motion_of
+from tests.references.sway import Sway
+
+SWAY = Sway.standing(4, position_mm=2.5, angle_deg=0.5)
+ALL = range(len(VIEWS))
+LATE = 0.012
+"""s by which the sensor's clock is ahead"""
+
+SCAN = """
+projections = "projections.mha"
+geometry = "geometry.json"
+
+[[imu]]
+file = "imu.csv"
+
+[[imu.sensors]]
+name = "shank_l"
+segment = "tibia_l"
+
+[imu.sensors.start]
+known = "roughly"
+heading_sd_deg = 3
+position_sd_mm = 5
+position_mm = {place}
+rotation_deg = {turn}
+
+[grid]
+shape_zyx = [8, 6, 8]
+spacing_mm = [10.0, 10.0, 10.0]
+"""
+BEADS = '\n[beads]\nfile = "beads.csv"\n'
+
+
+def bead_pixels() -> np.ndarray:
+    exact = GEOMETRY.project(motion_of(SWAY).carry(PLACES))[0]
+    return exact + 0.2 * np.random.default_rng(2).standard_normal(exact.shape)
+
+
+def table(pixels: np.ndarray, views: Sequence[int] = ALL) -> str:
+    rows = [f"{v},{b},{u:.3f},{w:.3f}" for v in views for b, (u, w) in enumerate(pixels[v])]
+    return "\n".join(["view,bead,u,v", *rows]) + "\n"
+
+
+def write(folder: Path, more: str = BEADS, beads: str = "") -> Path:
+    """A BMI160 with all its errors, late by some milliseconds, strapped on by hand."""
+    rng = np.random.default_rng(3)
+    rate, force = SWAY.signals(SAMPLES)
+    exact = ImuSignals(SAMPLES, ("shank_l",), rate[:, None], force[:, None])
+    read = read_out(exact, BMI160.without("low-pass"), rng)
+    late = ImuSignals(SAMPLES + LATE, ("shank_l",), read.angular_velocity, read.specific_force)
+    save_imu(folder / "imu.csv", late)
+    geometry_files.save_geometry(folder / "geometry.json", GEOMETRY)
+    images = np.zeros((len(VIEWS), *GEOMETRY.shape_vu), np.float32)
+    image_files.save_projections(folder / "projections.mha", Projections(GEOMETRY, images))
+    first, sigmas = SWAY.poses(VIEWS[:1])[0], StartErrors().sigmas
+    rotation = turned(first[:3, :3], sigmas[:3] * rng.standard_normal(3))
+    place = first[:3, 3] + sigmas[6:] * rng.standard_normal(3)
+    turn = np.degrees(transforms.vector_from_rotation(rotation))
+    text = SCAN.format(place=(1e3 * place).tolist(), turn=turn.tolist())
+    (folder / "scan.toml").write_text(text.replace("[grid]", f"{more}\n[grid]"))
+    (folder / "beads.csv").write_text(beads or table(bead_pixels()))
+    return folder / "scan.toml"
+
+
+def loaded(folder: Path, **given: str) -> MeasuredScan:
+    return load_measured_scan(write(folder, **given))
+
+
+def test_a_consumer_sensor_and_beads_undo_a_sway_from_files_alone(tmp_path):
+    result = ls.correct(write(tmp_path), ["standing", "fused-beads"], tmp_path / "out")
+    found = load_motion(tmp_path / "out/motion-fused-beads.npz")
+    assert isinstance(found, ls.RigidMotion)
+    before = left_px(ls.RigidMotion.identity(VIEWS), SWAY)
+    assert left_px(found, SWAY) < 0.15 * before
+    (said,) = [note for note in result.notes if "clock" in note]
+    offset, spread = float(said.split()[4]), float(said.split("deviation of ")[1].split()[0])
+    assert abs(offset - 1e3 * LATE) < 3 * spread
+    assert any("2 beads: 100 % of their shadows" in note for note in result.notes)
+    assert not any("dead reckoning" in note for note in result.notes)
+
+
+def test_dead_reckoning_is_in_doubt_by_the_sensors_model(tmp_path):
+    (said,) = measured_aids.doubts(loaded(tmp_path), ["uncorrected", "rigid", "fused-beads"])
+    assert said.startswith("In doubt: rigid follows shank_l by dead reckoning")
+    assert said.endswith("its errors are taken for those of bmi160.")
+
+
+def test_methods_that_find_the_start_begin_where_the_sensor_was_strapped_on(tmp_path):
+    """A biased gyroscope makes standing_start run after its drift."""
+    scan = loaded(tmp_path)
+    worn = measured_aids.as_worn(scan)
+    np.testing.assert_array_equal(worn.starts[0].velocity, 0)
+    assert np.linalg.norm(scan.seen.starts[0].velocity) > 0.05
+    off = worn.starts[0].world_from_sensor[:3, :3] @ SWAY.poses(VIEWS[:1])[0, :3, :3].T
+    assert transforms.rotation_angle(off) < np.radians(9)
+
+
+def test_priors_are_those_of_the_model_and_of_the_given_start(tmp_path):
+    models = Path(load_sensor.__code__.co_filename).parents[2] / "models/sensors/mti300.toml"
+    (tmp_path / "mine.toml").write_bytes(models.read_bytes())
+    more = '[methods]\nsensor_model = "mine.toml"\nclock_ms = 0\nspread_mm = 3\n'
+    found = measured_aids.priors(loaded(tmp_path, more=more))
+    assert found.errors == load_sensor("mti300").errors
+    assert (found.clock, found.spread) == (0, 3e-3)
+    assert found.start.heading == pytest.approx(np.radians(3))
+    assert found.start.place == pytest.approx(5e-3)
+
+
+def test_beads_of_few_views_are_tracked_in_all(tmp_path):
+    few = table(GEOMETRY.project(np.broadcast_to(PLACES, (len(VIEWS), 2, 3)))[0], [0, 20, 40])
+    made = measured_aids.beads(loaded(tmp_path, more=f"{BEADS}track = true\n", beads=few))
+    assert made is not None
+    found = made()
+    assert isinstance(found, BeadScan)
+    np.testing.assert_allclose(found.guesses, PLACES, atol=1e-5)
+    assert found.radius == 1e-3
+
+
+def test_a_view_that_hides_a_bead_has_no_row(tmp_path):
+    pixels = bead_pixels()
+    made = measured_aids.beads(loaded(tmp_path, beads=table(pixels, list(range(5, 62)))))
+    assert made is not None
+    found = made()
+    assert isinstance(found, BeadShadows)
+    assert np.isnan(found.pixels[:5]).all()
+    np.testing.assert_allclose(found.pixels[5:], pixels[5:], atol=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("rows", "said"),
+    [
+        ("0,0,x,1\n50,0,3,3", r"line 2.: 0, 0, x or 1 is not a number"),
+        (
+            "62,0,1,1\n50,0,3,3",
+            r"line 2.: view 62, bead 0 .* count views from 0 to 61, beads from 0 to 3",
+        ),
+        ("0,4,1,1\n50,0,3,3", r"bead 4 at 1, 1 is none of this scan"),
+        ("0,0,nan,1\n50,0,3,3", r"none of this scan; .* leave out what is not seen"),
+        ("0,0,1,1\n0,0,1,2", r"line 3.: bead 0 of view 0 is there twice; keep one"),
+        ("0,1,1,1\n50,1,3,3", r"has beads \[1\]; count beads from 0"),
+        ("", "holds no samples"),
+    ],
+)
+def test_what_is_wrong_with_a_file_of_beads_is_named_with_its_line(tmp_path, rows, said):
+    path = tmp_path / "beads.csv"
+    path.write_text(f"view,bead,u,v\n{rows}\n")
+    with pytest.raises(LegsimError, match=said):
+        measured_aids.load_beads(path, 62)
+
+
+def test_one_click_is_no_place(tmp_path):
+    scan = loaded(
+        tmp_path, more=f"{BEADS}track = true\n", beads="view,bead,u,v\n0,0,9,9\n0,1,8,8\n"
+    )
+    with pytest.raises(LegsimError, match=r"bead 0 is there in 1 view; give each bead in 2"):
+        measured_aids.beads(scan)
+
+
+def test_a_moved_bead_file_makes_the_volume_anew(tmp_path):
+    path = write(tmp_path)
+    keys = [measured_aids.fingerprint(load_measured_scan(path))]
+    (tmp_path / "beads.csv").write_text(table(bead_pixels() + 1))
+    keys.append(measured_aids.fingerprint(load_measured_scan(path)))
+    assert keys[0] != keys[1]
+
+
+def test_a_scan_without_beads_says_where_they_go(tmp_path):
+    with pytest.raises(LegsimError, match=r"fused-beads follows beads .* \[beads\] in SCAN"):
+        ls.correct(write(tmp_path, more=""), ["fused-beads"], tmp_path / "out")
