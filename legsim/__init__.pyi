@@ -17,6 +17,7 @@ from .correction.smoother import BeadShadows as BeadShadows
 from .deformation.models import ControlPointMotion as ControlPointMotion
 from .deformation.models import FieldMotion as FieldMotion
 from .deformation.models import RigidMotion as RigidMotion
+from .evaluation.image_criteria import GradientEntropy as GradientEntropy
 from .evaluation.regions import Region as Region
 from .evaluation.similarity import Scores as Scores
 from .evaluation.similarity import evaluate as evaluate
@@ -68,6 +69,9 @@ from .phantom.meshes import Phantom as Phantom
 from .reconstruction.cgls import cgls as cgls
 from .reconstruction.fdk import FdkOptions as FdkOptions
 from .reconstruction.fdk import fdk as fdk
+from .reconstruction.image_gradient import ImageGradient as ImageGradient
+from .reconstruction.image_gradient import filtered_scan as filtered_scan
+from .reconstruction.image_gradient import image_gradient as image_gradient
 from .run.correct import correct as correct
 from .run.imu_files import read_imu as read_imu
 from .run.measured import MeasuredScan as MeasuredScan

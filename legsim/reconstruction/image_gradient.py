@@ -91,6 +91,11 @@ class FilteredScan:
     _images: Any
     """device buffer as :func:`legsim.reconstruction.backprojection.arranged` makes it"""
 
+    def under(self, geometry: ConeBeamGeometry) -> "FilteredScan":
+        """The same filtered images under other matrices of the scanner, and as many views."""
+        aligned = replace(self.geometry, matrices=self.from_scanner @ geometry.matrices)
+        return replace(self, geometry=aligned)
+
     def volume(self, grid: VolumeGrid, motion: Motion | None = None) -> Volume:
         """Back-projects onto a grid along a motion, as FDK does with the kernel "voxels"."""
         placement = self._placement(grid, motion)
