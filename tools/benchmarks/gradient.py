@@ -62,8 +62,8 @@ def _columns(filtered: FilteredScan, grid: VolumeGrid, images: np.ndarray) -> Ca
 def run(views: int, voxel_mm: float, repeats: int, device: str | None) -> Iterator[str]:
     """Lines of markdown."""
     geometry = scan(views)
-    shape = tuple(round(length / voxel_mm) for length in (110, 70, 110))
-    grid = VolumeGrid((shape[0], shape[1], shape[2]), (1e-3 * voxel_mm,) * 3, (0.0, 0.0, 0.0))
+    long, high, size = round(110 / voxel_mm), round(70 / voxel_mm), 1e-3 * voxel_mm
+    grid = VolumeGrid((long, high, long), (size, size, size), (0.0, 0.0, 0.0))
     rng = np.random.default_rng(0)
     images = rng.random((views, 240, 310), np.float32)
     filtered = filtered_scan(Projections(geometry, images), grid, device=open_device(device))
