@@ -1,0 +1,203 @@
+"""One rigid motion from sharpness and from what else is known: maximum a posteriori by L-BFGS.
+
+The cost of a vector of errors e, each counted in standard deviations of its prior, is
+
+    weight (H(M(e)) - <pull, M(e)>) + |e|^2 / 2 + standing
+
+with H the entropy of :mod:`legsim.correction.image_criterion`. Its derivatives are exact; any
+number of errors costs two back-projections of a box. ``pull`` is what the criterion would pull a
+motion by that is right (calibrated by :mod:`legsim.correction.reprojection`).
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from scipy.interpolate import BSpline
+from scipy.linalg import solve_triangular
+from scipy.optimize import minimize
+
+from legsim.core import transforms
+from legsim.core.values import FloatArray
+from legsim.correction.error_state import SensorPath
+from legsim.correction.smoother import StandingPrior
+from legsim.geometry.cone_beam import ConeBeamGeometry
+from legsim.reconstruction.field_of_view import pixel_at_isocenter
+
+Sharpness = Callable[[FloatArray], tuple[float, FloatArray]]
+"""from M(i) (v, 4, 4) to (H, dH/dM)"""
+
+_CURVATURE = 0.03
+"""nats per mm^2 of motion across the rays, about what entropies rise by"""
+
+_ALONG_RAYS = 0.03
+"""of that a motion along the rays counts, in the metric of the steps alone"""
+
+_MEMORY = 30
+_SETTLED = 1e-10
+
+
+class PathModel(Protocol):
+    """A path over the views as a function of errors, such as an ErrorState."""
+
+    @property
+    def size(self) -> int: ...
+
+    def path(self, errors: FloatArray) -> SensorPath: ...
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SplinePath:
+    """Six cubic B-splines over the scan about one point: what moves when no sensor says how."""
+
+    times: FloatArray
+    """(v,) s"""
+    center: FloatArray
+    """(3,) m"""
+    knots: int = 9
+    """coefficients of each"""
+    turn: float = np.radians(1.0)
+    """rad, standard deviation of a coefficient"""
+    shift: float = 5e-3
+    """m, the same"""
+
+    @property
+    def size(self) -> int:
+        return 6 * self.knots
+
+    def basis(self) -> FloatArray:
+        """(v, knots)"""
+        first, last = self.times[0], self.times[-1]
+        inner = np.linspace(first, last, self.knots - 2)
+        knots = np.concatenate([[first] * 3, inner, [last] * 3])
+        return BSpline.design_matrix(np.clip(self.times, first, last), knots, 3).toarray()
+
+    def path(self, errors: FloatArray) -> SensorPath:
+        """Poses and their derivatives."""
+        basis, sizes = self.basis(), np.array([self.turn] * 3 + [self.shift] * 3)
+        found = np.einsum("vk,kj->vj", basis, errors.reshape(self.knots, 6) * sizes)
+        rotation = transforms.rotation_from_vector(found[:, :3])
+        poses = transforms.rigid(rotation, self.center + found[:, 3:] - rotation @ self.center)
+        turns = np.zeros((len(basis), 6, self.knots, 6))
+        by_vector = _left_jacobian(found[:, :3])
+        turns[:, :3, :, :3] = np.einsum("vij,vk->vikj", self.turn * by_vector, basis)
+        arm = transforms.cross_matrix(self.center + found[:, 3:])
+        turns[:, 3:, :, :3] = np.einsum("vil,vlkj->vikj", arm, turns[:, :3, :, :3])
+        turns[:, 3:, :, 3:] = self.shift * np.einsum("vk,ij->vikj", basis, np.eye(3))
+        return SensorPath(poses, turns.reshape(len(basis), 6, -1))
+
+
+def _left_jacobian(vectors: FloatArray) -> FloatArray:
+    """(v, 3, 3): rotation from the left by a change of rotation vectors (v, 3)."""
+    cross = transforms.cross_matrix(vectors)
+    angle = np.linalg.norm(vectors, axis=-1)[:, None, None]
+    safe = np.where(angle < 1e-4, 1.0, angle)
+    first = np.where(angle < 1e-4, 0.5, (1 - np.cos(safe)) / safe**2)
+    second = np.where(angle < 1e-4, 1 / 6, (safe - np.sin(safe)) / safe**3)
+    return np.eye(3) + first * cross + second * cross @ cross
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ImageFit:
+    """Least cost that was found."""
+
+    errors: FloatArray
+    """(n,)"""
+    value: float
+    """entropy there, pull left out"""
+    evaluations: int
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ImageProblem:
+    """What the cost is made of."""
+
+    model: PathModel
+    sharpness: Sharpness
+    standing: StandingPrior
+    geometry: ConeBeamGeometry
+    weight: float
+    pull: FloatArray | None = None
+    """(v, 4, 4) by M(i)"""
+
+    def cost(self, errors: FloatArray) -> tuple[float, FloatArray, float]:
+        """(cost, its derivatives (n,), entropy)."""
+        path = self.model.path(errors)
+        motion = path.motion()
+        entropy, by_motion = self.sharpness(motion)
+        total = entropy
+        if self.pull is not None:
+            total -= float((self.pull * motion).sum())
+            by_motion = by_motion - self.pull
+        points, share = self.standing.points, self.standing.weight(len(motion)) ** 2
+        moved = transforms.apply(motion, points) - points
+        by_points = np.einsum("vpi,vpin->n", moved, path.of_points(points))
+        slopes = self.weight * by_errors(by_motion, path) + errors + share * by_points
+        rest = 0.5 * float((errors**2).sum()) + 0.5 * share * float((moved**2).sum())
+        return self.weight * total + rest, slopes, entropy
+
+    def curvature(self, errors: FloatArray) -> FloatArray:
+        """About the second derivatives (n, n) of the cost."""
+        path, points = self.model.path(errors), self.standing.points
+        motion = path.motion()
+        by = path.of_points(points)
+        across = self._across(motion, points, by)
+        count = by.shape[0] * by.shape[1]
+        return (
+            np.eye(self.model.size)
+            + self.standing.weight(len(motion)) ** 2 * _squared(by)
+            + 1e6
+            * self.weight
+            * _CURVATURE
+            / count
+            * (_squared(across) + _ALONG_RAYS**2 * _squared(by))
+        )
+
+    def _across(self, motion: FloatArray, points: FloatArray, by: FloatArray) -> FloatArray:
+        """(v, p, 2, n) m at the isocenter that points are seen to move by."""
+        moved = transforms.apply(motion, points)
+        pixels, depths = self.geometry.project(moved)
+        rows = self.geometry.matrices[:, None, :, :3]
+        by_point = (rows[..., :2, :] - pixels[..., None] * rows[..., 2:, :]) / depths[
+            ..., None, None
+        ]
+        return pixel_at_isocenter(self.geometry) * np.einsum("vpki,vpin->vpkn", by_point, by)
+
+
+def _squared(rows: FloatArray) -> FloatArray:
+    flat = rows[::4].reshape(-1, rows.shape[-1])
+    return len(rows) / len(rows[::4]) * np.einsum("ri,rj->ij", flat, flat)
+
+
+def by_errors(by_motion: FloatArray, path: SensorPath) -> FloatArray:
+    """(n,) from derivatives by M(i) (v, 4, 4): dM(i) = E(i) M(i) - M(i) E(0)."""
+    motion = path.motion()
+    left = _twists(by_motion @ np.swapaxes(motion, -1, -2))
+    right = _twists((np.swapaxes(motion, -1, -2) @ by_motion).sum(0))
+    return np.einsum("vk,vkn->n", left, path.twists) - np.einsum("k,kn->n", right, path.twists[0])
+
+
+def _twists(generators: FloatArray) -> FloatArray:
+    """(..., 6) from derivatives by the entries of generators (..., 4, 4)."""
+    turns = [generators[..., j, i] - generators[..., i, j] for i, j in ((1, 2), (2, 0), (0, 1))]
+    return np.concatenate([np.stack(turns, -1), generators[..., :3, 3]], -1)
+
+
+def fitted(problem: ImageProblem, errors: FloatArray, iterations: int) -> ImageFit:
+    """Descends from ``errors`` in steps that the expected curvature makes alike."""
+    curvature = problem.curvature(errors)
+    scale = 1 / np.sqrt(np.diag(curvature))
+    lower = np.linalg.cholesky(scale[:, None] * curvature * scale)
+
+    def unwhitened(z: FloatArray) -> FloatArray:
+        return errors + scale * solve_triangular(lower, z, lower=True, trans="T")
+
+    def cost(z: FloatArray) -> tuple[float, FloatArray]:
+        value, slopes, _ = problem.cost(unwhitened(z))
+        return value, solve_triangular(lower, scale * slopes, lower=True)
+
+    options = {"maxiter": iterations, "maxcor": _MEMORY, "ftol": _SETTLED, "gtol": 1e-2}
+    found = minimize(cost, np.zeros(len(errors)), jac=True, method="L-BFGS-B", options=options)
+    best = unwhitened(found.x)
+    return ImageFit(best, problem.cost(best)[2], int(found.nfev))
