@@ -174,7 +174,8 @@ def _filtered(
     def blurred(images: Float32Array) -> Float32Array:
         return ndimage.gaussian_filter(images, sigmas, mode="nearest")
 
-    around = VolumeGrid(grid.shape_zyx, grid.spacing_xyz, tuple(world_from_box[:3, 3]))
+    x, y, z = world_from_box[:3, 3]
+    around = VolumeGrid(grid.shape_zyx, grid.spacing_xyz, (x, y, z))
     filtered = filtered_scan(
         projections,
         around,
