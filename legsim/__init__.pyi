@@ -1,9 +1,11 @@
 from .config import load_settings as load_settings
 from .core.errors import LegsimError as LegsimError
+from .correction.autofocus import Autofocus as Autofocus
 from .correction.bead_scan import Beads as Beads
 from .correction.fused import FusedBeads as FusedBeads
 from .correction.fused import SensorPriors as SensorPriors
 from .correction.fused import Standing as Standing
+from .correction.fused_images import FusedImages as FusedImages
 from .correction.marker_based import MarkerBased as MarkerBased
 from .correction.method import Correction as Correction
 from .correction.method import Scan as Scan

@@ -10,7 +10,7 @@ import numpy as np
 
 from legsim.correction import image_motion
 from legsim.correction.image_fit import SplinePath
-from legsim.correction.image_motion import FocusSteps
+from legsim.correction.image_motion import FocusPlan
 from legsim.correction.method import Correction, Scan
 from legsim.correction.smoother import StandingPrior
 from legsim.opencl.device import Device, open_device
@@ -29,7 +29,7 @@ class Autofocus:
     """coefficients of each of six splines over the scan"""
     device: Device | None = None
     """None opens the fastest one"""
-    steps: FocusSteps | None = None
+    plan: FocusPlan | None = None
 
     def __call__(self, scan: Scan, /) -> Correction:
         center = scan.projections.geometry.rotation_center()
@@ -41,5 +41,5 @@ class Autofocus:
             np.zeros(model.size),
             StandingPrior.at(center, self.spread),
             self.device or open_device(),
-            steps=self.steps,
+            plan=self.plan,
         )

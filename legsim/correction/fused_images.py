@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from legsim.correction import image_motion
 from legsim.correction.error_state import error_state
 from legsim.correction.fused import SensorPriors
-from legsim.correction.image_motion import FocusSteps
+from legsim.correction.image_motion import FocusPlan
 from legsim.correction.method import Correction, Scan
 from legsim.correction.smoother import StandingPrior, smooth
 from legsim.opencl.device import Device, open_device
@@ -28,7 +28,7 @@ class FusedImages:
     priors: SensorPriors = field(default_factory=SensorPriors)
     device: Device | None = None
     """None opens the fastest one"""
-    steps: FocusSteps | None = None
+    plan: FocusPlan | None = None
 
     def __call__(self, scan: Scan, /) -> Correction:
         name = self.sensor or scan.signals.sensor_names[0]
@@ -48,5 +48,5 @@ class FusedImages:
             self.device or open_device(),
             # the part of the leg that carries the sensor
             below=bool(start.world_from_sensor[1, 3] < knee[1]),
-            steps=self.steps,
+            plan=self.plan,
         )

@@ -33,8 +33,9 @@ _BOX = (0.110, 0.075, 0.110)
 _BESIDE_KNEE = 0.045
 """m from the knee to the middle of the box"""
 
-_BLUR = (0.64e-3, 0.48e-3)
-"""m at the isocenter along rows' and columns' direction, standard deviations"""
+_BLUR, _BLUR_PX = (0.64e-3, 0.48e-3), (0.8, 0.6)
+"""m at the isocenter, and px, across and along the detector's rows: the greater one is the standard
+deviation"""
 
 _PIXEL = 0.8e-3
 """m at the isocenter: finer pixels are averaged to about this"""
@@ -136,8 +137,8 @@ def focus(
     geometry = projections.geometry
     middle = geometry.rotation_center() - [0, _BESIDE_KNEE if below else -_BESIDE_KNEE, 0]
     frame = transforms.rigid(transforms.rotation_from_vector(_TURN), middle)
-    counts = [round(size / scale.voxel) for size in _BOX]
-    grid = VolumeGrid((counts[2], counts[1], counts[0]), (scale.voxel,) * 3, (0.0, 0.0, 0.0))
+    size, (nx, ny, nz) = scale.voxel, (round(side / scale.voxel) for side in _BOX)
+    grid = VolumeGrid((nz, ny, nx), (size, size, size), (0.0, 0.0, 0.0))
     filtered = _filtered(projections, grid, frame, scale, device)
     inside = RigidMotion(geometry.times, transforms.inverse(frame) @ motion @ frame)
     volume = filtered.volume(grid, inside).attenuation
@@ -169,7 +170,11 @@ def _filtered(
     geometry = projections.geometry
     pixel = pixel_at_isocenter(geometry)
     rows = geometry.row_pitch() / geometry.pixel_pitch
-    sigmas = (0.0, _BLUR[0] / (pixel * rows), _BLUR[1] / pixel)
+    sigmas = (
+        0.0,
+        max(_BLUR_PX[0], _BLUR[0] / (pixel * rows)),
+        max(_BLUR_PX[1], _BLUR[1] / pixel),
+    )
 
     def blurred(images: Float32Array) -> Float32Array:
         return ndimage.gaussian_filter(images, sigmas, mode="nearest")

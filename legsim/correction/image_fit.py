@@ -9,34 +9,34 @@ number of errors costs two back-projections of a box. ``pull`` is what the crite
 motion by that is right (calibrated by :mod:`legsim.correction.reprojection`).
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
 from scipy.interpolate import BSpline
-from scipy.linalg import solve_triangular
+from scipy.linalg import eigh
 from scipy.optimize import minimize
 
 from legsim.core import transforms
 from legsim.core.values import FloatArray
 from legsim.correction.error_state import SensorPath
+from legsim.correction.image_criterion import Focus
 from legsim.correction.smoother import StandingPrior
 from legsim.geometry.cone_beam import ConeBeamGeometry
 from legsim.reconstruction.field_of_view import pixel_at_isocenter
-
-Sharpness = Callable[[FloatArray], tuple[float, FloatArray]]
-"""from M(i) (v, 4, 4) to (H, dH/dM)"""
 
 _CURVATURE = 0.13e6
 """nats per m^2, second derivative of entropies by the RMS of what images see of a motion: between
 0.11 and 0.15 at 1 mm"""
 
-_ALONG_RAYS = 0.01
-"""share by which any motion counts as if it were seen: keeps steps along the rays finite"""
+_SEEN = 2.4e-5
+"""m at the isocenter, 0.03 px of 0.8 mm: what an error of one standard deviation must look like"""
 
 _SPARSE = 4
 """of so many views one decides the curvature"""
+
+_ARM = 0.05
+"""m from its middle at which a leg's turns count as its shifts do"""
 
 _MEMORY = 30
 _SETTLED = 1e-10
@@ -118,7 +118,7 @@ class ImageProblem:
     """What the cost is made of."""
 
     model: PathModel
-    sharpness: Sharpness
+    sharpness: Focus
     standing: StandingPrior
     geometry: ConeBeamGeometry
     weight: float
@@ -142,10 +142,15 @@ class ImageProblem:
         return self.weight * total + rest, slopes, entropy
 
     def curvature(self, errors: FloatArray) -> FloatArray:
-        """About the second derivatives (n, n) of the cost, of every fourth view.
+        """About the second derivatives (n, n) of the cost."""
+        known, seen = self.known_and_seen(errors)
+        return known + self.weight * _CURVATURE * seen
 
-        The entropy rises with what images see of a motion at the points of the standing prior: with
-        the square of its RMS across the rays, a constant similarity of the scene left out.
+    def known_and_seen(self, errors: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Quadratic forms (n, n) of errors: of the priors, and mean square (m^2) that images see.
+
+        That is across the rays, at the points of the standing prior, a constant similarity of the
+        scene left out. The entropy rises with it. Every fourth view decides.
         """
         path, points = self.model.path(errors), self.standing.points
         motion, by = path.motion()[::_SPARSE], path.of_points(points)[::_SPARSE]
@@ -163,13 +168,9 @@ class ImageProblem:
         basis, _ = np.linalg.qr((by_point @ similar).reshape(-1, 7))
         across = across - np.einsum("rk,kn->rn", basis, np.einsum("rk,rn->kn", basis, across))
         every = by.reshape(-1, self.model.size)
-        entropy = self.weight * _CURVATURE / moved[..., 0].size
         standing = len(path.poses) / len(motion) * self.standing.weight(len(path.poses)) ** 2
-        return (
-            np.eye(self.model.size)
-            + (standing + _ALONG_RAYS**2 * entropy) * np.einsum("rn,rm->nm", every, every)
-            + entropy * np.einsum("rn,rm->nm", across, across)
-        )
+        known = np.eye(self.model.size) + standing * np.einsum("rn,rm->nm", every, every)
+        return known, np.einsum("rn,rm->nm", across, across) / moved[..., 0].size
 
 
 def by_errors(by_motion: FloatArray, path: SensorPath) -> FloatArray:
@@ -186,25 +187,69 @@ def _twists(generators: FloatArray) -> FloatArray:
     return np.concatenate([np.stack(turns, -1), generators[..., :3, 3]], -1)
 
 
-def fitted(problem: ImageProblem, errors: FloatArray, iterations: int) -> ImageFit:
-    """Descends from ``errors`` in steps that the expected curvature makes alike."""
-    curvature = problem.curvature(errors)
-    scale = 1 / np.sqrt(np.diag(curvature))
-    lower = np.linalg.cholesky(scale[:, None] * curvature * scale)
+def similarity_part(
+    by_motion: FloatArray, motion: FloatArray, geometry: ConeBeamGeometry, middle: FloatArray
+) -> FloatArray:
+    """The part (v, 4, 4) of derivatives by M(i) that tells scenes apart which look the same.
 
-    def unwhitened(z: FloatArray) -> FloatArray:
-        return errors + scale * solve_triangular(lower, z, lower=True, trans="T")
+    One rigid motion before all M(i), and a step along the source's path with another size, change
+    no image. A criterion of a box that stands in space changes by them all the same: the leg moves
+    through its ends. Less this part it does not, to first order about ``motion``; ``middle`` (3,)
+    is where the leg is.
+    """
+    turns = transforms.cross_matrix(np.eye(3))
+    before = np.zeros((7, len(motion), 4, 4))
+    # about the middle, in m at 5 cm from it
+    before[:3, :, :3, :3] = turns[:, None] / _ARM
+    before[:3, :, :3, 3] = -(turns @ middle)[:, None] / _ARM
+    before[3:6, :, :3, 3] = np.eye(3)[:, None]
+    ways = motion @ before
+    ways[6, :, :3, 3] = geometry.sources() - geometry.rotation_center()
+    twists = ways @ transforms.inverse(motion)
+    # as turns about the middle in units of the same effect, and shifts of it
+    flat = np.concatenate(
+        [
+            _ARM * np.stack([twists[..., 2, 1], twists[..., 0, 2], twists[..., 1, 0]], -1),
+            (twists @ np.append(middle, 1.0))[..., :3],
+        ],
+        -1,
+    )
+    wanted = np.einsum("kvij,vij->k", ways, by_motion)
+    shares = np.linalg.lstsq(np.einsum("kvi,lvi->kl", flat, flat), wanted, rcond=1e-12)[0]
+    forms = np.einsum("k,kvi->vi", shares, flat)
+    generators = np.zeros_like(motion)
+    generators[:, :3, :3] = 0.5 * _ARM * transforms.cross_matrix(forms[:, :3])
+    generators[:, :3, :3] += forms[:, 3:, None] * middle
+    generators[:, :3, 3] = forms[:, 3:]
+    return generators @ np.swapaxes(transforms.inverse(motion), -1, -2)
+
+
+def fitted(problem: ImageProblem, errors: FloatArray, iterations: int) -> ImageFit:
+    """Descends from ``errors`` along what images may see of them.
+
+    Of all ways to be wrong by one standard deviation those are kept that images would see by a
+    fraction of a pixel: a dozen or two. The others stay as the priors have them, and so do not
+    follow the criterion's own errors. Steps are those that the expected curvature makes alike.
+    """
+    known, seen = problem.known_and_seen(errors)
+    squares, ways = eigh(seen, known)
+    kept = squares > _SEEN**2
+    scale = 1 / np.sqrt(1 + problem.weight * _CURVATURE * squares[kept])
+    ways = ways[:, kept] * scale
+
+    def along(z: FloatArray) -> FloatArray:
+        return errors + np.einsum("nk,k->n", ways, z)
 
     def cost(z: FloatArray) -> tuple[float, FloatArray]:
-        value, slopes, _ = problem.cost(unwhitened(z))
-        return value, solve_triangular(lower, scale * slopes, lower=True)
+        value, slopes, _ = problem.cost(along(z))
+        return value, np.einsum("nk,n->k", ways, slopes)
 
     found = minimize(
         cost,
-        np.zeros(len(errors)),
+        np.zeros(int(kept.sum())),
         jac=True,
         method="L-BFGS-B",
         options={"maxiter": iterations, "maxcor": _MEMORY, "ftol": _SETTLED, "gtol": 1e-2},
     )
-    best = unwhitened(found.x)
+    best = along(found.x)
     return ImageFit(best, problem.cost(best)[2], int(found.nfev))

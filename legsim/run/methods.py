@@ -14,9 +14,11 @@ from typing import Any, cast
 
 from legsim.core.errors import LegsimError, file_error
 from legsim.correction import method as correction_method
+from legsim.correction.autofocus import Autofocus
 from legsim.correction.bead_scan import BeadScan
 from legsim.correction.bead_tracking import Reference
 from legsim.correction.fused import FusedBeads, SensorPriors, Standing
+from legsim.correction.fused_images import FusedImages
 from legsim.correction.marker_based import MarkerBased
 from legsim.correction.method import Correction, CorrectionMethod, Scan
 from legsim.correction.nonrigid import NonRigid2D, NonRigid3D
@@ -62,7 +64,7 @@ class MethodInputs:
 
 
 FOLLOW_ONE, FOLLOW_JOINTS = (
-    ("rigid", "rigid-paper-order", "standing", "fused-beads"),
+    ("rigid", "rigid-paper-order", "standing", "fused", "fused-beads"),
     ("nonrigid-2d", "nonrigid-3d"),
 )
 """methods that need the sensor of methods.sensor, and those that need thigh and shank"""
@@ -113,6 +115,8 @@ BUILT_IN: dict[str, Callable[[MethodInputs], CorrectionMethod]] = {
     "nonrigid-3d": lambda given: NonRigid3D(given.nodes, given.scheme),
     "standing": lambda given: Standing(given.sensor, given.priors),
     "fused-beads": _fused_beads,
+    "fused": lambda given: FusedImages(given.sensor, given.priors, given.device),
+    "autofocus": lambda given: Autofocus(given.priors.spread, device=given.device),
     "rigid-paper-order": lambda given: Rigid(given.sensor, given.scheme, "paper"),
 }
 
