@@ -38,6 +38,9 @@ _SPARSE = 4
 _ARM = 0.05
 """m from its middle at which a leg's turns count as its shifts do"""
 
+_ROUNDS, _STILL = 10, 1e-3
+"""steps back onto a model's own paths at most, and standard deviations of the last one"""
+
 _MEMORY = 30
 _SETTLED = 1e-10
 
@@ -127,7 +130,11 @@ class ImageProblem:
 
     def cost(self, errors: FloatArray) -> tuple[float, FloatArray, float]:
         """(cost, its derivatives (n,), entropy)."""
-        path = self.model.path(errors)
+        total, slopes, entropy = self.of_path(self.model.path(errors))
+        return total + 0.5 * float((errors**2).sum()), slopes + errors, entropy
+
+    def of_path(self, path: SensorPath) -> tuple[float, FloatArray, float]:
+        """The same of a path alone: images and standing, by what its twists are of."""
         motion = path.motion()
         entropy, by_motion = self.sharpness(motion)
         total = entropy
@@ -137,9 +144,8 @@ class ImageProblem:
         points, share = self.standing.points, self.standing.weight(len(motion)) ** 2
         moved = transforms.apply(motion, points) - points
         by_points = np.einsum("vpi,vpin->n", moved, path.of_points(points))
-        slopes = self.weight * by_errors(by_motion, path) + errors + share * by_points
-        rest = 0.5 * float((errors**2).sum()) + 0.5 * share * float((moved**2).sum())
-        return self.weight * total + rest, slopes, entropy
+        slopes = self.weight * by_errors(by_motion, path) + share * by_points
+        return self.weight * total + 0.5 * share * float((moved**2).sum()), slopes, entropy
 
     def curvature(self, errors: FloatArray) -> FloatArray:
         """About the second derivatives (n, n) of the cost."""
@@ -152,7 +158,20 @@ class ImageProblem:
         That is across the rays, at the points of the standing prior, a constant similarity of the
         scene left out. The entropy rises with it. Every fourth view decides.
         """
-        path, points = self.model.path(errors), self.standing.points
+        path = self.model.path(errors)
+        by_point, moved, every = self._rows(path)
+        points = self.standing.points
+        arms = moved - points.mean(0)
+        shifts = np.broadcast_to(np.eye(3), (*moved.shape, 3))
+        similar = np.concatenate([-transforms.cross_matrix(arms), shifts, arms[..., None]], -1)
+        across = np.einsum("vpki,vpin->vpkn", by_point, every).reshape(-1, self.model.size)
+        basis, _ = np.linalg.qr((by_point @ similar).reshape(-1, 7))
+        across = across - np.einsum("rk,kn->rn", basis, np.einsum("rk,rn->kn", basis, across))
+        return self._known(every), np.einsum("rn,rm->nm", across, across) / moved[..., 0].size
+
+    def _rows(self, path: SensorPath) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Of a few views: m at the isocenter by points (v, p, 2, 3), points, and both by errors."""
+        points = self.standing.points
         motion, by = path.motion()[::_SPARSE], path.of_points(points)[::_SPARSE]
         moved = transforms.apply(motion, points)
         matrices = self.geometry.matrices[::_SPARSE, None]
@@ -161,16 +180,59 @@ class ImageProblem:
         pixels = rows[..., :2, :] / rows[..., 2:, :]
         by_point = matrices[..., :2, :3] - pixels * matrices[..., 2:, :3]
         by_point = pixel_at_isocenter(self.geometry) * by_point / depths[..., None, None]
-        arms = moved - points.mean(0)
-        shifts = np.broadcast_to(np.eye(3), (*moved.shape, 3))
-        similar = np.concatenate([-transforms.cross_matrix(arms), shifts, arms[..., None]], -1)
-        across = np.einsum("vpki,vpin->vpkn", by_point, by).reshape(-1, self.model.size)
-        basis, _ = np.linalg.qr((by_point @ similar).reshape(-1, 7))
-        across = across - np.einsum("rk,kn->rn", basis, np.einsum("rk,rn->kn", basis, across))
-        every = by.reshape(-1, self.model.size)
-        standing = len(path.poses) / len(motion) * self.standing.weight(len(path.poses)) ** 2
-        known = np.eye(self.model.size) + standing * np.einsum("rn,rm->nm", every, every)
-        return known, np.einsum("rn,rm->nm", across, across) / moved[..., 0].size
+        return by_point, moved, by
+
+    def _share(self, views: int) -> float:
+        """Weight of a displacement squared (1/m^2), of a few views."""
+        count = len(self.geometry)
+        return count / views * self.standing.weight(count) ** 2
+
+    def _known(self, every: FloatArray) -> FloatArray:
+        flat = every.reshape(-1, self.model.size)
+        return np.eye(self.model.size) + self._share(len(every)) * np.einsum(
+            "rn,rm->nm", flat, flat
+        )
+
+    def retracted(self, errors: FloatArray, motion: FloatArray) -> FloatArray:
+        """The likeliest errors (n,) by which points are seen as along M(i) (v, 4, 4).
+
+        Whole Gauss-Newton steps: bias and tilt hide each other along a curved valley, which a
+        descent would crawl through.
+        """
+        points, target = self.standing.points, motion[::_SPARSE]
+        wanted = transforms.apply(target, points)
+        for _ in range(_ROUNDS):
+            path = self.model.path(errors)
+            by_point, moved, every = self._rows(path)
+            share = self.weight * _CURVATURE / moved[..., 0].size
+            across = np.einsum("vpki,vpin->vpkn", by_point, every).reshape(-1, self.model.size)
+            off = np.einsum("vpki,vpi->vpk", by_point, moved - wanted).ravel()
+            flat, standing = every.reshape(-1, self.model.size), self._share(len(moved))
+            right = errors + share * np.einsum("rn,r->n", across, off)
+            right = right + standing * np.einsum("rn,r->n", flat, (moved - points).ravel())
+            matrix = self._known(every) + share * np.einsum("rn,rm->nm", across, across)
+            step = np.linalg.solve(matrix, right)
+            errors = errors - step
+            if np.abs(step).max() < _STILL:
+                break
+        return errors
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Tangent:
+    """Paths near one: each pose turned and shifted as if its errors acted linearly."""
+
+    path: SensorPath
+    twists: FloatArray
+    """(v, 6, k) of the poses by k numbers"""
+
+    def at(self, z: FloatArray) -> SensorPath:
+        """The path of numbers (k,), with its exact derivatives."""
+        found = np.einsum("vck,k->vc", self.twists, z)
+        change = transforms.rigid(transforms.rotation_from_vector(found[:, :3]), found[:, 3:])
+        turn = _left_jacobian(found[:, :3]) @ self.twists[:, :3]
+        shift = self.twists[:, 3:] + transforms.cross_matrix(found[:, 3:]) @ turn
+        return SensorPath(change @ self.path.poses, np.concatenate([turn, shift], 1))
 
 
 def by_errors(by_motion: FloatArray, path: SensorPath) -> FloatArray:
@@ -234,15 +296,16 @@ def fitted(problem: ImageProblem, errors: FloatArray, iterations: int) -> ImageF
     known, seen = problem.known_and_seen(errors)
     squares, ways = eigh(seen, known)
     kept = squares > _SEEN**2
-    scale = 1 / np.sqrt(1 + problem.weight * _CURVATURE * squares[kept])
-    ways = ways[:, kept] * scale
-
-    def along(z: FloatArray) -> FloatArray:
-        return errors + np.einsum("nk,k->n", ways, z)
+    if not kept.any():
+        return ImageFit(errors, problem.cost(errors)[2], 1)
+    ways = ways[:, kept] / np.sqrt(1 + problem.weight * _CURVATURE * squares[kept])
+    path = problem.model.path(errors)
+    near = _Tangent(path, np.einsum("vcn,nk->vck", path.twists, ways))
 
     def cost(z: FloatArray) -> tuple[float, FloatArray]:
-        value, slopes, _ = problem.cost(along(z))
-        return value, np.einsum("nk,n->k", ways, slopes)
+        value, slopes, _ = problem.of_path(near.at(z))
+        there = errors + np.einsum("nk,k->n", ways, z)
+        return value + 0.5 * float((there**2).sum()), slopes + np.einsum("nk,n->k", ways, there)
 
     found = minimize(
         cost,
@@ -251,5 +314,6 @@ def fitted(problem: ImageProblem, errors: FloatArray, iterations: int) -> ImageF
         method="L-BFGS-B",
         options={"maxiter": iterations, "maxcor": _MEMORY, "ftol": _SETTLED, "gtol": 1e-2},
     )
-    best = along(found.x)
+    guess = errors + np.einsum("nk,k->n", ways, found.x)
+    best = problem.retracted(guess, near.at(found.x).motion())
     return ImageFit(best, problem.cost(best)[2], int(found.nfev))

@@ -147,3 +147,14 @@ def test_the_part_that_tells_no_images_apart_is_taken_out(rng: np.random.Generat
         assert ((slopes - part) * way).sum() == pytest.approx(0, abs=1e-9 * np.abs(way).sum())
     again = similarity_part(slopes - part, motion, GEOMETRY, middle)
     assert np.abs(again).max() < 1e-9 * np.abs(part).max()
+
+
+def test_a_path_is_led_back_to_its_models_own(rng: np.random.Generator) -> None:
+    """The motion of some errors gives these errors again, from far off."""
+    true = 0.3 * rng.normal(size=SPLINES.size)
+    motion = SPLINES.path(true).motion()
+    found = problem(motion).retracted(np.zeros(SPLINES.size), motion)
+    off = transforms.apply(SPLINES.path(found).motion(), STANDING.points) - transforms.apply(
+        motion, STANDING.points
+    )
+    assert np.sqrt((off**2).sum(-1).mean()) < 5e-4
