@@ -7,6 +7,7 @@ as it is.
 
 from dataclasses import dataclass, field
 
+from legsim.core.errors import LegsimError
 from legsim.correction import image_motion
 from legsim.correction.error_state import error_state
 from legsim.correction.fused import SensorPriors
@@ -31,6 +32,8 @@ class FusedImages:
     plan: FocusPlan | None = None
 
     def __call__(self, scan: Scan, /) -> Correction:
+        if not scan.signals.sensor_names:
+            raise LegsimError("fused follows a sensor, and the scan has none; take autofocus")
         name = self.sensor or scan.signals.sensor_names[0]
         start, knee = scan.start(name), scan.projections.geometry.rotation_center()
         priors = self.priors

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from legsim.core.errors import LegsimError
 from legsim.correction.fused import SensorPriors
 from legsim.correction.fused_images import FusedImages
 from legsim.correction.image_criterion import COARSE
@@ -51,3 +52,9 @@ def test_who_does_not_move_is_left_alone() -> None:
         found.motion.moved_from_reference, RigidMotion.identity(VIEWS).moved_from_reference
     )
     assert "the data do not determine it, and the scan is left as it is" in found.notes[0]
+
+
+def test_without_a_sensor_it_says_what_to_take() -> None:
+    nothing = ImuSignals(VIEWS, (), np.zeros((len(VIEWS), 0, 3)), np.zeros((len(VIEWS), 0, 3)))
+    with pytest.raises(LegsimError, match="take autofocus"):
+        FusedImages()(Scan(scanned(motion_of(STILL)), nothing, ()))
