@@ -4,7 +4,7 @@
    tells scenes apart which look the same is left out.
 2. Calibration: the criterion is not stationary where the motion is right. What it pulls a
    reprojection of the current volume by, whose motion is known, is subtracted, and the descent goes
-   on. A few rounds.
+   on.
 3. What is found is followed where the images see more of it than of its errors.
 """
 
@@ -45,8 +45,8 @@ class FocusPlan:
     """How a descent goes on."""
 
     rounds: tuple[FocusRound, ...] = (
-        *(FocusRound(COARSE, 12), FocusRound(COARSE, 12), FocusRound(FINE, 15)),
-        *(FocusRound(FINE, 12, calibrated=True), FocusRound(FINE, 12, calibrated=True)),
+        *(FocusRound(COARSE, 12), FocusRound(COARSE, 12)),
+        *(FocusRound(FINE, 15), FocusRound(FINE, 12, calibrated=True)),
     )
     weight: float = 4000.0
     """of a nat of entropy against the priors' standard deviations"""
