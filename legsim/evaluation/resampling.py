@@ -18,7 +18,8 @@ from legsim.opencl.device import Device
 
 _SOURCE = "compare_volumes.cl"
 
-_SLAB_BYTES = 1 << 28
+_SLAB_BYTES = 1 << 26
+"""of one slab's values; the device holds five of them"""
 
 _REACH = 14
 """voxels beyond a box that decide its values: 2 of coefficients, 12 of the inverse filter"""

@@ -163,13 +163,22 @@ def evaluate(
     if register and not np.array_equal(fixed, compared):
         pair = Compared(fixed, mask, moving, reference.grid.cropped(wide), inner)
         registration, compared = evaluation_registration.register(pair, opened)
-    del moving
-    others = [fixed] if phantom is None else [fixed, scale.of(phantom, box, "phantom")]
+    del moving, volume  # of 512^3 voxels, each whole volume more is half a GiB of the peak
+    known = np.isfinite(compared)
+    seen = _agreement(compared, fixed, known, regions, box, window, opened)
+    del fixed
+    true: Sequence[tuple[float, float] | tuple[None, None]] = [(None, None)] * len(regions)
+    if phantom is not None:
+        scaled = scale.of(phantom, box, "phantom")
+        true = _agreement(compared, scaled, known, regions, box, window, opened)
+        del scaled
     steps = gradient_steps(compared)
-    maps = [ssim_map(compared, other, window=window, device=opened) for other in others]
-    beside = list(zip(others, maps, strict=True))
-    scores = tuple(_in_region(r.name, r.mask[box], compared, steps, beside) for r in regions)
-    return Scores(scores, registration, scaling, window)
+    scores = []
+    for region, beside, to_phantom in zip(regions, seen, true, strict=True):
+        mask = region.mask[box] & known
+        count = int(np.count_nonzero(mask))
+        scores.append(RegionScores(region.name, *beside, _entropy(steps, mask), count, *to_phantom))
+    return Scores(tuple(scores), registration, scaling, window)
 
 
 class _Scale:
@@ -201,28 +210,31 @@ class _Scale:
         return found.scaled(volume.attenuation[part])
 
 
-def _in_region(
-    name: str,
-    mask: NDArray[np.bool_],
+def _agreement(
     compared: Float32Array,
-    steps: Float32Array,
-    beside: Sequence[tuple[Float32Array, Float32Array]],
-) -> RegionScores:
-    """Scores of a region; ``beside`` holds the reference, and perhaps the phantom, with SSIM."""
-    mask = mask & np.isfinite(compared)
-    measures: list[tuple[float, float]] = []
-    for other, similarity in beside:
+    other: Float32Array,
+    known: NDArray[np.bool_],
+    regions: Sequence[Region],
+    box: Box,
+    window: Window,
+    device: Device,
+) -> list[tuple[float, float]]:
+    """SSIM and RMSE of two volumes (z, y, x) of ``box`` in each region, where ``known``."""
+    similarity = ssim_map(compared, other, window=window, device=device)
+    found = []
+    for region in regions:
+        mask = region.mask[box] & known
         seen, total = _total(similarity, mask & np.isfinite(similarity))
         if not seen:
             raise LegsimError(
-                f"region {name!r} has no voxel far enough inside the grid for a window of SSIM"
+                f"region {region.name!r} has no voxel far enough inside the grid for a window of "
+                "SSIM"
             )
-        count, squares = _total(compared - other, mask, lambda v, _: v**2)
-        measures.append((total / seen, math.sqrt(squares / count)))
-    entropy = _entropy(steps, mask)
-    ssim, rmse = measures[0]
-    true = measures[1] if len(measures) > 1 else (None, None)
-    return RegionScores(name, ssim, rmse, entropy, int(mask.sum()), *true)
+        count, squares = _total(
+            compared, mask, lambda v, k, inside=mask: (v - other[k][inside[k]]) ** 2
+        )
+        found.append((total / seen, math.sqrt(squares / count)))
+    return found
 
 
 def _total(

@@ -25,7 +25,7 @@ WINDOWS: dict[Window, str] = {
 
 _REACH: dict[Window, int] = {"uniform": 3, "gaussian": 5}
 
-_SLAB_BYTES = 1 << 25
+_SLAB_BYTES = 1 << 24
 """of one volume's slab; ten of them are held"""
 
 

@@ -12,9 +12,8 @@ from legsim.core.errors import LegsimError
 from legsim.core.values import Float32Array
 from legsim.figures.canvas import TEXT, new_figure, picture_axes
 from legsim.geometry.cone_beam import Projections
-from legsim.geometry.volume import NamedVolume, Volume
-from legsim.scene import values as scene_values
-from legsim.scene.values import SlicePlanes, white_level
+from legsim.geometry.volume import VolumeGrid
+from legsim.scene.slices import VolumeSlices
 
 AXIAL = (
     "A",
@@ -26,30 +25,25 @@ SAGITTAL = ("S", "I", "A", "P")  # superior, inferior, anterior, posterior
 
 
 def slices(
-    volumes: Sequence[NamedVolume],
-    planes: SlicePlanes,
+    shown: Sequence[VolumeSlices],
     *,
     window_per_mm: tuple[float, float] | None = None,
 ) -> Figure:
     """Draws slices of volumes: one column per method, one gray window for all.
 
     Rows: axial through the shank, axial through the thigh, sagittal. ``window_per_mm`` is (black,
-    white) in 1/mm; by default from 0 to the first volume's :func:`legsim.scene.values.white_level`.
+    white) in 1/mm; by default from 0 to the first volume's :func:`legsim.scene.slices.white_level`.
     """
-    low, high = window_per_mm or (0.0, 1e-3 * white_level(volumes[0].volume))
-    figure = new_figure(1.2 + 1.9 * len(volumes), 6.6)
-    axes = picture_axes(figure, 3, len(volumes))
+    low, high = window_per_mm or (0.0, 1e-3 * shown[0].white)
+    figure = new_figure(1.2 + 1.9 * len(shown), 6.6)
+    axes = picture_axes(figure, 3, len(shown))
     image = None
-    for column, named in enumerate(volumes):
-        axes[0][column].set_title(named.name, fontsize=10, color=TEXT)
+    for column, one in enumerate(shown):
+        axes[0][column].set_title(one.name, fontsize=10, color=TEXT)
         rows = (
-            (scene_values.axial(named.volume, planes.shank_y), _extent_axial(named.volume), AXIAL),
-            (scene_values.axial(named.volume, planes.thigh_y), _extent_axial(named.volume), AXIAL),
-            (
-                scene_values.sagittal(named.volume, planes.sagittal_z),
-                _extent_sagittal(named.volume),
-                SAGITTAL,
-            ),
+            (one.shank, _extent_axial(one.grid), AXIAL),
+            (one.thigh, _extent_axial(one.grid), AXIAL),
+            (one.sagittal, _extent_sagittal(one.grid), SAGITTAL),
         )
         for row, (values, extent, sides) in enumerate(rows):
             ax = axes[row][column]
@@ -63,6 +57,7 @@ def slices(
                 interpolation="nearest",
             )
             _write_sides(ax, sides)
+    planes = shown[0].planes
     heights = (
         f"axial, shank\ny = {1e3 * planes.shank_y:.0f} mm",
         f"axial, thigh\ny = {1e3 * planes.thigh_y:.0f} mm",
@@ -78,9 +73,8 @@ def slices(
 
 
 def overlay(
-    reference: NamedVolume,
-    volumes: Sequence[NamedVolume],
-    planes: SlicePlanes,
+    reference: VolumeSlices,
+    shown: Sequence[VolumeSlices],
     *,
     width_mm: float = 60.0,
 ) -> Figure:
@@ -93,19 +87,19 @@ def overlay(
     Raises:
         LegsimError: a volume lies on another grid than the reference.
     """
-    for named in volumes:
-        if named.volume.grid != reference.volume.grid:
+    for one in shown:
+        if one.grid != reference.grid:
             raise LegsimError(
-                f"volume {named.name!r} lies on another grid than {reference.name!r}; reconstruct "
+                f"volume {one.name!r} lies on another grid than {reference.name!r}; reconstruct "
                 "both on the same one"
             )
-    extent, white = _extent_axial(reference.volume), white_level(reference.volume)
-    red = np.clip(scene_values.axial(reference.volume, planes.thigh_y) / white, 0, 1)
+    extent, white = _extent_axial(reference.grid), reference.white
+    red = np.clip(reference.thigh / white, 0, 1)
     details: list[tuple[float, float] | None] = [None, *_details(red, extent)]
-    figure = new_figure(0.8 + 2.1 * len(volumes), 6.6)
-    axes = picture_axes(figure, 3, len(volumes))
-    for column, named in enumerate(volumes):
-        green = np.clip(scene_values.axial(named.volume, planes.thigh_y) / white, 0, 1)
+    figure = new_figure(0.8 + 2.1 * len(shown), 6.6)
+    axes = picture_axes(figure, 3, len(shown))
+    for column, one in enumerate(shown):
+        green = np.clip(one.thigh / white, 0, 1)
         colored = np.stack([red, green, np.zeros_like(red)], -1)
         for row, window in enumerate(details):
             ax = axes[row][column]
@@ -114,9 +108,9 @@ def overlay(
                 ax.set_xlim(window[0] - width_mm / 2, window[0] + width_mm / 2)
                 ax.set_ylim(window[1] - width_mm / 2, window[1] + width_mm / 2)
             _write_sides(ax, AXIAL)
-        axes[0][column].set_title(named.name, fontsize=10, color=TEXT)
+        axes[0][column].set_title(one.name, fontsize=10, color=TEXT)
     for row, label in enumerate(
-        (f"axial, thigh\ny = {1e3 * planes.thigh_y:.0f} mm", "femur", "skin in front")
+        (f"axial, thigh\ny = {1e3 * reference.planes.thigh_y:.0f} mm", "femur", "skin in front")
     ):
         axes[row][0].set_ylabel(label, fontsize=9, color=TEXT)
     figure.supxlabel(f"red: {reference.name} only, green: method only, yellow: both", fontsize=9)
@@ -149,13 +143,13 @@ def projection_montage(projections: Projections, *, count: int = 8) -> Figure:
     return figure
 
 
-def _extent_axial(volume: Volume) -> tuple[float, float, float, float]:
+def _extent_axial(grid: VolumeGrid) -> tuple[float, float, float, float]:
     """Extent (left, right, bottom, top) in mm of the axial picture.
 
     The axis z falls to the right, x rises upwards.
     """
-    x, _, z = volume.grid.axes()
-    dx, _, dz = volume.grid.spacing_xyz
+    x, _, z = grid.axes()
+    dx, _, dz = grid.spacing_xyz
     return (
         1e3 * (z[-1] + dz / 2),
         1e3 * (z[0] - dz / 2),
@@ -164,9 +158,9 @@ def _extent_axial(volume: Volume) -> tuple[float, float, float, float]:
     )
 
 
-def _extent_sagittal(volume: Volume) -> tuple[float, float, float, float]:
-    x, y, _ = volume.grid.axes()
-    dx, dy, _ = volume.grid.spacing_xyz
+def _extent_sagittal(grid: VolumeGrid) -> tuple[float, float, float, float]:
+    x, y, _ = grid.axes()
+    dx, dy, _ = grid.spacing_xyz
     return (
         1e3 * (x[-1] + dx / 2),
         1e3 * (x[0] - dx / 2),

@@ -9,7 +9,7 @@ from legsim.figures import curves, pictures
 from legsim.geometry.volume import NamedVolume, Volume
 from legsim.imu.signals import ImuSignals
 from legsim.kinematics.moving_leg import MovingLeg
-from legsim.scene.build import slice_planes
+from legsim.scene.slices import SlicePlanes, VolumeSlices
 
 
 def plot_slices(*, window_per_mm: tuple[float, float] | None = None, **volumes: Volume) -> Figure:
@@ -26,9 +26,9 @@ def plot_slices(*, window_per_mm: tuple[float, float] | None = None, **volumes: 
     """
     if not volumes:
         raise LegsimError("plot_slices needs volumes by name, as in plot_slices(truth=a, rigid=b)")
-    named = [NamedVolume(name, volume) for name, volume in volumes.items()]
-    planes = slice_planes(named[0].volume.grid.center)
-    return pictures.slices(named, planes, window_per_mm=window_per_mm)
+    planes = SlicePlanes.through(next(iter(volumes.values())).grid.center)
+    shown = [VolumeSlices.of(NamedVolume(name, one), planes) for name, one in volumes.items()]
+    return pictures.slices(shown, window_per_mm=window_per_mm)
 
 
 def plot_angles(person: MovingLeg, names: Sequence[str] = ()) -> Figure:

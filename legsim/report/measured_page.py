@@ -76,7 +76,7 @@ def measured_figures(
             "slices",
             "Axial slices 5 cm below and above the middle of the grid, and the sagittal slice "
             "through it, one column per method.",
-            figures.slices(scene.volumes, scene.planes),
+            figures.slices(scene.slices),
         ),
         ("projections", "Projections through the scan.",
          figures.projection_montage(scene.projections)),

@@ -30,16 +30,16 @@ def scan_figures(
     knee: FloatArray,
 ) -> tuple[tuple[str, str, Figure], ...]:
     """Draws (file stem, caption, figure) of every picture of a scan."""
-    if scene.planes is None:
+    if not scene.slices:
         return ()
     replay = scene.replay
-    corrected = scene.volumes[1:]
+    corrected = scene.slices[1:]
     pictures = [
         (
             "slices",
             "Axial slices 5 cm below and above the knee center, and the sagittal slice through "
             "it, one column per method.",
-            figures.slices(scene.volumes, scene.planes),
+            figures.slices(scene.slices),
         ),
         (
             "projections",
@@ -54,7 +54,7 @@ def scan_figures(
                 "overlay",
                 "The motion-free volume in red and each method in green; where they agree it is "
                 "yellow.",
-                figures.overlay(scene.volumes[0], corrected, scene.planes),
+                figures.overlay(scene.slices[0], corrected),
             ),
         )
     if motions:

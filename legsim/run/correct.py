@@ -33,7 +33,7 @@ from legsim.run.folder import RunFolder, commit
 from legsim.run.measured import MeasuredScan
 from legsim.run.methods import MethodInputs
 from legsim.scan import coverage
-from legsim.scene.build import slice_planes
+from legsim.scene.slices import VolumeSlices
 from legsim.scene.values import MeasuredScene
 
 _OF_THE_GRID = ("like", "shape_zyx", "spacing_mm", "center_mm")
@@ -338,7 +338,9 @@ def _present(
 
     def write() -> tuple[str, ...]:
         on_progress("recording and report", 0, 2)
-        scene = measured_scene(scan, [NamedVolume(one.name, one.load()) for one in corrected])
+        scene = measured_scene(
+            scan, [VolumeSlices.of(NamedVolume(c.name, c.load())) for c in corrected]
+        )
         view.write_measured(folder.path / "recording.rrd", scene)
         on_progress("recording and report", 1, 2)
         moved = [(one.name, one.motion) for one in corrected if one.motion is not None]
@@ -360,10 +362,9 @@ def _left_out(scan: MeasuredScan) -> tuple[str, ...]:
     return tuple(f"Sensor {name} has no start and was left out." for name in scan.left_out)
 
 
-def measured_scene(scan: MeasuredScan, volumes: Sequence[NamedVolume]) -> MeasuredScene:
+def measured_scene(scan: MeasuredScan, slices: Sequence[VolumeSlices]) -> MeasuredScene:
     """Builds what there is to see of a measured scan; sensors move as their signals say."""
     seen, names = scan.seen, scan.seen.signals.sensor_names
     paths = [sensor_path(seen, name, scan.settings.methods.scheme) for name in names]
     poses = SegmentPoses(seen.times, names, np.stack(paths, 1)) if names else None
-    planes = slice_planes(scan.grid.center)
-    return MeasuredScene(seen.projections, seen.signals, tuple(volumes), planes, poses)
+    return MeasuredScene(seen.projections, seen.signals, tuple(slices), poses)

@@ -4,7 +4,7 @@
 files.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -28,7 +28,7 @@ from legsim.run.folder import RunFolder, commit
 from legsim.run.stages import StageContext
 from legsim.run.store import StageCache
 from legsim.scene import build
-from legsim.scene.values import planes_alone
+from legsim.scene.slices import VolumeSlices
 from legsim.simulation.setup import joints_on_sensors
 from legsim.simulation.simulated_scan import SimulatedScan
 
@@ -186,7 +186,9 @@ def _present(
 
     def write() -> tuple[str, ...]:
         stage.on_progress("recording and report", 0, 2)
-        scene = build.scan_scene(scan, list(_shown(corrected)))
+        scene = build.scan_scene(
+            scan, [VolumeSlices.of(NamedVolume(c.name, c.load())) for c in corrected]
+        )
         view.write_scan(folder.path / "recording.rrd", scene)
         stage.on_progress("recording and report", 1, 2)
         shank = setup.poses.of(setup.named("tibia"))
@@ -217,14 +219,6 @@ def _present(
         folder.hash_of("metrics.json"),
     )
     folder.cached("presentation", key, write)
-
-
-def _shown(corrected: tuple[Reconstructed, ...]) -> Iterator[NamedVolume]:
-    """The motion-free volume, whose values set the grays, and what is shown of the others."""
-    for k, one in enumerate(corrected):
-        volume = one.load()
-        planes = build.slice_planes(volume.grid.center)
-        yield NamedVolume(one.name, volume if k == 0 else planes_alone(volume, planes))
 
 
 def _summary(

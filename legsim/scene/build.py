@@ -6,20 +6,16 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from legsim.core.values import FloatArray
-from legsim.geometry.volume import NamedVolume
 from legsim.imu import simulation
 from legsim.imu.signals import ImuSignals
 from legsim.kinematics.moving_leg import MovingLeg
-from legsim.kinematics.skeleton import JOINT_CENTERS, SegmentPoses
+from legsim.kinematics.skeleton import SegmentPoses
 from legsim.phantom.leg_phantom import LegPhantom, load_leg_phantom
-from legsim.scene.values import MovingSurface, ReplayScene, ScanScene, SegmentMesh, SlicePlanes
+from legsim.scene.slices import VolumeSlices
+from legsim.scene.values import MovingSurface, ReplayScene, ScanScene, SegmentMesh
 from legsim.simulation.simulated_scan import SimulatedScan
 
 _SHOWN_SURFACES = ("skin", "patella_cortex", "femur_cortex", "tibia_cortex", "fibula_cortex")
-
-_AXIAL_OFFSET = 0.05
-"""m below and above the knee center of the axial slices"""
 
 
 def replay_scene(
@@ -68,7 +64,9 @@ def _floor(poses: SegmentPoses) -> float:
     )
 
 
-def scan_scene(scan: SimulatedScan, volumes: Sequence[NamedVolume], every: int = 8) -> ScanScene:
+def scan_scene(
+    scan: SimulatedScan, slices: Sequence[VolumeSlices] = (), every: int = 8
+) -> ScanScene:
     """Builds the replay with skin, C-arm, projections and slices.
 
     The skin is at every ``every``-th view.
@@ -76,7 +74,6 @@ def scan_scene(scan: SimulatedScan, volumes: Sequence[NamedVolume], every: int =
     setup = scan.setup
     phantom, poses = setup.phantom, setup.poses
     replay = replay_scene(setup.person, scan.seen.signals, phantom)
-    knee = replay.joint_centers.positions_world[:, JOINT_CENTERS.index(setup.named("knee"))].mean(0)
     views = np.arange(0, len(poses.times), every)
     posed = [phantom.posed(poses.world_from_segment[view], poses.segment_names) for view in views]
     surfaces = [
@@ -89,17 +86,9 @@ def scan_scene(scan: SimulatedScan, volumes: Sequence[NamedVolume], every: int =
         for k, part in enumerate(phantom.phantom.parts)
         if part.name.startswith("skin")
     ]
-    center = volumes[0].volume.grid.center if volumes else knee
     return ScanScene(
         replay=replay,
         projections=scan.seen.projections,
         surfaces=tuple(surfaces),
-        volumes=tuple(volumes),
-        planes=slice_planes(center),
+        slices=tuple(slices),
     )
-
-
-def slice_planes(center: Sequence[float] | FloatArray) -> SlicePlanes:
-    """Planes below and above the knee ``center`` (3,), and sagittal through it."""
-    _, y, z = (float(c) for c in center)
-    return SlicePlanes(y - _AXIAL_OFFSET, y + _AXIAL_OFFSET, z)

@@ -1,4 +1,4 @@
-"""Values for the recording and the figures: skeleton, surfaces, sensors, slices."""
+"""Values for the recording and the figures: skeleton, surfaces, sensors."""
 
 from dataclasses import dataclass
 
@@ -7,10 +7,10 @@ import numpy as np
 from legsim.core.errors import LegsimError
 from legsim.core.values import Float32Array, FloatArray, frozen, increasing_times
 from legsim.geometry.cone_beam import Projections
-from legsim.geometry.volume import NamedVolume, Volume
 from legsim.imu.signals import ImuSignals
 from legsim.kinematics.skeleton import JointCenters, SegmentPoses
 from legsim.mocap.trajectories import JointTrajectories, MarkerTrajectories
+from legsim.scene.slices import VolumeSlices
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -162,87 +162,29 @@ class ReplayScene:
         )
 
 
-@dataclass(frozen=True, slots=True)
-class SlicePlanes:
-    """The three planes of the study's pictures, in world meters."""
-
-    shank_y: float
-    """height of the axial slice through the shank"""
-    thigh_y: float
-    """height of the axial slice through the thigh"""
-    sagittal_z: float
-    """how far to the subject's right the sagittal slice lies"""
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class ScanScene:
-    """A simulated scan: its replay, its projections and its volumes."""
+    """A simulated scan: its replay, its projections and slices of its volumes."""
 
     replay: ReplayScene
     projections: Projections
     surfaces: tuple[MovingSurface, ...] = ()
-    volumes: tuple[NamedVolume, ...] = ()
-    planes: SlicePlanes | None = None
-    """needed where there are volumes"""
+    slices: tuple[VolumeSlices, ...] = ()
+    """of its volumes, the motion-free one first"""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "surfaces", tuple(self.surfaces))
-        object.__setattr__(self, "volumes", tuple(self.volumes))
-        if self.volumes and self.planes is None:
-            raise LegsimError("a scene with volumes needs the planes to cut them at")
+        object.__setattr__(self, "slices", tuple(self.slices))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MeasuredScene:
-    """A measured scan: its projections, its volumes and what its sensors read."""
+    """A measured scan: its projections, slices of its volumes and what its sensors read."""
 
     projections: Projections
     imu: ImuSignals
     """without any sensor where none was read"""
-    volumes: tuple[NamedVolume, ...]
-    planes: SlicePlanes
+    slices: tuple[VolumeSlices, ...]
+    """of its volumes"""
     sensor_poses: SegmentPoses | None = None
     """world_from_sensor at the views, with the sensors as the segments"""
-
-
-def axial(volume: Volume, y: float) -> Float32Array:
-    """Slice (x, z) at world height ``y`` (m, nearest voxel), 1/m.
-
-    Rows run towards the front, columns towards the subject's left. Drawn with the origin below it
-    is the radiological view from the feet: front above, the subject's right on the left.
-    """
-    return volume.attenuation[:, _nearest(volume.grid.axes()[1], y), :].T[:, ::-1]
-
-
-def sagittal(volume: Volume, z: float) -> Float32Array:
-    """Slice (y, x) at world ``z`` (m, nearest voxel), 1/m.
-
-    Rows run upwards, columns towards the back (seen from the subject's left).
-    """
-    return volume.attenuation[_nearest(volume.grid.axes()[2], z)][:, ::-1]
-
-
-def planes_alone(volume: Volume, planes: SlicePlanes) -> Volume:
-    """The volume where the planes cut it, and 0 elsewhere.
-
-    Memory that is never written takes no room: many such volumes fit where few whole ones do.
-    """
-    _, y, z = volume.grid.axes()
-    kept = np.zeros(volume.grid.shape_zyx, np.float32)
-    for row in (_nearest(y, planes.shank_y), _nearest(y, planes.thigh_y)):
-        kept[:, row, :] = volume.attenuation[:, row, :]
-    across = _nearest(z, planes.sagittal_z)
-    kept[across] = volume.attenuation[across]
-    return Volume(volume.grid, kept)
-
-
-def white_level(volume: Volume) -> float:
-    """Attenuation in 1/m that pictures show as white: the 99.6th percentile.
-
-    It leaves the gray of soft tissue in the middle of the scale.
-    """
-    return float(np.percentile(volume.attenuation, 99.6)) or 1.0
-
-
-def _nearest(axis: FloatArray, value: float) -> int:
-    return int(np.argmin(np.abs(axis - value)))

@@ -18,7 +18,7 @@ from legsim.report.page import Picture
 from legsim.run import methods
 from legsim.run.folder import check_kind, finished_stages, registration_error
 from legsim.run.lock import FolderLock
-from legsim.scene import build
+from legsim.scene.slices import VolumeSlices
 from legsim.study import engine, report
 from legsim.study import results as study_results
 from legsim.study.config import StudyConfig
@@ -126,10 +126,13 @@ def _one_scan_under_noise(ended: Sequence[ScanJob], out: Path) -> tuple[Picture,
         for job in levels
         if job.noise
     ]
-    volumes = [
-        NamedVolume(name, image_files.load_volume(path)) for name, path in columns if path.is_file()
-    ]
-    figure = figures.slices(volumes, build.slice_planes(volumes[0].volume.grid.center))
+    figure = figures.slices(
+        [
+            VolumeSlices.of(NamedVolume(name, image_files.load_volume(path)))
+            for name, path in columns
+            if path.is_file()
+        ]
+    )
     caption = (
         f"{shown.subject}, {shown.posture}: {method} from clean and from noisy sensors, by "
         "level of noise and reading of its size."

@@ -21,7 +21,7 @@ def scan(scene: ScanScene) -> rrb.Blueprint:
         ).max()
     )
     pictures = [rrb.Spatial2DView(origin="world/c_arm/detector", name="Projection")]
-    if scene.volumes:
+    if scene.slices:
         pictures.append(rrb.Spatial2DView(origin="slices", name="Slices: shank, thigh, sagittal"))
     left = rrb.Vertical(
         _body(scene.replay, 1.6 * reach),

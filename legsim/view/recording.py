@@ -70,8 +70,7 @@ def record(stream: rr.RecordingStream, scene: AnyScene) -> None:
         log_c_arm(recorder, scene.projections)
         for surface in scene.surfaces:
             log_surface(recorder, surface)
-        if scene.planes is not None:
-            log_slices(recorder, scene.volumes, scene.planes)
+        log_slices(recorder, scene.slices)
 
 
 def _record_measured(stream: rr.RecordingStream, scene: MeasuredScene) -> None:
@@ -79,7 +78,7 @@ def _record_measured(stream: rr.RecordingStream, scene: MeasuredScene) -> None:
     stream.log("world", rr.ViewCoordinates.RIGHT_HAND_Y_UP, static=True)
     recorder = Recorder(stream, scene.projections.geometry.times)
     log_c_arm(recorder, scene.projections)
-    log_slices(recorder, scene.volumes, scene.planes)
+    log_slices(recorder, scene.slices)
     curves.log_imu(recorder, scene.imu)
     if scene.sensor_poses is not None:
         motion.log_sensors(recorder, scene.sensor_poses)

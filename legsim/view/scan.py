@@ -1,13 +1,14 @@
 """The scan: C-arm and projections, the deforming skin, slices of the reconstructions."""
 
+from collections.abc import Sequence
+
 import numpy as np
 import rerun as rr
 
 from legsim.core.values import Float32Array, FloatArray
 from legsim.geometry.cone_beam import ConeBeamGeometry, Projections
-from legsim.geometry.volume import NamedVolume
-from legsim.scene import values
-from legsim.scene.values import MovingSurface, SlicePlanes
+from legsim.scene.slices import VolumeSlices
+from legsim.scene.values import MovingSurface
 from legsim.view.motion import vertex_normals
 from legsim.view.stream import Recorder, entity_path
 
@@ -135,23 +136,23 @@ def thinned(
     return kept, merged[whole].astype(np.int32)
 
 
-def log_slices(recorder: Recorder, volumes: tuple[NamedVolume, ...], planes: SlicePlanes) -> None:
+def log_slices(recorder: Recorder, shown: Sequence[VolumeSlices]) -> None:
     """Logs all methods next to each other in one picture, in one gray window.
 
     Rows are shank, thigh and sagittal slices. Without a volume there is no picture.
     """
-    if not volumes:
+    if not shown:
         return
     rows = [
-        [np.flipud(values.axial(v.volume, planes.shank_y)) for v in volumes],
-        [np.flipud(values.axial(v.volume, planes.thigh_y)) for v in volumes],
-        [np.flipud(values.sagittal(v.volume, planes.sagittal_z)) for v in volumes],
+        [np.flipud(one.shank) for one in shown],
+        [np.flipud(one.thigh) for one in shown],
+        [np.flipud(one.sagittal) for one in shown],
     ]
     gap = 6
     heights = [max(image.shape[0] for image in row) for row in rows]
     width = max(image.shape[1] for row in rows for image in row)
-    canvas = np.zeros((sum(heights) + 2 * gap, len(volumes) * (width + gap) - gap), np.uint8)
-    top = values.white_level(volumes[0].volume)
+    canvas = np.zeros((sum(heights) + 2 * gap, len(shown) * (width + gap) - gap), np.uint8)
+    top = shown[0].white
     y = 0
     for row, height in zip(rows, heights, strict=True):
         for column, image in enumerate(row):
@@ -161,9 +162,9 @@ def log_slices(recorder: Recorder, volumes: tuple[NamedVolume, ...], planes: Sli
     recorder.static("slices/picture", rr.Image(canvas))
     places = [
         (column * (width + gap) + width / 2, -0.03 * canvas.shape[0])
-        for column in range(len(volumes))
+        for column in range(len(shown))
     ]
-    names = [v.name for v in volumes]
+    names = [one.name for one in shown]
     recorder.static(
         "slices/names",
         rr.Points2D(places, labels=names, radii=0.0, colors=(230, 230, 230), show_labels=True),

@@ -10,6 +10,7 @@ from legsim.geometry.volume import NamedVolume, Volume
 from legsim.imu.simulation import simulate_imu
 from legsim.kinematics.moving_leg import MovingLeg
 from legsim.scene import build
+from legsim.scene.slices import VolumeSlices
 from legsim.scene.values import ReplayScene, ScanScene
 from legsim.simulation.simulated_scan import SimulatedScan
 from legsim.view import recording
@@ -59,7 +60,7 @@ def _scene(
     content: SimulatedScan | MovingLeg, volumes: list[NamedVolume]
 ) -> ReplayScene | ScanScene:
     if isinstance(content, SimulatedScan):
-        return build.scan_scene(content, volumes)
+        return build.scan_scene(content, [VolumeSlices.of(one) for one in volumes])
     if not isinstance(content, MovingLeg):
         raise LegsimError(
             f"show takes a simulated scan or a moving leg, not {type(content).__name__}"

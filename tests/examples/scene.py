@@ -8,7 +8,8 @@ from legsim.geometry.volume import NamedVolume, Volume, VolumeGrid
 from legsim.imu.signals import ImuSignals
 from legsim.kinematics.skeleton import JointCenters, SegmentPoses
 from legsim.mocap.trajectories import JointTrajectories, MarkerTrajectories
-from legsim.scene.values import MovingSurface, ReplayScene, ScanScene, SegmentMesh, SlicePlanes
+from legsim.scene.slices import VolumeSlices
+from legsim.scene.values import MovingSurface, ReplayScene, ScanScene, SegmentMesh
 
 BENDS = tuple(
     f"{name}_{side}" for side in "rl" for name in ("hip_flexion", "knee_angle", "ankle_angle")
@@ -167,10 +168,9 @@ def scan_scene(views: int = 24, *, columns: int = 60, seconds: float = 1.0) -> S
         ),
         (MovingSurface("skin_r", times, skin, triangles),),
         tuple(
-            NamedVolume(name, leg_volume(knee, blur))
+            VolumeSlices.of(NamedVolume(name, leg_volume(knee, blur)))
             for name, blur in (("motion-free", 0.0), ("uncorrected", 0.02), ("rigid", 0.004))
         ),
-        SlicePlanes(knee[1] - 0.05, knee[1] + 0.05, knee[2]),
     )
 
 

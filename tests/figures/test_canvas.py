@@ -51,8 +51,8 @@ def one_of_each(scan):
     ]
     table = HeatMap("SI units", np.array([[1.0, 10.0], [0.1, np.nan]]), ("0", "1"), ("0", "none"))
     return {
-        "slices": figures.slices(scan.volumes, scan.planes),
-        "overlay": figures.overlay(scan.volumes[0], scan.volumes[1:], scan.planes),
+        "slices": figures.slices(scan.slices),
+        "overlay": figures.overlay(scan.slices[0], scan.slices[1:]),
         "montage": figures.projection_montage(scan.projections, count=5),
         "angles": figures.joint_angles(replay.trajectories, replay.angles()),
         "imu": figures.imu_curves(replay.imu),

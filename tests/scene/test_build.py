@@ -40,9 +40,3 @@ def test_bones_lie_at_their_joints_and_stand_on_the_floor(standing):
 def test_without_markers_nothing_is_measured(standing):
     assert standing.measured is None
     assert standing.modelled is None
-
-
-def test_slices_lie_5_cm_beside_the_knee_and_through_it():
-    planes = build.slice_planes((0.1, 0.5, -0.2))
-    assert (planes.shank_y, planes.thigh_y) == pytest.approx((0.45, 0.55))
-    assert planes.sagittal_z == -0.2

@@ -6,9 +6,7 @@ import numpy as np
 import pytest
 
 from legsim.core.errors import LegsimError
-from legsim.geometry.volume import Volume, VolumeGrid
-from legsim.scene import values as scene_values
-from legsim.scene.values import SegmentMesh, SlicePlanes
+from legsim.scene.values import SegmentMesh
 from tests.examples import scene as example_scene
 
 
@@ -64,35 +62,3 @@ def test_a_mesh_needs_a_segment_with_a_pose(replay):
     mesh = SegmentMesh("patella", "patella_r", *example_scene.tube(0.01, 0.02))
     with pytest.raises(LegsimError, match=r"without a pose: patella_r; known: femur_r"):
         replace(replay, segment_meshes=(mesh,))
-
-
-def test_volumes_need_planes():
-    with pytest.raises(LegsimError, match="planes"):
-        replace(example_scene.scan_scene(views=3), planes=None)
-
-
-def test_what_is_shown_of_a_volume_has_the_same_slices(rng):
-    grid = VolumeGrid((9, 8, 7), (0.01, 0.01, 0.01), (0.3, 0.5, -0.2))
-    volume = Volume(grid, rng.random(grid.shape_zyx, dtype=np.float32))
-    planes = SlicePlanes(0.47, 0.52, -0.21)
-    shown = scene_values.planes_alone(volume, planes)
-    for y in (planes.shank_y, planes.thigh_y):
-        np.testing.assert_array_equal(scene_values.axial(shown, y), scene_values.axial(volume, y))
-    z = planes.sagittal_z
-    np.testing.assert_array_equal(scene_values.sagittal(shown, z), scene_values.sagittal(volume, z))
-    assert np.count_nonzero(shown.attenuation) == 9 * 7 * 2 + 8 * 7 - 2 * 7
-
-
-def test_slices_are_oriented_as_in_radiology():
-    grid = VolumeGrid((5, 6, 7), (0.01, 0.01, 0.01), (0.3, 0.5, -0.2))
-    values = np.zeros(grid.shape_zyx, np.float32)
-    values[1, 4, 5] = 1  # left of the middle (low z), high up, in front
-    volume = Volume(grid, values)
-    _, y, z = grid.axes()
-    row, column = np.argwhere(scene_values.axial(volume, y[4] + 0.004))[0]
-    assert (row, column) == (
-        5,
-        3,
-    )  # with the origin below: front is above, low z (the left) on the right
-    row, column = np.argwhere(scene_values.sagittal(volume, z[1] - 0.004))[0]
-    assert (row, column) == (4, 1)  # front on the left

@@ -31,13 +31,13 @@ def test_another_scene_gets_another_identity(scene):
     assert recording.content_id(scene) != recording.content_id(other)
 
 
-def test_one_voxel_makes_another_identity(scene):
-    last = scene.volumes[-1]
-    attenuation = last.volume.attenuation.copy()
-    attenuation[20, 20, 20] += 1e-3
-    other = replace(last, volume=replace(last.volume, attenuation=attenuation))
+def test_one_pixel_of_a_slice_makes_another_identity(scene):
+    last = scene.slices[-1]
+    thigh = last.thigh.copy()
+    thigh[20, 20] += 1e-3
+    other = replace(last, thigh=thigh)
     assert recording.content_id(scene) != recording.content_id(
-        replace(scene, volumes=(*scene.volumes[:-1], other))
+        replace(scene, slices=(*scene.slices[:-1], other))
     )
 
 
