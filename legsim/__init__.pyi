@@ -1,10 +1,12 @@
 from .config import load_settings as load_settings
 from .core.errors import LegsimError as LegsimError
+from .correction.autofocus import Autofocus as Autofocus
 from .correction.bead_scan import Beads as Beads
 from .correction.fused import FusedBeads as FusedBeads
 from .correction.fused import FusedFiducials as FusedFiducials
 from .correction.fused import SensorPriors as SensorPriors
 from .correction.fused import Standing as Standing
+from .correction.fused_images import FusedImages as FusedImages
 from .correction.marker_based import MarkerBased as MarkerBased
 from .correction.method import Correction as Correction
 from .correction.method import Scan as Scan
@@ -19,6 +21,7 @@ from .correction.smoother import FiducialShadows as FiducialShadows
 from .deformation.models import ControlPointMotion as ControlPointMotion
 from .deformation.models import FieldMotion as FieldMotion
 from .deformation.models import RigidMotion as RigidMotion
+from .evaluation.image_criteria import GradientEntropy as GradientEntropy
 from .evaluation.regions import Region as Region
 from .evaluation.similarity import Scores as Scores
 from .evaluation.similarity import evaluate as evaluate
@@ -70,6 +73,9 @@ from .phantom.meshes import Phantom as Phantom
 from .reconstruction.cgls import cgls as cgls
 from .reconstruction.fdk import FdkOptions as FdkOptions
 from .reconstruction.fdk import fdk as fdk
+from .reconstruction.image_gradient import ImageGradient as ImageGradient
+from .reconstruction.image_gradient import filtered_scan as filtered_scan
+from .reconstruction.image_gradient import image_gradient as image_gradient
 from .reconstruction.total_variation import tv as tv
 from .run.correct import correct as correct
 from .run.imu_files import read_imu as read_imu

@@ -61,7 +61,7 @@ class BeadsConfig(ConfigSection):
 
 
 class FusedConfig(ConfigSection):
-    """What the methods standing and fused-beads go by, beside sensor and start."""
+    """What standing, fused-beads, fused and autofocus go by, beside sensor and start."""
 
     beads: int = Field(default=2, ge=1, le=4)
     """number of beads on the skin of the segment that carries the sensor; in no reconstruction"""

@@ -14,10 +14,12 @@ from typing import Any, cast
 
 from legsim.core.errors import LegsimError, file_error
 from legsim.correction import method as correction_method
+from legsim.correction.autofocus import Autofocus
 from legsim.correction.bead_scan import BeadScan
 from legsim.correction.bead_tracking import Reference
 from legsim.correction.expected_drift import drift_warning
 from legsim.correction.fused import FusedBeads, FusedFiducials, SensorPriors, Standing
+from legsim.correction.fused_images import FusedImages
 from legsim.correction.marker_based import MarkerBased
 from legsim.correction.method import Correction, CorrectionMethod, Scan
 from legsim.correction.nonrigid import NonRigid2D, NonRigid3D
@@ -65,13 +67,13 @@ class MethodInputs:
 
 
 FOLLOW_ONE, FOLLOW_JOINTS = (
-    ("rigid", "rigid-paper-order", "standing", "fused-beads", "fused-fiducials"),
+    ("rigid", "rigid-paper-order", "standing", "fused", "fused-beads", "fused-fiducials"),
     ("nonrigid-2d", "nonrigid-3d"),
 )
 """methods that need the sensor of methods.sensor, and those that need thigh and shank"""
 
 
-FIND_START = ("standing", "fused-beads", "fused-fiducials")
+FIND_START = ("standing", "fused", "fused-beads", "fused-fiducials")
 """methods that find start and drift themselves, from a start as it was strapped on"""
 
 DEAD_RECKONING = ("rigid", "rigid-paper-order", *FOLLOW_JOINTS)
@@ -153,6 +155,8 @@ BUILT_IN: dict[str, Callable[[MethodInputs], CorrectionMethod]] = {
     "standing": lambda given: Standing(given.sensor, given.priors),
     "fused-beads": _fused_beads,
     "fused-fiducials": _fused_fiducials,
+    "fused": lambda given: FusedImages(given.sensor, given.priors, given.device),
+    "autofocus": lambda given: Autofocus(given.priors.spread, device=given.device),
     "rigid-paper-order": lambda given: Rigid(given.sensor, given.scheme, "paper"),
 }
 

@@ -53,8 +53,8 @@ pytestmark = [
 ]
 
 PROMISED = (
-    *("uncorrected", "standing", "fused-beads", "fused-fiducials", "marker-based"),
-    *("oracle", "oracle-nonrigid"),
+    *("uncorrected", "autofocus", "standing", "fused", "fused-beads", "fused-fiducials"),
+    *("marker-based", "oracle", "oracle-nonrigid"),
 )
 """Methods that leave a resting leg as it is, whatever their sensor reads"""
 WARNED = ("rigid", "rigid-paper-order", "nonrigid-2d", "nonrigid-3d")

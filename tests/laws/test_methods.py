@@ -38,7 +38,7 @@ JOINTS = KNEE + np.array([[-0.1, 0.4, 0.0], [0, 0, 0], [-0.05, -0.4, 0.02]])
 GRID = VolumeGrid.cubic(48, 4e-3, KNEE.tolist())
 MOVING = (
     *("oracle", "oracle-nonrigid", "marker-based", "rigid", "nonrigid-2d", "nonrigid-3d"),
-    *("standing", "fused-beads", "fused-fiducials"),
+    *("standing", "fused", "fused-beads", "fused-fiducials"),
 )
 DEVICE = device.open_device()
 
@@ -210,6 +210,8 @@ def test_joints_that_move_as_one_body_give_the_rigid_volume(scan: Scan):
         "rigid",
         "rigid@thigh_l",
         "standing",
+        "fused",
+        "autofocus",
         "nonrigid-2d",
         "nonrigid-3d",
         "rigid-paper-order",

@@ -144,5 +144,19 @@ def fdk_motion() -> None:
         typer.echo(line)
 
 
+@app.command()
+def gradient(
+    views: Annotated[int, typer.Option(help="Views over the paper's range.")] = 248,
+    voxel_mm: Annotated[float, typer.Option(help="Voxels of the box of 110x70x110 mm.")] = 1.6,
+    repeats: Annotated[int, typer.Option(help="Runs whose median is taken.")] = 9,
+    device: Annotated[str | None, typer.Option(help="Part of an OpenCL device's label.")] = None,
+) -> None:
+    """Gradient of a box by all views: seconds, and times those of its back-projection."""
+    from tools.benchmarks import gradient as bench_gradient
+
+    for line in bench_gradient.run(views, voxel_mm, repeats, device):
+        typer.echo(line)
+
+
 if __name__ == "__main__":
     app()

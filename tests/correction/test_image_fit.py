@@ -1,0 +1,160 @@
+"""A motion fitted to sharpness: derivatives by what a path depends on, and the way down."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import cast
+
+import numpy as np
+import pytest
+
+from legsim.core import transforms
+from legsim.correction.image_criterion import Focus
+from legsim.correction.image_fit import ImageProblem, SplinePath, by_errors, fitted, similarity_part
+from legsim.correction.smoother import SmoothedPath, StandingPrior
+from legsim.reconstruction.field_of_view import pixel_at_isocenter
+from tests.examples.knee_scan import GEOMETRY, KNEE, VIEWS
+
+SPLINES = SplinePath(VIEWS, KNEE, 7)
+STANDING = StandingPrior.at(KNEE, 5e-3)
+
+
+def test_twists_of_splines_are_finite_differences_of_their_poses(rng: np.random.Generator) -> None:
+    errors = 3 * rng.normal(size=SPLINES.size)
+    found = SPLINES.path(errors).twists
+    for k in rng.integers(0, SPLINES.size, 12):
+        step = np.zeros(SPLINES.size)
+        step[k] = 1e-5
+        after, before = (SPLINES.path(errors + s * step).poses for s in (1, -1))
+        change = after @ transforms.inverse(before)
+        turn = transforms.vector_from_rotation(change[:, :3, :3]) / 2e-5
+        middle = 0.5 * (after + before)[:, :3, 3]
+        shift = (after - before)[:, :3, 3] / 2e-5 - np.cross(turn, middle)
+        np.testing.assert_allclose(found[:, :3, k], turn, atol=1e-9)
+        np.testing.assert_allclose(found[:, 3:, k], shift, atol=1e-8)
+
+
+def test_splines_begin_and_end_with_the_scan() -> None:
+    basis = SPLINES.basis()
+    np.testing.assert_allclose(basis.sum(1), 1, atol=1e-12)
+    assert basis[0, 0] == pytest.approx(1)
+    assert basis[-1, -1] == pytest.approx(1)
+
+
+def test_the_chain_rule_holds_for_any_function_of_the_motion(rng: np.random.Generator) -> None:
+    errors = rng.normal(size=SPLINES.size)
+    weights = rng.normal(size=(len(VIEWS), 4, 4))
+    weights[:, 3] = 0
+
+    def value(at: np.ndarray) -> float:
+        return float((weights * SPLINES.path(at).motion()).sum())
+
+    found = by_errors(weights, SPLINES.path(errors))
+    for k in rng.integers(0, SPLINES.size, 12):
+        step = np.zeros(SPLINES.size)
+        step[k] = 1e-5
+        slope = (value(errors + step) - value(errors - step)) / 2e-5
+        assert found[k] == pytest.approx(slope, abs=1e-6 * np.abs(found).max())
+
+
+def nearness(true: np.ndarray) -> Callable[[np.ndarray], tuple[float, np.ndarray]]:
+    """A sharpness of known minimum: 0.13 / 2 nats per mm^2 of what images see."""
+    points = STANDING.points
+    target = GEOMETRY.project(transforms.apply(true, points))[0]
+    pixel, matrices = 1.604e-3, GEOMETRY.matrices
+
+    def sharpness(motion: np.ndarray) -> tuple[float, np.ndarray]:
+        moved = transforms.apply(motion, points)
+        pixels, depths = GEOMETRY.project(moved)
+        off = pixel * (pixels - target)
+        rows = matrices[:, None, :2, :3] - pixels[..., None] * matrices[:, None, 2:, :3]
+        by_point = pixel * np.einsum("vpk,vpki->vpi", off, rows / depths[..., None, None])
+        scale = 0.13e6 / depths.size
+        by_motion = np.zeros((len(motion), 4, 4))
+        ends = np.concatenate([points, np.ones((len(points), 1))], -1)
+        by_motion[:, :3] = scale * np.einsum("vpi,pj->vij", by_point, ends)
+        return 0.5 * scale * float((off**2).sum()), by_motion
+
+    return sharpness
+
+
+def problem(true: np.ndarray, pull: np.ndarray | None = None) -> ImageProblem:
+    sharpness = cast(Focus, nearness(true))
+    return ImageProblem(SPLINES, sharpness, STANDING, GEOMETRY, 1e5, pull)
+
+
+def test_slopes_of_the_cost_are_finite_differences(rng: np.random.Generator) -> None:
+    true = SPLINES.path(0.3 * rng.normal(size=SPLINES.size)).motion()
+    pull = 1e-3 * rng.normal(size=true.shape) * [[1], [1], [1], [0]]
+    asked, errors = problem(true, pull), 0.3 * rng.normal(size=SPLINES.size)
+    _, slopes, _ = asked.cost(errors)
+    for k in rng.integers(0, SPLINES.size, 12):
+        step = np.zeros(SPLINES.size)
+        step[k] = 1e-4
+        slope = (asked.cost(errors + step)[0] - asked.cost(errors - step)[0]) / 2e-4
+        assert slopes[k] == pytest.approx(slope, abs=1e-5 * np.abs(slopes).max())
+
+
+def test_what_images_see_of_errors_is_what_a_smoothed_path_says(rng: np.random.Generator) -> None:
+    """Of errors in one direction; one of every four views decides here, and all of them there."""
+    errors = 0.1 * rng.normal(size=SPLINES.size)
+    path = SPLINES.path(errors)
+    _, seen = problem(path.motion()).known_and_seen(errors)
+    pixel = pixel_at_isocenter(GEOMETRY)
+    for _ in range(5):
+        way = rng.normal(size=SPLINES.size)
+        alone = SmoothedPath(
+            VIEWS, path, errors, np.outer(way, way), np.zeros((0, 3)), float("nan"), True
+        )
+        _, expected = alone.seen_motion(GEOMETRY, STANDING.points)
+        assert np.sqrt(way @ seen @ way) / pixel == pytest.approx(expected, rel=0.15)
+
+
+def test_priors_curve_as_they_do(rng: np.random.Generator) -> None:
+    """By differences of the slopes where the criterion has no weight."""
+    asked = replace(problem(SPLINES.path(np.zeros(SPLINES.size)).motion()), weight=0.0)
+    errors = np.zeros(SPLINES.size)
+    way = rng.normal(size=SPLINES.size)
+    ends = [asked.cost(errors + k * 1e-3 * way)[1] for k in (1, -1)]
+    second = way @ (ends[0] - ends[1]) / 2e-3
+    assert way @ asked.curvature(errors) @ way == pytest.approx(second, rel=0.1)
+
+
+def test_a_motion_is_found_again_to_what_priors_leave(rng: np.random.Generator) -> None:
+    true = SPLINES.path(0.3 * rng.normal(size=SPLINES.size)).motion()
+    found = fitted(problem(true), np.zeros(SPLINES.size), 60)
+    motion = SPLINES.path(found.errors).motion()
+    points = STANDING.points
+    off, before = (
+        GEOMETRY.project(transforms.apply(m, points))[0]
+        - GEOMETRY.project(transforms.apply(true, points))[0]
+        for m in (motion, np.broadcast_to(np.eye(4), motion.shape))
+    )
+    assert np.abs(off).max() < 0.05 * np.abs(before).max()
+    assert found.value < 0.01 * problem(true).cost(np.zeros(SPLINES.size))[2]
+
+
+def test_the_part_that_tells_no_images_apart_is_taken_out(rng: np.random.Generator) -> None:
+    motion = SPLINES.path(0.3 * rng.normal(size=SPLINES.size)).motion()
+    slopes = rng.normal(size=motion.shape) * [[1], [1], [1], [0]]
+    middle = KNEE - [0, 0.045, 0.01]
+    part = similarity_part(slopes, motion, GEOMETRY, middle)
+    turn = transforms.cross_matrix(rng.normal(size=3))
+    before = np.zeros((4, 4))
+    before[:3, :3], before[:3, 3] = turn, rng.normal(size=3)
+    nearer = np.zeros_like(motion)
+    nearer[:, :3, 3] = GEOMETRY.sources() - KNEE
+    for way in (motion @ before, nearer):
+        assert ((slopes - part) * way).sum() == pytest.approx(0, abs=1e-9 * np.abs(way).sum())
+    again = similarity_part(slopes - part, motion, GEOMETRY, middle)
+    assert np.abs(again).max() < 1e-9 * np.abs(part).max()
+
+
+def test_a_path_is_led_back_to_its_models_own(rng: np.random.Generator) -> None:
+    """The motion of some errors gives these errors again, from far off."""
+    true = 0.3 * rng.normal(size=SPLINES.size)
+    motion = SPLINES.path(true).motion()
+    found = problem(motion).retracted(np.zeros(SPLINES.size), motion)
+    off = transforms.apply(SPLINES.path(found).motion(), STANDING.points) - transforms.apply(
+        motion, STANDING.points
+    )
+    assert np.sqrt((off**2).sum(-1).mean()) < 5e-4
