@@ -1,5 +1,6 @@
 from .config import load_settings as load_settings
 from .core.errors import LegsimError as LegsimError
+from .correction.articulated import Articulated as Articulated
 from .correction.autofocus import Autofocus as Autofocus
 from .correction.bead_scan import Beads as Beads
 from .correction.fused import FusedBeads as FusedBeads

@@ -42,7 +42,7 @@ def correct(
         typer.Option(
             "--method",
             metavar="NAME",
-            help="rigid, nonrigid-2d, nonrigid-3d, rigid@<sensor>, or your own as "
+            help="rigid, nonrigid-2d, nonrigid-3d, articulated, rigid@<sensor>, or your own as "
             "path/to/file.py:function. May be repeated. The uncorrected scan always comes along.",
         ),
     ] = None,

@@ -98,7 +98,9 @@ class MethodsConfig(ConfigSection):
     points_per_segment: int = Field(default=0, ge=0)
     """additional control points of the non-rigid methods, evenly between a segment's joints"""
     node_mm: float = Field(default=8.0, gt=0)
-    """spacing of displacement fields: of oracle-nonrigid, and of more than three control points"""
+    """spacing of displacement fields: of articulated and oracle-nonrigid, and of more than three
+    control points
+    """
     fiducials: FiducialsConfig = FiducialsConfig()
     rough: RoughConfig = RoughConfig()
     beads: BeadsConfig = BeadsConfig()

@@ -4,3 +4,4 @@ from .models import ControlPointMotion as ControlPointMotion
 from .models import FieldMotion as FieldMotion
 from .models import Motion as Motion
 from .models import RigidMotion as RigidMotion
+from .polyrigid import PolyrigidMotion as PolyrigidMotion

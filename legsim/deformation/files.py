@@ -10,6 +10,7 @@ import numpy as np
 from legsim.core.errors import LegsimError, file_error
 from legsim.core.files import save_npz
 from legsim.deformation.models import ControlPointMotion, FieldMotion, Motion, RigidMotion
+from legsim.deformation.polyrigid import PolyrigidMotion
 from legsim.geometry.volume import VolumeGrid
 
 
@@ -50,12 +51,14 @@ def _motion(data: Mapping[str, np.ndarray]) -> Motion:
     if "moved" in data:
         return ControlPointMotion(data["times"], data["reference"], data["moved"])
     if "displacements" in data:
-        nodes, spacing, center = (
-            data["displacements"],
-            data["grid_spacing_xyz"].tolist(),
-            data["grid_center"].tolist(),
-        )
-        return FieldMotion(
-            data["times"], VolumeGrid(nodes.shape[1:4], tuple(spacing), tuple(center)), nodes
-        )
+        nodes = data["displacements"]
+        return FieldMotion(data["times"], _grid(data, nodes.shape[1:4]), nodes)
+    if "shares" in data:
+        shares = data["shares"]
+        return PolyrigidMotion(data["times"], data["bodies"], _grid(data, shares.shape[1:]), shares)
     return RigidMotion(data["times"], data["moved_from_reference"])
+
+
+def _grid(data: Mapping[str, np.ndarray], shape_zyx: tuple[int, int, int]) -> VolumeGrid:
+    spacing, center = data["grid_spacing_xyz"].tolist(), data["grid_center"].tolist()
+    return VolumeGrid(shape_zyx, tuple(spacing), tuple(center))

@@ -9,13 +9,14 @@ from legsim.core import transforms
 from legsim.core.constants import GRAVITY_WORLD
 from legsim.core.errors import LegsimError
 from legsim.core.values import FloatArray, frozen
-from legsim.kinematics import _osim_segments, _patella
+from legsim.kinematics import _osim_segments
 from legsim.kinematics._osim_chain import Chain
 from legsim.kinematics._osim_functions import is_linear
 from legsim.kinematics._osim_roles import bodies_by_segment
 from legsim.kinematics.leg_model import Kinematics, SensorMotion, marker_rows
 from legsim.kinematics.marker_sites import MarkerSites
 from legsim.kinematics.osim_file import Coupler, Joint, OsimMarker, OsimModel
+from legsim.kinematics.patella import in_femur as patella_in_femur
 from legsim.kinematics.skeleton import (
     SEGMENTS,
     JointCenters,
@@ -376,7 +377,7 @@ class OsimLeg:
         places = origins[:, bodies] + (rotations[:, bodies] @ local[:, :3, 3, None])[..., 0]
         for side, patella in zip("rl", _PATELLAE, strict=True):
             f, t = segment_index(f"femur_{side}"), segment_index(f"tibia_{side}")
-            on_femur = _patella.in_femur(
+            on_femur = patella_in_femur(
                 np.swapaxes(turns[:, f], 1, 2) @ turns[:, t], self.scales.factors[f], side
             )
             places[:, patella] = places[:, f] + (turns[:, f] @ on_femur[:, :3, 3:])[..., 0]

@@ -14,6 +14,7 @@ from typing import Any, cast
 
 from legsim.core.errors import LegsimError, file_error
 from legsim.correction import method as correction_method
+from legsim.correction.articulated import Articulated
 from legsim.correction.autofocus import Autofocus
 from legsim.correction.bead_scan import BeadScan
 from legsim.correction.bead_tracking import Reference
@@ -68,7 +69,7 @@ class MethodInputs:
 
 FOLLOW_ONE, FOLLOW_JOINTS = (
     ("rigid", "rigid-paper-order", "standing", "fused", "fused-beads", "fused-fiducials"),
-    ("nonrigid-2d", "nonrigid-3d"),
+    ("nonrigid-2d", "nonrigid-3d", "articulated"),
 )
 """methods that need the sensor of methods.sensor, and those that need thigh and shank"""
 
@@ -152,6 +153,7 @@ BUILT_IN: dict[str, Callable[[MethodInputs], CorrectionMethod]] = {
     "rigid": lambda given: Rigid(given.sensor, given.scheme),
     "nonrigid-2d": lambda given: NonRigid2D(scheme=given.scheme, device=given.device),
     "nonrigid-3d": lambda given: NonRigid3D(given.nodes, given.scheme),
+    "articulated": lambda given: Articulated(given.nodes, given.scheme, given.device),
     "standing": lambda given: Standing(given.sensor, given.priors),
     "fused-beads": _fused_beads,
     "fused-fiducials": _fused_fiducials,

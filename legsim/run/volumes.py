@@ -105,7 +105,7 @@ def _check_carriers(settings: RunConfig) -> None:
             asked = (
                 'methods.legs = "both" needs'
                 if settings.methods.legs == "both"
-                else "nonrigid-2d and nonrigid-3d need"
+                else "nonrigid-2d, nonrigid-3d and articulated need"
             )
             raise LegsimError(
                 f"{asked} sensors on {' and '.join(segments)}; add them to imu.sensors"

@@ -6,6 +6,7 @@ import pytest
 from legsim.core.errors import LegsimError
 from legsim.deformation.files import load_motion, save_motion
 from legsim.deformation.models import ControlPointMotion, FieldMotion
+from legsim.deformation.polyrigid import PolyrigidMotion
 from legsim.geometry.volume import VolumeGrid
 
 
@@ -26,6 +27,15 @@ def test_every_kind_of_motion_survives_the_file(tmp_path, rng):
     assert isinstance(loaded, FieldMotion)
     assert loaded.grid == field.grid
     np.testing.assert_array_equal(loaded.displacements, field.displacements)
+    bodies = PolyrigidMotion(
+        np.arange(3.0), np.tile(np.eye(4), (3, 2, 1, 1)), field.grid, np.full((2, 2, 3, 4), 0.5)
+    )
+    save_motion(tmp_path / "b.npz", bodies)
+    loaded = load_motion(tmp_path / "b.npz")
+    assert isinstance(loaded, PolyrigidMotion)
+    assert loaded.grid == field.grid
+    np.testing.assert_array_equal(loaded.bodies, bodies.bodies)
+    np.testing.assert_array_equal(loaded.shares, bodies.shares)
 
 
 @pytest.mark.parametrize("content", [b"", b"not a zip", b"PK\x03\x04 broken"])

@@ -57,7 +57,7 @@ PROMISED = (
     *("marker-based", "oracle", "oracle-nonrigid"),
 )
 """Methods that leave a resting leg as it is, whatever their sensor reads"""
-WARNED = ("rigid", "rigid-paper-order", "nonrigid-2d", "nonrigid-3d")
+WARNED = ("rigid", "rigid-paper-order", "nonrigid-2d", "nonrigid-3d", "articulated")
 """Methods that follow a sensor by dead reckoning: a run warns where its drift hides a motion"""
 
 BMI160, ROUGH = load_sensor("bmi160").errors, StartErrors()

@@ -38,7 +38,7 @@ JOINTS = KNEE + np.array([[-0.1, 0.4, 0.0], [0, 0, 0], [-0.05, -0.4, 0.02]])
 GRID = VolumeGrid.cubic(48, 4e-3, KNEE.tolist())
 MOVING = (
     *("oracle", "oracle-nonrigid", "marker-based", "rigid", "nonrigid-2d", "nonrigid-3d"),
-    *("standing", "fused", "fused-beads", "fused-fiducials"),
+    *("standing", "fused", "fused-beads", "fused-fiducials", "articulated"),
 )
 DEVICE = device.open_device()
 
@@ -198,10 +198,16 @@ def test_one_rigid_motion_of_everything_is_undone(scan: Scan, still: np.ndarray,
 
 
 def test_joints_that_move_as_one_body_give_the_rigid_volume(scan: Scan):
-    rigid, free = (methods.build(name, INPUTS)(scan) for name in ("rigid", "nonrigid-3d"))
-    np.testing.assert_allclose(
-        volume(scan.projections, free.motion), volume(scan.projections, rigid.motion), atol=2e-3
+    rigid, *free = (
+        methods.build(name, INPUTS)(scan) for name in ("rigid", "nonrigid-3d", "articulated")
     )
+    # a field between nodes 3 cm apart is linear in single precision
+    for found, tolerance in zip(free, (2e-3, 1e-2), strict=True):
+        np.testing.assert_allclose(
+            volume(scan.projections, found.motion),
+            volume(scan.projections, rigid.motion),
+            atol=tolerance,
+        )
 
 
 @pytest.mark.parametrize(
@@ -214,6 +220,7 @@ def test_joints_that_move_as_one_body_give_the_rigid_volume(scan: Scan):
         "autofocus",
         "nonrigid-2d",
         "nonrigid-3d",
+        "articulated",
         "rigid-paper-order",
         "oracle",
         "oracle-nonrigid",

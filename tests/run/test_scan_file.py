@@ -13,7 +13,7 @@ from legsim.run import pipeline
 from legsim.run.scan_file import NAME
 
 pytestmark = pytest.mark.filterwarnings("ignore::legsim.reconstruction.weights.ShortScanWarning")
-METHODS = ("uncorrected", "rigid", "nonrigid-2d", "nonrigid-3d")
+METHODS = ("uncorrected", "rigid", "nonrigid-2d", "nonrigid-3d", "articulated")
 
 
 @pytest.mark.end_to_end

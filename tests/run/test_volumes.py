@@ -43,6 +43,7 @@ def every(tiny_run, tiny_settings, tmp_path_factory):
         "rigid",
         "nonrigid-2d",
         "nonrigid-3d",
+        "articulated",
         "oracle-nonrigid",
         f"{EXAMPLE}:without_drift",
     )
@@ -56,7 +57,8 @@ def every(tiny_run, tiny_settings, tmp_path_factory):
 
 def test_every_method_betters_the_scan(every):
     rmse = {m.method: m.metrics.of("leg").rmse for m in every.methods}
-    for name in ("marker-based", "rigid", "nonrigid-2d", "nonrigid-3d", "oracle-nonrigid"):
+    bettering = ("marker-based", "rigid", "nonrigid-2d", "nonrigid-3d", "articulated")
+    for name in (*bettering, "oracle-nonrigid"):
         assert rmse[name] < 0.7 * rmse["uncorrected"], name
     assert rmse["oracle-nonrigid"] <= 1.05 * rmse["nonrigid-3d"]
 
@@ -66,6 +68,7 @@ def test_residuals_fall_as_more_is_known(every):
         m.method: next(r.mm for r in m.residuals if r.structure == "femur") for m in every.methods
     }
     assert femur["oracle-nonrigid"] < 0.5 * femur["nonrigid-3d"]
+    assert femur["articulated"] < 0.5 * femur["nonrigid-3d"]
     assert femur["nonrigid-3d"] < femur["rigid"] < femur["uncorrected"]
     assert femur["nonrigid-2d"] is None
 
@@ -74,6 +77,7 @@ def test_motions_are_of_their_kind(every):
     kinds = {
         "marker-based": RigidMotion,
         "nonrigid-3d": ControlPointMotion,
+        "articulated": FieldMotion,
         "oracle-nonrigid": FieldMotion,
         "without_drift": RigidMotion,
     }
@@ -153,7 +157,7 @@ SHANK = config.SensorConfig(name="shank_l", segment="tibia_l", distance_mm=140)
         (
             {"sensors": (SHANK,)},
             {"run": ("rigid", "nonrigid-2d")},
-            "nonrigid-2d and nonrigid-3d need sensors on femur_l and tibia_l; add",
+            "nonrigid-2d, nonrigid-3d and articulated need sensors on femur_l and tibia_l; add",
         ),
         (
             {},

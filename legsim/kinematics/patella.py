@@ -39,3 +39,13 @@ def in_femur(femur_from_tibia: FloatArray, factors: FloatArray, side: str) -> Fl
     place[:, 0] += forward(flexion) - forward(0.0)
     place[:, 1] += up(flexion) - up(0.0)
     return transforms.rigid(transforms.axis_rotation((0, 0, 1), angle(flexion)), place * factors)
+
+
+def knee_in_femur(flexion: float) -> FloatArray:
+    """(3,) m, the knee's center in the generic right femur, the knee bent by ``flexion`` (rad)."""
+    leg = LegModel.load()
+    values = leg.default_coordinates.copy()
+    values[leg.coordinate_names.index("knee_angle_r")] = -flexion
+    found = leg.kinematics(values[None])
+    femur, tibia = segment_index("femur_r"), segment_index("tibia_r")
+    return found.rotations[0, femur].T @ (found.origins[0, tibia] - found.origins[0, femur])

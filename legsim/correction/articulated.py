@@ -1,0 +1,145 @@
+"""Back-projection along rigid bones with the tissue between them: thigh and shank by two sensors.
+
+Which voxels are bone is seen in a first reconstruction, which follows the two sensors without
+knowing the bones. Where none are seen, the motion of that reconstruction is kept.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from legsim.core import transforms
+from legsim.core.errors import LegsimError
+from legsim.correction.bone_regions import FEMUR, NEAR_AXES, PATELLA, TIBIA, find_bones
+from legsim.correction.limb_motion import Limb, articulated_motion
+from legsim.correction.method import Correction, Scan
+from legsim.correction.rigid import sensor_path
+from legsim.deformation.models import FieldMotion
+from legsim.geometry.cone_beam import Projections
+from legsim.geometry.volume import Volume, VolumeGrid
+from legsim.imu.strapdown import Scheme
+from legsim.opencl.device import Device
+from legsim.reconstruction.fdk import FdkOptions, fdk
+
+_SEEN_AT = 2e-3
+"""m between the voxels in which bones are looked for"""
+
+_EDGE, _NODE = 0.26, 8e-3
+"""m, size of the cube and distance of its nodes where none are given"""
+
+
+@dataclass(frozen=True, slots=True)
+class Articulated:
+    """Femur, tibia and patella move as rigid bodies, the tissue in between takes shares of each.
+
+    >>> Articulated(grid.coarse(0.008))(scan).motion
+    FieldMotion(248 views over 7.968 s, 33x33x33 nodes (x, y, z) 8x8x8 mm apart)
+    """
+
+    nodes: VolumeGrid | None = None
+    """coarse grid over the volume, on which the motion is sampled
+
+    None: nodes 8 mm apart in a cube of 26 cm about the rotation center.
+    """
+    scheme: Scheme = "accurate"
+    device: Device | None = None
+    """None opens the fastest"""
+
+    def __call__(self, scan: Scan, /) -> Correction:
+        nodes = self.nodes or _around_center(scan.projections)
+        limbs = limbs_of(scan, self.scheme)
+        motion, notes = follow_limbs(scan.projections, limbs, nodes, self.device)
+        return Correction("articulated", scan.projections, motion, notes=notes)
+
+
+def follow_limbs(
+    projections: Projections,
+    limbs: Sequence[Limb],
+    nodes: VolumeGrid,
+    device: Device | None = None,
+) -> tuple[FieldMotion, tuple[str, ...]]:
+    """Motion at ``nodes`` of limbs whose thigh and shank move as any two estimates say.
+
+    Bones are looked for in a first reconstruction; what was found is in the sentences beside it.
+    """
+    times = projections.geometry.times
+    first = articulated_motion(times, limbs, nodes).on_grid(nodes)
+    volume = fdk(
+        projections,
+        _around_legs(nodes.coarse(_SEEN_AT), limbs),
+        motion=first,
+        options=FdkOptions(window="hann"),
+        device=device,
+    )
+    found = [_with_bones(limb, volume) for limb in limbs]
+    notes = tuple(f"articulated: {note}" for _, note in found)
+    if all(limb.bones is None for limb, _ in found):
+        return first, notes
+    return articulated_motion(times, [limb for limb, _ in found], nodes).on_grid(nodes), notes
+
+
+def limbs_of(scan: Scan, scheme: Scheme = "accurate") -> tuple[Limb, ...]:
+    """Legs whose joints are known, moved as the signals of their sensors say.
+
+    Raises:
+        LegsimError: no leg's joints are on sensors.
+    """
+    if not scan.joints:
+        raise LegsimError(
+            "articulated follows thigh and shank, and this scan knows the place of hip, knee and "
+            "ankle on no sensor: configure a sensor on the femur and one on the tibia (imu.sensors)"
+        )
+    limbs = []
+    for leg in scan.joints:
+        hip, knee, ankle = leg[:3]
+        joints = [
+            transforms.apply(scan.start(j.sensor).world_from_sensor, j.position_sensor[None])[0]
+            for j in (hip, knee, ankle)
+        ]
+        thigh, shank = (sensor_path(scan, j.sensor, scheme) for j in (hip, ankle))
+        limbs.append(Limb(np.stack(joints), thigh, shank))
+    return tuple(limbs)
+
+
+def _around_center(projections: Projections) -> VolumeGrid:
+    center = [float(c) for c in projections.geometry.rotation_center()]
+    return VolumeGrid.cubic(1, _EDGE, center).coarse(_NODE)
+
+
+def _around_legs(grid: VolumeGrid, limbs: Sequence[Limb]) -> VolumeGrid:
+    """The part of the grid in which bones are looked for."""
+    shares = np.linspace(0, 1, 200)[:, None]
+    ends = [(limb.joints[k], limb.joints[k + 1]) for limb in limbs for k in (0, 1)]
+    axes = np.concatenate([start + shares * (end - start) for start, end in ends])
+    spacing, last = np.array(grid.spacing_xyz), np.array(grid.shape_zyx[::-1]) - 1
+    index = (axes - grid.origin) / spacing
+    inside = index[((index >= 0) & (index <= last)).all(-1)]
+    if not len(inside):
+        return grid
+    low = np.maximum(np.floor(inside.min(0) - NEAR_AXES / spacing), 0).astype(int)
+    high = np.minimum(np.ceil(inside.max(0) + NEAR_AXES / spacing), last).astype(int) + 1
+    z, y, x = (slice(int(a), int(b)) for a, b in zip(low[::-1], high[::-1], strict=True))
+    return grid.cropped((z, y, x))
+
+
+def _with_bones(limb: Limb, volume: Volume) -> tuple[Limb, str]:
+    """The limb with the bones that the volume shows, and a sentence about them."""
+    try:
+        bones = find_bones(volume, limb.joints)
+    except LegsimError as error:
+        return limb, (
+            f"{error}; every point takes shares of the motions of thigh and shank by its distance "
+            "from their axes, so that bone near the knee is not rigid."
+        )
+    sizes = {
+        name: 1e6 * bones.volume(label)
+        for name, label in (("femur", FEMUR), ("tibia", TIBIA), ("patella", PATELLA))
+    }
+    seen = ", ".join(f"{size:.0f} cm^3 of the {name}" for name, size in sizes.items() if size > 0)
+    without = (
+        ""
+        if sizes["patella"] > 0
+        else " No patella was told apart: it moves with what it touches there."
+    )
+    return replace(limb, bones=bones), f"a first reconstruction shows {seen}.{without}"
