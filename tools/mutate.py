@@ -94,8 +94,7 @@ def mutated(node: ast.AST) -> tuple[str, str, Any] | None:
     if isinstance(node, ast.BoolOp):
         new = ast.Or if isinstance(node.op, ast.And) else ast.And
         return f"{_name(node.op)} to {new.__name__}", "op", new()
-    if isinstance(node, ast.Constant) and type(node.value) in (bool, int, float):
-        value = node.value
+    if isinstance(node, ast.Constant) and isinstance(value := node.value, (bool, int, float)):
         changed = (not value) if isinstance(value, bool) else value + 1 if value < 2 else 2 * value
         return f"{value} to {changed}", "value", changed
     if isinstance(node, (ast.If, ast.IfExp)):

@@ -83,9 +83,9 @@ def test_the_scaled_models_file_opens_to_the_same_leg(
         one, two = (model.getBodySet().get(body) for model in (opened, theirs))
         assert one.getMass() == pytest.approx(two.getMass(), rel=1e-9)
         moments = [[m.get(k) for m in (b.get_inertia(),) for k in range(6)] for b in (one, two)]
-        np.testing.assert_allclose(*moments, rtol=1e-9, atol=1e-12)
+        np.testing.assert_allclose(moments[0], moments[1], rtol=1e-9, atol=1e-12)
         centers = [[b.getMassCenter().get(k) for k in range(3)] for b in (one, two)]
-        np.testing.assert_allclose(*centers, atol=1e-12)
+        np.testing.assert_allclose(centers[0], centers[1], atol=1e-12)
 
 
 @pytest.mark.parametrize("path", OTHERS, ids=lambda path: path.stem)

@@ -101,10 +101,11 @@ def main(
     rng = np.random.default_rng(seed)
     seen: list[tuple[float, float, float]] = []
     ended = threading.Event()
-    options: dict[str, Any] = {"threads_per_worker": 1, "memory_limit": 0}
     with (
         tempfile.TemporaryDirectory() as place,
-        distributed.LocalCluster(n_workers=workers, dashboard_address=":0", **options) as cluster,
+        distributed.LocalCluster(
+            n_workers=workers, threads_per_worker=1, memory_limit=0, dashboard_address=":0"
+        ) as cluster,
         distributed.Client(cluster) as client,
     ):
         folder = Path(place, "scans")

@@ -24,7 +24,7 @@ def damaged(data: bytes, rng: np.random.Generator, others: Sequence[bytes] = ())
     """One random change, or up to four; ``others`` are of the same kind, to take pieces of."""
     for _ in range(min(4, rng.geometric(0.6))):
         if others and rng.random() < 0.1:
-            data = _spliced(data, others[rng.integers(len(others))], rng)
+            data = _spliced(data, others[int(rng.integers(len(others)))], rng)
         else:
             data = CHANGES[rng.integers(len(CHANGES))](data, rng)
     return data

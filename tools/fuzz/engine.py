@@ -93,7 +93,7 @@ def samples(reader: Reader, path: Path) -> tuple[bytes, ...]:
 
 def _input(valid: Sequence[bytes], seed: int, number: int) -> bytes:
     rng = np.random.default_rng([seed, number])
-    return damaged(valid[rng.integers(len(valid))], rng, valid[1:] and valid)
+    return damaged(valid[int(rng.integers(len(valid)))], rng, valid[1:] and valid)
 
 
 def _read_all(
