@@ -87,6 +87,14 @@ def watch(client: Any, ended: threading.Event, seen: list[tuple[float, float, fl
         seen.append((time.monotonic() - begun, resident(os.getpid()), largest))
 
 
+def _cluster(workers: int) -> Any:
+    import distributed
+
+    return distributed.LocalCluster(
+        n_workers=workers, threads_per_worker=1, memory_limit=0, dashboard_address=":0"
+    )
+
+
 def main(
     scans: Annotated[int, typer.Option(help="How many.", min=4)] = 500,
     workers: Annotated[int, typer.Option(help="Processes.", min=2)] = 2,
@@ -103,9 +111,7 @@ def main(
     ended = threading.Event()
     with (
         tempfile.TemporaryDirectory() as place,
-        distributed.LocalCluster(
-            n_workers=workers, threads_per_worker=1, memory_limit=0, dashboard_address=":0"
-        ) as cluster,
+        _cluster(workers) as cluster,
         distributed.Client(cluster) as client,
     ):
         folder = Path(place, "scans")
