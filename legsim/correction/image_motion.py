@@ -29,6 +29,10 @@ _DISCERNED = float(np.sqrt(2))
 """times its error that a motion must be seen by to be followed (docs/methods.md)"""
 
 
+_FLOOR_PX = 0.25
+"""pixels of the criterion's own error: that of the trials, whose pixels were 0.8 mm"""
+
+
 @dataclass(frozen=True, slots=True)
 class FocusRound:
     """One descent, with what the criterion itself pulls by taken from where it begins."""
@@ -51,7 +55,8 @@ class FocusPlan:
     weight: float = 4000.0
     """of a nat of entropy against the priors' standard deviations"""
     floor: float = 0.2e-3
-    """m at the isocenter: the criterion's own error, as in trials (docs/methods.md)
+    """m at the isocenter: the criterion's own error, as in trials (docs/methods.md); a quarter of a
+    pixel where pixels are larger than theirs
 
     No covariance has it.
     """
@@ -122,7 +127,8 @@ def _judged(
         geometry.times, path, errors, covariance, np.zeros((0, 3)), float("nan"), True
     )
     motion_px, spread_px = found.seen_motion(geometry, problem.standing.points)
-    error_px = float(np.hypot(spread_px, plan.floor / pixel_at_isocenter(geometry)))
+    floor_px = max(plan.floor / pixel_at_isocenter(geometry), _FLOOR_PX)
+    error_px = float(np.hypot(spread_px, floor_px))
     still = np.broadcast_to(np.eye(4), (len(geometry), 4, 4))
     before, after = focus(still)[0], focus(path.motion())[0]
     said = (

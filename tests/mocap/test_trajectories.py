@@ -55,7 +55,7 @@ def test_motion_of_a_body_carries_its_reference_pose_to_each_later_one(rng):
         (lambda: MarkerTrajectories([0, 0], ("a",), np.zeros((2, 1, 3))), "must increase strictly"),
         (
             lambda: MarkerTrajectories([0, np.nan], ("a",), np.zeros((2, 1, 3))),
-            "not a number at index 1",
+            "not a number, or too large a one, at index 1",
         ),
         (lambda: MarkerTrajectories([0, 1], ("a", "a"), np.zeros((2, 2, 3))), "repeated: a"),
         (

@@ -96,7 +96,7 @@ def test_a_consumer_sensor_and_beads_undo_a_sway_from_files_alone(tmp_path):
     assert isinstance(found, ls.RigidMotion)
     before = left_px(ls.RigidMotion.identity(VIEWS), SWAY)
     assert left_px(found, SWAY) < 0.15 * before
-    (said,) = [note for note in result.notes if "clock" in note]
+    (said,) = [note for note in result.notes if "sensor's clock is" in note]
     offset, spread = float(said.split()[4]), float(said.split("deviation of ")[1].split()[0])
     assert abs(offset - 1e3 * LATE) < 3 * spread
     assert any("2 beads: 100 % of their shadows" in note for note in result.notes)
