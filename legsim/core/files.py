@@ -10,6 +10,7 @@ import json
 import os
 import re
 import stat
+import tomllib
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -80,6 +81,20 @@ def load_npy(path: Path, fix: str) -> Any:
 
 _UTF16 = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
 """how "Unicode text" of spreadsheets begins"""
+
+
+def load_toml(path: Path, fix: str = "fix that place") -> dict[str, Any]:
+    """Content of a TOML file, a byte order mark or not.
+
+    Raises:
+        LegsimError: it cannot be read, or is not TOML; ``fix`` says what to do about the latter.
+    """
+    try:
+        return tomllib.loads(path.read_bytes().decode("utf-8-sig"))
+    except OSError as error:
+        raise file_error(path, f"cannot be read ({error.strerror})", "check the path") from error
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise file_error(path, f"is not TOML ({error})", fix) from error
 
 
 def _text(data: bytes) -> str:

@@ -4,16 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from legsim.evaluation.registration import Registration
 from legsim.evaluation.residual_motion import Residual
 from legsim.evaluation.similarity import RegionScores, Scores
-
-if TYPE_CHECKING:
-    pass
 
 
 def scores_from(entry: dict[str, Any]) -> Scores:

@@ -8,7 +8,6 @@ unseen::
     bias_instability_ug = { missing = "the data sheet does not state it" }
 """
 
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,7 +15,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from legsim.core import resources
+from legsim.core import files, resources
 from legsim.core.constants import STANDARD_GRAVITY
 from legsim.core.errors import LegsimError, file_error
 from legsim.core.values import LARGEST
@@ -152,13 +151,7 @@ def load_sensor(name_or_path: str | Path) -> CataloguedSensor:
                 "TOML file"
             )
         path = resources.model_file(f"{_FOLDER}/{str(name_or_path).lower()}.toml")
-    try:
-        tree = tomllib.loads(path.read_bytes().decode("utf-8-sig"))
-    except OSError as error:
-        raise file_error(path, f"cannot be read ({error.strerror})", "check the path") from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise file_error(path, f"is not TOML ({error})", "fix that place") from error
-    return _sensor(path, tree)
+    return _sensor(path, files.load_toml(path))
 
 
 def _sensor(path: Path, tree: dict[str, Any]) -> CataloguedSensor:

@@ -1,11 +1,10 @@
 """Marker maps from TOML files: the marker sets that ship with legsim, and a user's own."""
 
-import tomllib
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from legsim.core import resources
+from legsim.core import files, resources
 from legsim.core.errors import LegsimError, file_error
 from legsim.mocap import labels as mocap_labels
 from legsim.mocap.labels import PAPER_ROLES, MarkerMap
@@ -35,13 +34,7 @@ def load(name_or_path: str | Path) -> MarkerMap:
                 "give a TOML file"
             )
         path = resources.model_file(f"{_FOLDER}/{name_or_path}.toml")
-    try:
-        table = tomllib.loads(path.read_bytes().decode("utf-8-sig"))
-    except OSError as error:
-        raise file_error(path, f"cannot be read ({error.strerror})", "check the path") from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise file_error(path, f"is not TOML ({error})", "correct the file") from error
-    return _from_table(path, table)
+    return _from_table(path, files.load_toml(path, "correct the file"))
 
 
 def names() -> tuple[str, ...]:

@@ -124,3 +124,17 @@ def test_a_broken_npy_is_refused(tmp_path: Path, change) -> None:
         files.load_npy(path, "export it again")
     with pytest.raises(LegsimError, match="cannot be read"):
         files.load_npy(tmp_path, "export it again")
+
+
+def test_toml_is_read_with_a_byte_order_mark_and_refused_in_one_line(tmp_path):
+    path = tmp_path / "a.toml"
+    path.write_bytes(b"\xef\xbb\xbfa = 1\n")
+    assert files.load_toml(path) == {"a": 1}
+    path.write_text("a = \n")
+    with pytest.raises(LegsimError, match=r"a\.toml.* is not TOML .*; mend it"):
+        files.load_toml(path, "mend it")
+    path.write_bytes(b"a = '\xff'\n")
+    with pytest.raises(LegsimError, match="is not TOML"):
+        files.load_toml(path)
+    with pytest.raises(LegsimError, match=r"cannot be read .*check the path"):
+        files.load_toml(tmp_path / "none.toml")

@@ -17,13 +17,12 @@ from legsim.correction.rough_start import StartErrors, rough
 from legsim.correction.smoother import BeadShadows, SmoothedPath
 from legsim.correction.tied_sensors import LegTie, MeasuredSegment
 from legsim.geometry.cone_beam import ConeBeamGeometry, Projections
-from legsim.imu.errors import SensorErrors, TriadErrors
+from legsim.imu.errors import SensorErrors
 from legsim.imu.readout import read_out
 from legsim.imu.signals import ImuSignals, SensorStart
+from tests.correction.test_smoother import SAMPLES, SENSOR, START, VIEWS
 from tests.references.sway import Sway
 
-VIEWS = np.arange(40) / 15
-SAMPLES = np.arange(-15, 160) / 50
 SHANK = Sway.standing(5, position_mm=1.5, angle_deg=0.3)
 THIGH = replace(Sway.standing(6, angle_deg=0.4), position=SHANK.position, center=SHANK.center)
 KNEE = SHANK.center
@@ -32,11 +31,6 @@ PLACES = {
     "thigh_l": KNEE + 1e-3 * np.array([[50.0, 45.0, 10.0], [-40.0, 60.0, 30.0]]),
     "shank_l": KNEE + 1e-3 * np.array([[40.0, -20.0, 30.0], [-50.0, -60.0, 10.0]]),
 }
-SENSOR = SensorErrors(
-    TriadErrors(noise_density=2e-3, turn_on_bias=0.1, scale_error=0.01, misalignment=0.01),
-    TriadErrors(noise_density=1e-4, turn_on_bias=0.01, scale_error=0.01, misalignment=0.01),
-)
-START = StartErrors(0.02, 0.04, 0.03, 0.005)
 GEOMETRY = ConeBeamGeometry.circular(
     times=VIEWS,
     angles=np.radians(5) * np.arange(len(VIEWS)),
