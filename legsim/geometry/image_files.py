@@ -27,6 +27,7 @@ from numpy.typing import NDArray
 
 from legsim.core import files
 from legsim.core.errors import LegsimError, file_error
+from legsim.core.memory import in_words
 from legsim.core.values import LARGEST, Float32Array, FloatArray, within
 from legsim.geometry import _meta_header
 from legsim.geometry.cone_beam import ConeBeamGeometry, Projections
@@ -201,7 +202,7 @@ def volume_writer(path: Path | str, grid: VolumeGrid) -> Iterator[VolumeWriter]:
         if free < needed:
             raise file_error(
                 path,
-                f"needs {needed / 2**30:.1f} GiB, the disk has {free / 2**30:.1f} GiB",
+                f"needs {in_words(needed)}, the disk has {in_words(free)}",
                 "make room or take another disk",
             )
         stream.write(
