@@ -11,6 +11,8 @@ whole or not at all.
 
 from __future__ import annotations
 
+import errno
+import gzip
 import math
 import os
 import shutil
@@ -439,7 +441,32 @@ def _write(path: Path, image: sitk.Image) -> None:
     try:
         with files.whole(path) as partial:
             sitk.WriteImage(image, str(partial), ending == ".nii.gz")
+            _check_whole(partial, ending, sitk.GetArrayViewFromImage(image).nbytes)
     except RuntimeError as error:
         raise file_error(
             path, f"cannot be written ({_last_line(error)})", "check the folder and the space left"
         ) from error
+
+
+_BEFORE_VALUES = {".mha": b"ElementDataFile = LOCAL\n", ".nrrd": b"\n\n"}
+"""how the header ends; NIfTI's has a fixed size"""
+
+_NIFTI_HEADER = 352
+"""bytes"""
+
+
+def _check_whole(path: Path, ending: str, values: int) -> None:
+    """Checks that all bytes were written: the writers of NIfTI and NRRD do not notice a full disk.
+
+    Raises:
+        OSError: some are missing.
+    """
+    end = _BEFORE_VALUES.get(ending)
+    with gzip.open(path) if ending == ".nii.gz" else path.open("rb") as stream:
+        try:
+            start = stream.read(4096).find(end) + len(end) if end else _NIFTI_HEADER
+            there = stream.seek(0, os.SEEK_END)
+        except EOFError:  # a compressed file without its end
+            start, there = 0, 0
+    if there < max(start, 1) + values:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
