@@ -140,6 +140,32 @@ def test_the_catalogue_has_the_sensors_that_the_documentation_names():
     assert load_sensor("BMI160") == load_sensor("bmi160")
 
 
+_SHOWN = (
+    "accelerometer.noise_density_ug_per_sqrt_hz",
+    "accelerometer.turn_on_bias_mg",
+    "accelerometer.bias_instability_ug",
+    "gyroscope.noise_density_deg_per_s_per_sqrt_hz",
+    "gyroscope.turn_on_bias_deg_per_s",
+    "gyroscope.bias_instability_deg_per_h",
+    "gyroscope.g_sensitivity_deg_per_s_per_g",
+)
+
+
+@pytest.mark.parametrize("name", names())
+def test_the_documentation_shows_the_numbers_of_the_files(name: str):
+    sensor = load_sensor(name)
+    marks = {"sheet": "", "secondary": "′", "unverified": "\\*", "missing": ""}
+    values = {f"{v.triad}.{v.key}": v for v in sensor.values}
+    cells = [
+        "?" if v.value is None else f"{v.value:g}{marks[v.standing]}"
+        for v in (values[key] for key in _SHOWN)
+    ]
+    counts = [str(len(sensor.standing(standing))) for standing in marks]
+    row = " | ".join((f"| `{name}`", f"{sensor.maker} {sensor.name}", *cells, *counts)) + " |"
+    page = Path(__file__).parents[2] / "docs" / "sensors.md"
+    assert row in page.read_text("utf-8").splitlines()
+
+
 def test_units_are_those_of_the_keys():
     gyroscope = in_si("gyroscope", {"bias_instability_deg_per_h": 3600.0})
     assert gyroscope.instability == pytest.approx(np.radians(1))
