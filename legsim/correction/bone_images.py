@@ -49,9 +49,8 @@ class BoneTemplate:
     ) -> list[np.ndarray]:
         """Six (v, rows, columns): by turns (rad) about the middle and shifts (m) before M(i)."""
         system = self._system(geometry, motion, device)
-        slopes = np.stack(np.gradient(self.attenuation, *self.grid.spacing_xyz[::-1]), -1)[
-            ..., ::-1
-        ]
+        by_zyx = np.gradient(np.asarray(self.attenuation, float), *self.grid.spacing_xyz[::-1])
+        slopes = np.stack([np.asarray(part) for part in by_zyx[::-1]], -1)
         arms = (self.grid.positions() - self.middle).reshape(slopes.shape)
         by_twist = np.concatenate([np.cross(slopes, arms), -slopes], -1).astype(np.float32)
         return [system.forward(np.ascontiguousarray(by_twist[..., k])) for k in range(6)]

@@ -62,8 +62,12 @@ _AIR = 8.0
 _ARM = 0.03
 """m from the middle of a bone, of the points by which motions are compared"""
 
-_FLOOR, _FLOOR_PX = 0.3e-3, 0.15
-"""m at the isocenter, and averaged pixels: what was found of people at rest; the greater counts"""
+_SETTLED = 0.2
+"""standard deviations of the prior, RMS of a step after which no more is made"""
+
+_FLOOR, _FLOOR_PX = 0.6e-3, 0.3
+"""m at the isocenter, and averaged pixels, by which rounds from a true motion leave it; the greater
+counts (docs/methods.md)"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,7 +83,8 @@ class Bones2D3D:
     sensors: SensorPriors = field(default_factory=SensorPriors)
     """what is known of the sensors, where the scan has joints on some"""
     priors: BonePriors = field(default_factory=BonePriors)
-    rounds: int = 3
+    rounds: int = 6
+    """at most; they end with the first small step"""
     device: Device | None = None
     """None opens the fastest"""
 
@@ -210,8 +215,10 @@ def _registered(
     for _ in range(rounds):
         limb, poses, size = _improved(coarse, limb, poses, priors)
         misfits.append(size)
+        if poses.last < _SETTLED:
+            break
     said = (
-        f"bones-2d3d: in {rounds} rounds the misfit of edges went from {misfits[0]:.4f} to "
+        f"bones-2d3d: in {len(misfits)} rounds the misfit of edges went from {misfits[0]:.4f} to "
         f"{misfits[-1]:.4f} before the last; images determine {poses.determined} of "
         f"{poses.found.size} numbers of the motion better than the prior, the last step was "
         f"{poses.last:.2g} standard deviations of it"
