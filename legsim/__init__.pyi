@@ -1,8 +1,11 @@
 from .config import load_settings as load_settings
 from .core.errors import LegsimError as LegsimError
 from .correction.articulated import Articulated as Articulated
+from .correction.articulated_beads import ArticulatedBeads as ArticulatedBeads
+from .correction.articulated_beads import BeadedLeg as BeadedLeg
 from .correction.autofocus import Autofocus as Autofocus
 from .correction.bead_scan import Beads as Beads
+from .correction.bones_2d3d import Bones2D3D as Bones2D3D
 from .correction.fused import FusedBeads as FusedBeads
 from .correction.fused import FusedFiducials as FusedFiducials
 from .correction.fused import SensorPriors as SensorPriors

@@ -12,6 +12,7 @@ import numpy as np
 from legsim.core import transforms
 from legsim.core.errors import LegsimError
 from legsim.correction.bone_regions import FEMUR, NEAR_AXES, PATELLA, TIBIA, find_bones
+from legsim.correction.control_points import AttachedPoint
 from legsim.correction.limb_motion import Limb, articulated_motion
 from legsim.correction.method import Correction, Scan
 from legsim.correction.rigid import sensor_path
@@ -47,7 +48,7 @@ class Articulated:
     """None opens the fastest"""
 
     def __call__(self, scan: Scan, /) -> Correction:
-        nodes = self.nodes or _around_center(scan.projections)
+        nodes = self.nodes or around_center(scan.projections)
         limbs = limbs_of(scan, self.scheme)
         motion, notes = follow_limbs(scan.projections, limbs, nodes, self.device)
         return Correction("articulated", scan.projections, motion, notes=notes)
@@ -102,7 +103,20 @@ def limbs_of(scan: Scan, scheme: Scheme = "accurate") -> tuple[Limb, ...]:
     return tuple(limbs)
 
 
-def _around_center(projections: Projections) -> VolumeGrid:
+def scanned_leg(scan: Scan) -> tuple[AttachedPoint, ...]:
+    """The leg, of those whose joints are on sensors, whose knee starts nearest to the center."""
+    center = scan.projections.geometry.rotation_center()
+
+    def away(leg: tuple[AttachedPoint, ...]) -> float:
+        pose = scan.start(leg[1].sensor).world_from_sensor
+        knee = transforms.apply(pose, leg[1].position_sensor[None])[0]
+        return float(np.linalg.norm(knee - center))
+
+    return min(scan.joints, key=away)
+
+
+def around_center(projections: Projections) -> VolumeGrid:
+    """Nodes 8 mm apart in a cube of 26 cm about the rotation center."""
     center = [float(c) for c in projections.geometry.rotation_center()]
     return VolumeGrid.cubic(1, _EDGE, center).coarse(_NODE)
 

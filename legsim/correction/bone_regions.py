@@ -85,7 +85,7 @@ def find_bones(volume: Volume, joints: FloatArray) -> BoneRegions:
     grid = volume.grid
     to_axes = axis_distances(grid.positions(), joints).T.reshape(2, *grid.shape_zyx)
     near = to_axes.min(0) < NEAR_AXES
-    soft = _soft_tissue(volume.attenuation[near])
+    soft = soft_tissue(volume.attenuation[near])
     bone = _dense(volume, near, _BONE * soft)
     if not bone.any():
         raise LegsimError("no bone is seen around the leg's axes in the volume")
@@ -127,7 +127,7 @@ def _dense(volume: Volume, near: np.ndarray, least: float) -> np.ndarray:
     return np.stack([ndimage.binary_fill_holes(dense[:, y]) for y in range(dense.shape[1])], 1)
 
 
-def _soft_tissue(attenuation: Float32Array) -> float:
+def soft_tissue(attenuation: Float32Array) -> float:
     """Commonest attenuation (1/m) of what is not air.
 
     Raises:

@@ -26,7 +26,7 @@ from legsim.deformation.models import RigidMotion
 from legsim.imu.catalogue import load_sensor
 from legsim.imu.errors import SensorErrors
 
-_DISCERNED = float(np.sqrt(2))
+DISCERNED = float(np.sqrt(2))
 """times its standard deviation that a motion must be seen by to be followed
 
 What is found of a motion m with an error e has m^2 + e^2 on average. Following it leaves e, not
@@ -179,7 +179,7 @@ def _corrected(name: str, scan: Scan, found: SmoothedPath, notes: tuple[str, ...
         f"{name}: the images see {motion_px:.2g} px RMS of the motion that was found at the knee, "
         f"and should see {error_px:.2g} px of its errors"
     )
-    if found.settled and motion_px > _DISCERNED * error_px:
+    if found.settled and motion_px > DISCERNED * error_px:
         return Correction(name, scan.projections, found.motion, notes=(*notes, f"{said}."))
     why = "its estimate did not settle" if not found.settled else "the data do not determine it"
     left = f"{said}: {why}, and the scan is left as it is."

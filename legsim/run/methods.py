@@ -15,9 +15,11 @@ from typing import Any, cast
 from legsim.core.errors import LegsimError, file_error
 from legsim.correction import method as correction_method
 from legsim.correction.articulated import Articulated
+from legsim.correction.articulated_beads import ArticulatedBeads, BeadedLeg
 from legsim.correction.autofocus import Autofocus
 from legsim.correction.bead_scan import BeadScan
 from legsim.correction.bead_tracking import Reference
+from legsim.correction.bones_2d3d import Bones2D3D
 from legsim.correction.expected_drift import drift_warning
 from legsim.correction.fused import FusedBeads, FusedFiducials, SensorPriors, Standing
 from legsim.correction.fused_images import FusedImages
@@ -63,21 +65,26 @@ class MethodInputs:
     """few beads on the sensor's segment, made when called; None for a measured scan"""
     fused_fiducials: Callable[[], FiducialShadows] | None = None
     """points in the followed sensor, seen in all views; None for a measured scan"""
+    beaded_leg: BeadedLeg | None = None
+    """few beads on both segments of the scanned leg; None for a measured scan"""
     bead_reference: Reference = "bundle"
     """what the beads' poses are fitted to"""
 
 
 FOLLOW_ONE, FOLLOW_JOINTS = (
     ("rigid", "rigid-paper-order", "standing", "fused", "fused-beads", "fused-fiducials"),
-    ("nonrigid-2d", "nonrigid-3d", "articulated"),
+    ("nonrigid-2d", "nonrigid-3d", "articulated", "articulated-beads"),
 )
 """methods that need the sensor of methods.sensor, and those that need thigh and shank"""
 
 
-FIND_START = ("standing", "fused", "fused-beads", "fused-fiducials")
+FIND_START = (
+    *("standing", "fused", "fused-beads", "fused-fiducials", "articulated-beads"),
+    "bones-2d3d",
+)
 """methods that find start and drift themselves, from a start as it was strapped on"""
 
-DEAD_RECKONING = ("rigid", "rigid-paper-order", *FOLLOW_JOINTS)
+DEAD_RECKONING = ("rigid", "rigid-paper-order", "nonrigid-2d", "nonrigid-3d", "articulated")
 """methods that follow sensors alone, wherever these drift"""
 
 
@@ -145,6 +152,15 @@ def _fused_fiducials(given: MethodInputs) -> CorrectionMethod:
     return FusedFiducials(given.fused_fiducials, given.sensor, given.priors)
 
 
+def _articulated_beads(given: MethodInputs) -> CorrectionMethod:
+    if given.beaded_leg is None:
+        raise LegsimError(
+            "articulated-beads follows beads on thigh and shank, which only a simulated scan has "
+            "here; leave it out, or call legsim.ArticulatedBeads with the shadows that you found"
+        )
+    return ArticulatedBeads(given.beaded_leg, given.priors, given.nodes, given.device)
+
+
 BUILT_IN: dict[str, Callable[[MethodInputs], CorrectionMethod]] = {
     "uncorrected": lambda _: Uncorrected(),
     "oracle": _oracle,
@@ -154,6 +170,8 @@ BUILT_IN: dict[str, Callable[[MethodInputs], CorrectionMethod]] = {
     "nonrigid-2d": lambda given: NonRigid2D(scheme=given.scheme, device=given.device),
     "nonrigid-3d": lambda given: NonRigid3D(given.nodes, given.scheme),
     "articulated": lambda given: Articulated(given.nodes, given.scheme, given.device),
+    "articulated-beads": _articulated_beads,
+    "bones-2d3d": lambda given: Bones2D3D(given.nodes, given.priors, device=given.device),
     "standing": lambda given: Standing(given.sensor, given.priors),
     "fused-beads": _fused_beads,
     "fused-fiducials": _fused_fiducials,

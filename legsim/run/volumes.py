@@ -7,10 +7,13 @@ from functools import partial
 import numpy as np
 
 from legsim.config import RunConfig
+from legsim.core import transforms
 from legsim.core.constants import STANDARD_GRAVITY
 from legsim.core.errors import LegsimError
 from legsim.core.files import key_of
+from legsim.core.values import FloatArray
 from legsim.correction import bead_scan, initialization
+from legsim.correction.articulated_beads import BeadedLeg
 from legsim.correction.bead_scan import Beads, BeadScan
 from legsim.correction.fused import SensorPriors
 from legsim.correction.initialization import FiducialScan
@@ -24,7 +27,7 @@ from legsim.run import sensors as run_sensors
 from legsim.run.corrected import Reconstructed, Reconstructor
 from legsim.run.methods import MethodInputs
 from legsim.run.stages import StageContext
-from legsim.simulation.setup import ScanSetup, Side
+from legsim.simulation.setup import ScanSetup, Side, sensor_on
 from legsim.simulation.simulated_scan import SimulatedScan
 
 _BEADS = 3
@@ -32,6 +35,9 @@ _BEADS = 3
 
 _FUSED = 6
 """random stream of the run's seed, of few beads"""
+
+_TIED = 8
+"""random stream of the run's seed, of few beads on both segments"""
 
 _FIDUCIALS = 7
 """random stream of the run's seed, of fiducials in all views"""
@@ -105,7 +111,7 @@ def _check_carriers(settings: RunConfig) -> None:
             asked = (
                 'methods.legs = "both" needs'
                 if settings.methods.legs == "both"
-                else "nonrigid-2d, nonrigid-3d and articulated need"
+                else "nonrigid-2d, nonrigid-3d and the articulated methods need"
             )
             raise LegsimError(
                 f"{asked} sensors on {' and '.join(segments)}; add them to imu.sensors"
@@ -187,7 +193,8 @@ def _method_inputs(stage: StageContext, scan: SimulatedScan, grid: VolumeGrid) -
         beads=beads,
         bead_reference=wanted.reference,
         priors=sensor_priors(settings),
-        fused_beads=lambda: _fused_beads(stage, scan),
+        fused_beads=lambda: _fused_beads(stage, scan, settings, _FUSED),
+        beaded_leg=_beaded_leg(stage, scan),
         fused_fiducials=lambda: fused_fiducials(settings, setup, stage.device),
     )
 
@@ -208,11 +215,41 @@ def sensor_priors(settings: RunConfig) -> SensorPriors:
     )
 
 
-def _fused_beads(stage: StageContext, scan: SimulatedScan) -> BeadScan | BeadShadows:
+def _beaded_leg(stage: StageContext, scan: SimulatedScan) -> BeadedLeg | None:
+    """Few beads on each segment of the scanned leg; None without sensors on both."""
+    knee = knee_on_thigh(scan.setup)
+    if knee is None:
+        return None
+
+    def beads(sensor: str) -> BeadScan | BeadShadows:
+        methods = stage.settings.methods.model_copy(update={"sensor": sensor})
+        settings = stage.settings.model_copy(update={"methods": methods})
+        return _fused_beads(stage, scan, settings, _TIED)
+
+    return BeadedLeg(beads, knee)
+
+
+def knee_on_thigh(setup: ScanSetup) -> FloatArray | None:
+    """The scanned knee (3,) m in the thigh's sensor at the first view; None without such a sensor.
+
+    Taken from the truth, as :func:`legsim.simulation.setup.joints_on_sensors` takes the joints.
+    """
+    name = sensor_on(setup.sensors, setup.named("femur"))
+    if name is None:
+        return None
+    person = setup.person
+    poses = simulation.sensor_poses(person.leg, person.splines, setup.sensors, setup.times[:2])
+    knee = person.leg.joint_centers(setup.poses).of(setup.named("knee"))[0]
+    return transforms.apply(transforms.inverse(poses.of(name)[0]), knee[None])[0]
+
+
+def _fused_beads(
+    stage: StageContext, scan: SimulatedScan, settings: RunConfig, stream: int
+) -> BeadScan | BeadShadows:
     """Few beads on the segment that carries the followed sensor."""
-    settings, setup = stage.settings, scan.setup
+    setup = scan.setup
     if settings.methods.fused.found == "exact":
-        return exact_beads(settings, setup)
+        return exact_beads(settings, setup, stream)
     return bead_scan.add_beads(
         scan.seen.projections,
         setup.phantom,
@@ -221,16 +258,24 @@ def _fused_beads(stage: StageContext, scan: SimulatedScan) -> BeadScan | BeadSha
         stage.device,
         side=setup.side[0],
         energy_kev=settings.phantom.energy_kev,
-        rng=np.random.default_rng([settings.seed, _FUSED]),
+        rng=_stream(settings, stream),
         progress=partial(stage.on_progress, "projecting few beads"),
     )
 
 
-def exact_beads(settings: RunConfig, setup: ScanSetup) -> BeadShadows:
+def _stream(settings: RunConfig, stream: int) -> np.random.Generator:
+    """Random numbers of few beads: each segment's are its own."""
+    if stream == _FUSED:
+        return np.random.default_rng([settings.seed, stream])
+    below = not followed_segment(settings).startswith("femur")
+    return np.random.default_rng([settings.seed, stream, int(below)])
+
+
+def exact_beads(settings: RunConfig, setup: ScanSetup, stream: int = _FUSED) -> BeadShadows:
     """Projects the true places of few beads, with ``methods.fused.error_px`` of noise."""
     paths = bead_scan.bead_paths(setup.phantom, setup.poses, _few_beads(settings), setup.side[0])
     exact = setup.geometry.project(paths)[0]
-    noise = np.random.default_rng([settings.seed, _FUSED]).standard_normal(exact.shape)
+    noise = _stream(settings, stream).standard_normal(exact.shape)
     return BeadShadows(exact + settings.methods.fused.error_px * noise)
 
 

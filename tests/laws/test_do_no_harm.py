@@ -13,6 +13,7 @@ import trimesh
 
 from legsim.core import transforms
 from legsim.core.errors import LegsimError
+from legsim.correction.articulated_beads import BeadedLeg
 from legsim.correction.bead_scan import BeadScan
 from legsim.correction.fiducials import Fiducials
 from legsim.correction.fused import SensorPriors
@@ -54,7 +55,7 @@ pytestmark = [
 
 PROMISED = (
     *("uncorrected", "autofocus", "standing", "fused", "fused-beads", "fused-fiducials"),
-    *("marker-based", "oracle", "oracle-nonrigid"),
+    *("marker-based", "oracle", "oracle-nonrigid", "articulated-beads", "bones-2d3d"),
 )
 """Methods that leave a resting leg as it is, whatever their sensor reads"""
 WARNED = ("rigid", "rigid-paper-order", "nonrigid-2d", "nonrigid-3d", "articulated")
@@ -105,6 +106,9 @@ def inputs(seed: int) -> methods.MethodInputs:
         priors=SensorPriors(BMI160, ROUGH),
         fused_beads=lambda: BeadShadows(seen(bead_places()[:2], rng), PX),
         fused_fiducials=lambda: FiducialShadows(seen(JOINTS[1] + places, rng), places, PX),
+        beaded_leg=BeadedLeg(
+            lambda _: BeadShadows(seen(bead_places()[:2], rng), PX), KNEE - JOINTS[0]
+        ),
     )
 
 

@@ -8,6 +8,7 @@ import pytest
 import trimesh
 
 from legsim.core import transforms
+from legsim.correction.articulated_beads import BeadedLeg
 from legsim.correction.bead_scan import BeadScan
 from legsim.correction.control_points import AttachedPoint
 from legsim.correction.fiducials import Fiducials
@@ -38,8 +39,10 @@ JOINTS = KNEE + np.array([[-0.1, 0.4, 0.0], [0, 0, 0], [-0.05, -0.4, 0.02]])
 GRID = VolumeGrid.cubic(48, 4e-3, KNEE.tolist())
 MOVING = (
     *("oracle", "oracle-nonrigid", "marker-based", "rigid", "nonrigid-2d", "nonrigid-3d"),
-    *("standing", "fused", "fused-beads", "fused-fiducials", "articulated"),
+    *("standing", "fused", "fused-beads", "fused-fiducials", "articulated", "articulated-beads"),
 )
+TURNED = transforms.rotation_from_vector([0.3, -0.5, 0.2])
+"""of the thigh's sensor against the shank's"""
 DEVICE = device.open_device()
 
 
@@ -116,7 +119,7 @@ def scan() -> Scan:
     """Two sensors on one body that sways as a whole; their frames differ."""
     rate, force = SWAY.signals(SAMPLES)
     start = SensorStart(SWAY.poses(VIEWS[:1])[0], SWAY.velocities(VIEWS[:1])[0])
-    turned = transforms.rotation_from_vector([0.3, -0.5, 0.2])
+    turned = TURNED
     thigh = SensorStart(
         start.world_from_sensor @ transforms.rigid(turned, np.zeros(3)), start.velocity
     )
@@ -156,6 +159,13 @@ class Truth:
         return FieldMotion(VIEWS, nodes, displacements)
 
 
+def beaded_leg(thigh: np.ndarray, motion: RigidMotion) -> BeadedLeg:
+    """Two beads, and a thigh's sensor (4, 4) in world at the first view."""
+    shadows = BeadShadows(c_arm().project(motion.carry(bead_places()[:2]))[0])
+    knee = transforms.apply(transforms.inverse(thigh), KNEE[None])[0]
+    return BeadedLeg(lambda _: shadows, knee)
+
+
 INPUTS = methods.MethodInputs(
     sensor="shank_l",
     scheme="accurate",
@@ -167,6 +177,9 @@ INPUTS = methods.MethodInputs(
     priors=SensorPriors(SensorErrors(), EXACT),
     fused_beads=lambda: BeadShadows(c_arm().project(true_motion().carry(bead_places()[:2]))[0]),
     fused_fiducials=in_sensor,
+    beaded_leg=beaded_leg(
+        SWAY.poses(VIEWS[:1])[0] @ transforms.rigid(TURNED, np.zeros(3)), true_motion()
+    ),
 )
 
 
@@ -221,6 +234,8 @@ def test_joints_that_move_as_one_body_give_the_rigid_volume(scan: Scan):
         "nonrigid-2d",
         "nonrigid-3d",
         "articulated",
+        "articulated-beads",
+        "bones-2d3d",
         "rigid-paper-order",
         "oracle",
         "oracle-nonrigid",
@@ -242,8 +257,14 @@ def test_a_leg_at_rest_is_left_alone(still: np.ndarray, name: str):
             starts,
         )
     )
-    still_truth = cast(ScanTruth, Truth(RigidMotion.identity(VIEWS)))
-    found = methods.build(name, replace(INPUTS, truth=still_truth, beads=_never))(calm)
+    still_motion = RigidMotion.identity(VIEWS)
+    given = replace(
+        INPUTS,
+        truth=cast(ScanTruth, Truth(still_motion)),
+        beads=_never,
+        beaded_leg=beaded_leg(starts[1].world_from_sensor, still_motion),
+    )
+    found = methods.build(name, given)(calm)
     np.testing.assert_allclose(
         volume(found.projections, found.motion), still, atol=1e-4 * still.max()
     )

@@ -157,7 +157,7 @@ SHANK = config.SensorConfig(name="shank_l", segment="tibia_l", distance_mm=140)
         (
             {"sensors": (SHANK,)},
             {"run": ("rigid", "nonrigid-2d")},
-            "nonrigid-2d, nonrigid-3d and articulated need sensors on femur_l and tibia_l; add",
+            "nonrigid-3d and the articulated methods need sensors on femur_l and tibia_l; add",
         ),
         (
             {},

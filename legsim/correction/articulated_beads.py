@@ -1,0 +1,126 @@
+"""Rigid bones by two consumer sensors and few beads on each segment, tied at the knee.
+
+The tied smoother says how thigh and shank move from rough starts and biased signals; bones and the
+tissue between them follow as in :mod:`legsim.correction.articulated`.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from legsim.core.errors import LegsimError
+from legsim.core.values import FloatArray
+from legsim.correction.articulated import around_center, follow_limbs, scanned_leg
+from legsim.correction.bead_scan import BeadScan
+from legsim.correction.bead_tracking import track
+from legsim.correction.control_points import AttachedPoint
+from legsim.correction.fused import DISCERNED, SensorPriors
+from legsim.correction.limb_motion import Limb
+from legsim.correction.method import Correction, Scan
+from legsim.correction.smoother import BeadShadows, SmoothedPath, StandingPrior
+from legsim.correction.tied_sensors import LegTie, TiedPaths, tied_paths
+from legsim.deformation.models import RigidMotion
+from legsim.geometry.volume import VolumeGrid
+from legsim.opencl.device import Device
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BeadedLeg:
+    """What is seen and known of a leg with beads on thigh and shank."""
+
+    beads: Callable[[str], BeadShadows | BeadScan]
+    """from the name of the thigh's or the shank's sensor to what shows its segment's beads"""
+    knee_on_thigh: FloatArray
+    """(3,) m, the knee in the thigh's sensor: as well known as the joints of the scan are"""
+
+
+@dataclass(frozen=True, slots=True)
+class ArticulatedBeads:
+    """Femur, tibia and patella move as rigid bodies along two sensors whose drift beads show.
+
+    >>> ArticulatedBeads(BeadedLeg(shadows.get, knee), SensorPriors(load_sensor("bmi160").errors))
+    """
+
+    leg: BeadedLeg
+    priors: SensorPriors = field(default_factory=SensorPriors)
+    nodes: VolumeGrid | None = None
+    """coarse grid over the volume; None: as :class:`legsim.correction.articulated.Articulated`"""
+    device: Device | None = None
+    """None opens the fastest"""
+
+    def __call__(self, scan: Scan, /) -> Correction:
+        hip, knee, ankle = _joints(scan)
+        sensors = (hip.sensor, knee.sensor)
+        shadows = [_shadows(self.leg.beads(name)) for name in sensors]
+        tie = LegTie(
+            self.leg.knee_on_thigh, knee.position_sensor, ankle.position_sensor, hip.position_sensor
+        )
+        found = tied_paths(scan, sensors, tie, self.priors, (shadows[0], shadows[1]))
+        noted = [
+            f"articulated-beads, {name}: {beads.pixels.shape[1]} beads, "
+            f"{100 * np.isfinite(beads.pixels).all(-1).mean():.0f} % of their shadows found, "
+            f"{path.residual_px:.2f} px RMS from the sensor's path."
+            for name, beads, path in zip(sensors, shadows, (found.thigh, found.shank), strict=True)
+        ]
+        said, determined = _judged(scan, found)
+        if not determined:
+            still = RigidMotion.identity(scan.times)
+            return Correction("articulated-beads", scan.projections, still, notes=(*noted, said))
+        limb = Limb(found.joints(tie), found.thigh.path.poses, found.shank.path.poses)
+        nodes = self.nodes or around_center(scan.projections)
+        motion, seen = follow_limbs(scan.projections, [limb], nodes, self.device)
+        return Correction(
+            "articulated-beads", scan.projections, motion, notes=(*noted, said, *seen)
+        )
+
+
+def _joints(scan: Scan) -> tuple[AttachedPoint, AttachedPoint, AttachedPoint]:
+    """Hip, knee and ankle of the leg whose knee starts nearest to the rotation center.
+
+    Raises:
+        LegsimError: joints are on no sensors, or hip and knee on the same one.
+    """
+    if not scan.joints:
+        raise LegsimError(
+            "articulated-beads follows thigh and shank, and this scan knows the place of hip, knee "
+            "and ankle on no sensor: configure a sensor on the femur and one on the tibia "
+            "(imu.sensors)"
+        )
+    hip, knee, ankle = scanned_leg(scan)[:3]
+    if hip.sensor == knee.sensor or knee.sensor != ankle.sensor:
+        raise LegsimError(
+            "articulated-beads needs the hip on the thigh's sensor, knee and ankle on the shank's; "
+            f"they are on {hip.sensor}, {knee.sensor} and {ankle.sensor}"
+        )
+    return hip, knee, ankle
+
+
+def _shadows(beads: BeadShadows | BeadScan) -> BeadShadows:
+    if isinstance(beads, BeadScan):
+        return BeadShadows(track(beads.projections, beads.guesses, radius=beads.radius))
+    return beads
+
+
+def _judged(scan: Scan, found: TiedPaths) -> tuple[str, bool]:
+    """A sentence on what images see of both motions and their errors, and whether to follow them.
+
+    Both are followed where either is discerned: alone each would part the leg.
+    """
+    geometry = scan.projections.geometry
+    points = StandingPrior.at(geometry.rotation_center()).points
+
+    def seen(path: SmoothedPath) -> tuple[float, float]:
+        return path.seen_motion(geometry, points)
+
+    thigh, shank = seen(found.thigh), seen(found.shank)
+    discerned = any(motion > DISCERNED * error for motion, error in (thigh, shank))
+    said = (
+        f"articulated-beads: the images see {thigh[0]:.2g} and {shank[0]:.2g} px RMS of the motion "
+        f"of thigh and shank that was found, and should see {thigh[1]:.2g} and {shank[1]:.2g} px "
+        "of its errors"
+    )
+    if found.settled and discerned:
+        return f"{said}.", True
+    why = "the data do not determine it" if found.settled else "its estimate did not settle"
+    return f"{said}: {why}, and the scan is left as it is.", False

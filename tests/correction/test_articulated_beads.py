@@ -1,0 +1,97 @@
+"""Rigid bones along two biased sensors whose beads are seen; who rests is left alone."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from legsim.core.errors import LegsimError
+from legsim.core.values import FloatArray
+from legsim.correction import articulated_beads
+from legsim.correction.articulated_beads import ArticulatedBeads, BeadedLeg
+from legsim.correction.control_points import AttachedPoint
+from legsim.correction.fused import SensorPriors
+from legsim.correction.method import Scan
+from legsim.correction.smoother import BeadShadows
+from legsim.deformation.models import FieldMotion, RigidMotion
+from legsim.geometry.volume import VolumeGrid
+from tests.correction.test_tied_sensors import (
+    KNEE,
+    LEG,
+    SENSOR,
+    START,
+    TIE,
+    scanned,
+    shadows,
+)
+
+pytestmark = pytest.mark.filterwarnings("ignore::legsim.reconstruction.weights.ShortScanWarning")
+NODES = VolumeGrid.cubic(1, 0.15, KNEE.tolist()).coarse(0.02)
+PRIORS = SensorPriors(SENSOR, START, clock=0.0)
+POINTS = (
+    AttachedPoint("thigh_l", TIE.hip_in_thigh),
+    AttachedPoint("shank_l", TIE.knee_in_shank),
+    AttachedPoint("shank_l", TIE.ankle_in_shank),
+)
+
+
+def scan(rng: np.random.Generator) -> Scan:
+    return replace(scanned(rng), joints=(POINTS,))
+
+
+def method(rng: np.random.Generator, px: float = 0.3) -> ArticulatedBeads:
+    leg = BeadedLeg(lambda name: shadows(name, rng, px), TIE.knee_in_thigh)
+    return ArticulatedBeads(leg, PRIORS, NODES)
+
+
+def missed(motion: FieldMotion, name: str, points: FloatArray) -> float:
+    """m, RMS."""
+    true = np.stack([m[:3, :3] @ points.T + m[:3, 3:] for m in LEG[name].motion()])
+    return float(np.sqrt(((motion.carry(points) - np.swapaxes(true, 1, 2)) ** 2).sum(-1).mean()))
+
+
+def test_thigh_and_shank_are_followed_each_on_its_side(rng: np.random.Generator):
+    """From rough starts and biased signals, meters off alone; no bone is in these images."""
+    found = method(rng)(scan(rng))
+    assert isinstance(found.motion, FieldMotion)
+    for name, height in (("thigh_l", 0.06), ("shank_l", -0.06)):
+        points = KNEE + np.array([[0.0, height, 0.0]])
+        still = np.linalg.norm(LEG[name].motion()[:, :3] @ [*points[0], 1] - points[0], axis=-1)
+        assert missed(found.motion, name, points) < 0.6 * np.sqrt((still**2).mean())
+    assert "thigh_l: 2 beads, 100 % of their shadows found" in found.notes[0]
+    assert "of the motion of thigh and shank that was found" in found.notes[2]
+
+
+def test_who_may_rest_is_left_alone(rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch):
+    """Where the motion is no larger than its error."""
+    monkeypatch.setattr(articulated_beads, "DISCERNED", 1e3)
+    found = method(rng)(scan(rng))
+    assert isinstance(found.motion, RigidMotion)
+    assert (found.motion.moved_from_reference == np.eye(4)).all()
+    assert "do not determine it, and the scan is left as it is" in found.notes[-1]
+
+
+def test_a_leg_without_two_sensors_is_refused(rng: np.random.Generator):
+    with pytest.raises(LegsimError, match="knows the place of hip, knee and ankle on no sensor"):
+        method(rng)(replace(scan(rng), joints=()))
+    wrong = (POINTS[1], POINTS[1], POINTS[2])
+    with pytest.raises(LegsimError, match="needs the hip on the thigh's sensor"):
+        method(rng)(replace(scan(rng), joints=(wrong,)))
+
+
+def test_the_leg_in_the_isocenter_is_followed(rng: np.random.Generator):
+    """Of two, whichever comes first."""
+    beside = tuple(
+        replace(p, position_sensor=p.position_sensor + np.array([0.3, 0, 0])) for p in POINTS
+    )
+    asked: list[str] = []
+
+    def beads(name: str) -> BeadShadows:
+        asked.append(name)
+        return shadows(name, rng)
+
+    both = replace(scan(rng), joints=(beside, POINTS))
+    own = ArticulatedBeads(BeadedLeg(beads, TIE.knee_in_thigh), PRIORS, NODES)
+    assert asked == []
+    assert own(both).notes[0].startswith("articulated-beads, thigh_l")
+    assert asked == ["thigh_l", "shank_l"]
