@@ -9,7 +9,7 @@ import numpy as np
 
 from legsim.core.errors import LegsimError, file_error
 from legsim.core.values import FloatArray
-from legsim.kinematics import osim_file, osim_registration, osim_scaling
+from legsim.kinematics import osim_file, osim_marker_set, osim_registration, osim_scaling
 from legsim.kinematics.ik_options import CoordinatePrior, IkOptions
 from legsim.kinematics.marker_sites import MarkerSites
 from legsim.kinematics.osim_leg import OsimLeg
@@ -33,15 +33,26 @@ _UNIT_FACTOR, _OTHER_SIZE = 2.0, 0.05
 """a ratio of sizes that is no person's; a share of a length that is worth a warning"""
 
 
-def load(model: str | Path, scales: str | Path | None) -> tuple[OsimLeg, tuple[str, ...]]:
-    """The model's legs, scaled by a scale file where one is given, and what to say about them.
+def load(
+    model: str | Path, scales: str | Path | None, marker_set: str | Path | None = None
+) -> tuple[OsimLeg, tuple[str, ...]]:
+    """The model's legs, with the markers of a marker set and scaled by a scale file where these are
+    given, and what to say about them.
 
     Raises:
-        LegsimError: as :func:`legsim.kinematics.osim_file.read`, :class:`OsimLeg` and
+        LegsimError: as :func:`legsim.kinematics.osim_file.read`, :class:`OsimLeg`,
+            :func:`legsim.kinematics.osim_marker_set.with_set` and
             :func:`legsim.kinematics.osim_scaling.read`.
     """
     read = osim_file.read(model)
     notes = [f"on the model {read.name} ({read.path.name})"]
+    if read.homeless:
+        notes.append(
+            f"warning: markers on bodies that the model lacks are left out: {short(read.homeless)}"
+        )
+    if marker_set is not None:
+        read, said = osim_marker_set.with_set(read, marker_set)
+        notes += said
     if scales is not None:
         factors = osim_scaling.read(scales)
         try:
@@ -107,7 +118,7 @@ def marker_map(
         raise file_error(
             leg.model.path,
             "the model has no markers on its legs",
-            "load its marker set in OpenSim and save the model with it",
+            "give its marker set, as in --marker-set FILE.xml (motion.marker_set)",
             place="MarkerSet",
         )
     every = MarkerMap.one_to_one(leg.model.path.stem, sites.names, sites.names, sites.segments)
@@ -124,16 +135,28 @@ def marker_map(
             f"the model has {', '.join(sites.names)}, the recording {', '.join(labels)}: give "
             "markers of equal names"
         )
-    notes = [
-        f"{len(found)} of the {len(sites.names)} markers on the model's legs are in the recording"
-    ]
-    absent = [name for name in sites.names if name not in found]
+    # a place that bears two names needs one of them
+    used = {_place(sites, name) for name in found}
+    absent = [n for n in sites.names if n not in found and _place(sites, n) not in used]
+    count = len(found) + len(absent)
+    notes = [f"{len(found)} of the {count} markers on the model's legs are in the recording"]
     if absent:
         notes[0] += f"; not there: {short(absent)}"
+    spelled = [
+        f"{name} ({label})"
+        for name, (label,) in found.items()
+        if name != label.rpartition(":")[2] and name != label
+    ]
+    if spelled:
+        notes.append(f"markers that the recording spells otherwise: {short(spelled)}")
     if elsewhere:
         notes.append(f"markers on other bodies are not used: {short(elsewhere)}")
-    used = MarkerMap.one_to_one(every.name, known.names, known.names, known.segments)
-    return used, known, tuple(notes)
+    chosen = MarkerMap.one_to_one(every.name, known.names, known.names, known.segments)
+    return chosen, known, tuple(notes)
+
+
+def _place(sites: MarkerSites, name: str) -> tuple[str, bytes]:
+    return sites.segments[sites.index(name)], sites.position(name).tobytes()
 
 
 def check_unit(sites: MarkerSites, measured: MarkerTrajectories) -> None:
