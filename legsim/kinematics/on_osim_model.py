@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from legsim.core import transforms
 from legsim.core.errors import LegsimError, file_error
 from legsim.core.values import FloatArray
 from legsim.kinematics import osim_file, osim_marker_set, osim_registration, osim_scaling
@@ -28,6 +29,14 @@ _SAME = 1e-3
 _LARGEST_EXTENSION_DEG = 25.0
 
 _LEAST_ON_PELVIS = 3
+
+_SOME = 20
+"""frames that show on which side the legs are"""
+
+_ABOVE, _CROSSED = 0.3, 0.08
+"""sine of the elevation of the legs' markers over the pelvis, and m by which the right leg's lie
+left, that nobody's do half of the time
+"""
 
 _UNIT_FACTOR, _OTHER_SIZE = 2.0, 0.05
 """a ratio of sizes that is no person's; a share of a length that is worth a warning"""
@@ -168,6 +177,40 @@ def check_unit(sites: MarkerSites, measured: MarkerTrajectories) -> None:
             f"markers of one segment are {ratio:.3g} times as far apart as on the model: the unit "
             "of length is wrong; give the unit, as in --set motion.unit=mm (in Python: unit='mm')"
         )
+
+
+def check_sides(sites: MarkerSites, measured: MarkerTrajectories) -> None:
+    """Refuses legs that lie above the pelvis or on its other side, by the pelvis' own markers: left
+    and right are exchanged.
+    """
+    names = [name for name in sites.names if name in measured.marker_names]
+    known, shown = sites.only(names), np.stack([measured.marker(n) for n in names], 1)
+    segments = np.array(known.segments)
+    pelvis = segments == "pelvis"
+    upright = np.flatnonzero(np.isfinite(shown[:, pelvis]).all((1, 2)))
+    if pelvis.sum() < _LEAST_ON_PELVIS or len(upright) == 0:
+        return
+    some = shown[upright[np.unique(np.linspace(0, len(upright) - 1, _SOME).astype(int))]]
+    poses = transforms.best_rigid(known.positions[pelvis], some[:, pelvis], known.weights[pelvis])
+    local = transforms.apply(transforms.inverse(poses), some)
+    legs = local[:, ~pelvis].reshape(-1, 3)
+    legs = legs[np.isfinite(legs).all(1)]
+    if len(legs) and np.median(legs[:, 1] / np.linalg.norm(legs, axis=1)) > _ABOVE:
+        raise LegsimError(
+            "by the pelvis' markers the legs lie above it: left and right are exchanged in the "
+            "labels, or the axes mirrored; exchange them in the recording"
+        )
+    for part, what in (("femur", "thigh"), ("tibia", "shank"), ("calcn", "foot")):
+        right, left = (local[:, segments == f"{part}_{side}", 2] for side in "rl")
+        if not (np.isfinite(right).any() and np.isfinite(left).any()):
+            continue
+        apart = float(np.nanmedian(right)) - float(np.nanmedian(left))
+        if apart < -_CROSSED:
+            raise LegsimError(
+                f"the markers of the right {what} lie {-1e3 * apart:.0f} mm left of the left "
+                f"one's, by the sides of the pelvis: the labels of the legs are exchanged; "
+                "exchange them in the recording"
+            )
 
 
 def size_note(
