@@ -16,7 +16,7 @@ from legsim.correction.fused import SensorPriors
 from legsim.correction.method import Scan
 from legsim.correction.rough_start import StartErrors
 from legsim.correction.smoother import BeadShadows, triangulated
-from legsim.imu import tables
+from legsim.imu import table_rows
 from legsim.imu.catalogue import load_sensor
 from legsim.imu.signals import SensorStart
 from legsim.run import measured, methods
@@ -130,7 +130,7 @@ def load_beads(path: Path, views: int) -> FloatArray:
             twice.
     """
     seen: dict[tuple[int, int], tuple[float, float]] = {}
-    for number, (view, bead, u, v) in tables.read_rows(path, ("view", "bead", "u", "v")):
+    for number, (view, bead, u, v) in table_rows.read_rows(path, ("view", "bead", "u", "v")).rows:
         place = f"line {number}"
         try:
             key, pixel = (int(view), int(bead)), (float(u), float(v))
