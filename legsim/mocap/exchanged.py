@@ -1,5 +1,6 @@
 """Labels that two markers exchange on the way: each goes on where the other one was."""
 
+from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
@@ -29,22 +30,24 @@ def find_exchanges(positions: FloatArray, dt: float) -> list[Exchange]:
     """Exchanges among the markers of ``positions`` (n, m, 3), NaN where not seen, in the order of
     their frames.
     """
-    reach, found = max(1, int(_LONGEST_S / dt)), []
-    last, age = positions[0].copy(), np.zeros(positions.shape[1], int)
-    for frame in range(1, len(positions)):
-        here, age = positions[frame], age + 1
-        jump = np.linalg.norm(here - last, axis=1)
-        jumping = np.flatnonzero((jump > _FAR) & (age <= reach))
-        for k, one in enumerate(jumping):
-            for other in jumping[k + 1 :]:
-                across = max(
-                    float(np.linalg.norm(here[one] - last[other])),
-                    float(np.linalg.norm(here[other] - last[one])),
-                )
-                if across < _NEAR * min(jump[one], jump[other]):
-                    found.append(Exchange(frame, int(one), int(other)))
-        seen = np.isfinite(here).all(1)
-        last[seen], age[seen] = here[seen], 0
+    seen = np.isfinite(positions).all(-1)
+    rows = np.where(seen, np.arange(len(positions))[:, None], -1)
+    before = np.maximum.accumulate(rows, axis=0)[:-1]
+    # where each marker was when it was last seen
+    last = np.take_along_axis(positions, np.maximum(before, 0)[..., None], axis=0)
+    jump = np.linalg.norm(positions[1:] - last, axis=-1)
+    age = np.arange(1, len(positions))[:, None] - before
+    jumping = (jump > _FAR) & (before >= 0) & (age <= max(1, int(_LONGEST_S / dt)))
+    found = []
+    for row in np.flatnonzero(jumping.sum(1) > 1):
+        for one, other in combinations(np.flatnonzero(jumping[row]), 2):
+            here, there = positions[row + 1], last[row]
+            across = max(
+                float(np.linalg.norm(here[one] - there[other])),
+                float(np.linalg.norm(here[other] - there[one])),
+            )
+            if across < _NEAR * min(jump[row, one], jump[row, other]):
+                found.append(Exchange(int(row) + 1, int(one), int(other)))
     return found
 
 
