@@ -78,6 +78,14 @@ def replay(
             help="OpenSim model to use, with its markers. Default: legsim's leg.",
         ),
     ] = None,
+    marker_set: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="MARKERS.xml",
+            help="OpenSim's marker set for the model: replaces its markers of the same names and "
+            "adds others.",
+        ),
+    ] = None,
     scale_model: Annotated[
         bool,
         typer.Option(
@@ -130,7 +138,7 @@ def replay(
     from legsim.run.replay import replay as replay_recording
 
     # a path is taken as it is: as an override, a file called 1 would be a number
-    options = {"model": model, "scale_file": scale_file}
+    options = {"model": model, "marker_set": marker_set, "scale_file": scale_file}
     given: dict[str, object] = {key: str(path) for key, path in options.items() if path}
     if scale_model:
         given["scale_model"] = True

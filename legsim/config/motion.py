@@ -56,6 +56,10 @@ class MotionConfig(ConfigSection):
     """
     model: str = ""
     """OpenSim model (.osim) to use, with its own markers; empty: legsim's own leg"""
+    marker_set: str = ""
+    """OpenSim's marker set (.xml) for the model: its markers replace the model's own of the same
+    names, and are added to the others; empty: none
+    """
     scale_file: str = ""
     """OpenSim's scale factors (.xml), for legsim's own leg or for the model; empty: none"""
     scale_model: bool = False

@@ -140,7 +140,7 @@ class Problem:
         pose = self.leg.kinematics(values)
         # about the pelvis, so that a subject far from the world's origin loses no digits
         center = pose.origins[:, :1]
-        angular, linear = pose.angular, pose.linear + _cross(pose.angular, center)
+        angular, linear = pose.angular, pose.linear + transforms.cross(pose.angular, center)
         points = (
             pose.origins[:, self.rows]
             + (pose.rotations[:, self.rows] @ self.sites.positions[..., None])[..., 0]
@@ -192,13 +192,13 @@ class Problem:
             [work[..., a, b] - work[..., b, a] for a, b in ((1, 2), (2, 0), (0, 1))], -1
         )
         gradient = (linear * push).sum(-1) + (angular * torque).sum(-1)
-        shift = mass * linear + _cross(angular, first)
-        twist = _cross(first, linear) + _traced(second, angular)
+        shift = mass * linear + transforms.cross(angular, first)
+        twist = transforms.cross(first, linear) + _traced(second, angular)
         upper = (
             np.concatenate([linear, angular], -1)
             @ np.swapaxes(np.concatenate([shift, twist], -1), -1, -2)
         ) * self._related
-        turned = _cross(linear, push) - _traced(work, angular)
+        turned = transforms.cross(linear, push) - _traced(work, angular)
         return gradient, upper, (angular @ np.swapaxes(turned, -1, -2)) * self._turning
 
     def _add_flat_feet(
@@ -214,12 +214,12 @@ class Problem:
                 pose.rotations[:, foot, :, 1],
             )
             lean = upright * (1.0, 0.0, 1.0)
-            turns = _cross(angular, upright[:, None])
+            turns = transforms.cross(angular, upright[:, None])
             flat = turns * (1.0, 0.0, 1.0)
             gradient += weight * (turns @ lean[..., None])[..., 0]
             upper += (weight * self._related) * (flat @ np.swapaxes(flat, -1, -2))
             bend += (weight * self._related) * (
-                angular @ np.swapaxes(_cross(turns, lean[:, None]), -1, -2)
+                angular @ np.swapaxes(transforms.cross(turns, lean[:, None]), -1, -2)
             )
             cost += 0.5 * weight * (lean**2).sum(1)
         return cost
@@ -238,13 +238,6 @@ class Problem:
         found = self.leg.pelvis_values(poses)
         found[:, self._pelvis_turns] = np.unwrap(found[:, self._pelvis_turns], axis=0)
         return found
-
-
-def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
-    """Cross product on the last axis; np.cross without its overhead."""
-    x = a[..., 1] * b[..., 2] - a[..., 2] * b[..., 1]
-    y = a[..., 2] * b[..., 0] - a[..., 0] * b[..., 2]
-    return np.stack([x, y, a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]], -1)
 
 
 def _traced(matrices: FloatArray, vectors: FloatArray) -> FloatArray:

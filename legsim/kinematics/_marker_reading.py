@@ -98,6 +98,7 @@ def by_own_names(
         ),
     )
     named(path, lambda: on_osim_model.check_unit(sites, measured))
+    named(path, lambda: on_osim_model.check_sides(sites, measured))
     sites = sites.only([name for name in sites.names if name in measured.marker_names])
     return (
         measured,

@@ -10,6 +10,8 @@ from legsim.core.values import FloatArray
 from legsim.kinematics._osim_functions import is_identity
 from legsim.kinematics.osim_file import Joint, JointAxis
 
+_EYE = np.eye(3)
+
 
 class _Axis(NamedTuple):
     """A joint's axis made ready."""
@@ -21,11 +23,13 @@ class _Axis(NamedTuple):
     """(3, 3) cross product with its direction"""
     square: FloatArray
     """(3, 3) the same twice"""
+    free: bool
+    """whether it moves by its coordinate itself"""
 
     def turned(self, angle: FloatArray) -> FloatArray:
         """(n, 3, 3) turns about it (Rodrigues)."""
         s, c = np.sin(angle)[:, None, None], (1 - np.cos(angle))[:, None, None]
-        return np.eye(3) + s * self.skew + c * self.square
+        return _EYE + s * self.skew + c * self.square
 
 
 class _Link(NamedTuple):
@@ -100,7 +104,7 @@ class Chain:
     def _ready(self, axis: JointAxis) -> _Axis:
         skew = transforms.cross_matrix(axis.direction)
         column = self.names.index(axis.coordinate) if axis.coordinate else -1
-        return _Axis(axis, column, skew, skew @ skew)
+        return _Axis(axis, column, skew, skew @ skew, is_identity(axis.function))
 
     def _moves(self) -> np.ndarray:
         moves = np.zeros((len(self.names), len(self.bodies)), bool)
@@ -149,7 +153,7 @@ class Chain:
                 shift[:, k] = shift[:, up]
                 shift[:, k, :, up] += turn * link.p[:3, 3]
                 for ready in link.translations:
-                    if not is_identity(ready.axis.function):
+                    if not ready.free:
                         reach = np.abs(ready.axis.direction) * factors[up]
                         along = turn @ link.p[:3, :3] @ ready.axis.direction
                         size = self._of(ready, values)[0][:, None] * along
@@ -210,7 +214,7 @@ class Chain:
             if with_screws:
                 for column, rate in steps:
                     angular[:, column] += rate
-                    linear[:, column] += np.cross(center, rate)
+                    linear[:, column] += transforms.cross(center, rate)
             rotations[:, b] = turn @ link.c_inverse[:3, :3]
             origins[:, b] = center + turn @ link.c_inverse[:3, 3]
         return Screws(rotations, origins, angular, linear)
@@ -218,7 +222,7 @@ class Chain:
     def _of(self, ready: _Axis, values: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Value (n,) of an axis and its slope by its coordinate."""
         x = values[:, ready.column] if ready.column >= 0 else values[:, 0] * 0
-        if is_identity(ready.axis.function):
+        if ready.free:
             return x, np.ones_like(x)
         value, first, _ = ready.axis.function.with_derivatives(x)
         return value, first

@@ -68,19 +68,20 @@ def files_read(
     marker_map: str | Path = "auto",
     scale_from: str | Path | None = None,
     model: str | Path | None = None,
+    marker_set: str | Path | None = None,
     scale_file: str | Path | None = None,
     tasks_file: str | Path | None = None,
 ) -> tuple[Path, ...]:
     """The files that :func:`solve_kinematics` reads: recording, scaling trial, own marker map,
-    model, scale file, tasks.
+    model, marker set, scale file, tasks.
 
     Raises:
         LegsimError: one of them is not there.
     """
     path = find_recording(recording)
     files = [path, _scaling_source(path, scale_from)]
-    _check_there(model, scale_file)
-    files += [Path(given) for given in (model, scale_file) if given]
+    _check_there(model, marker_set, scale_file)
+    files += [Path(given) for given in (model, marker_set, scale_file) if given]
     files += ik_tasks.files_of(tasks_file) if tasks_file else ()
     if str(marker_map).endswith(".toml") and Path(marker_map).is_file():
         files.append(Path(marker_map))
@@ -98,6 +99,7 @@ def solve_kinematics(
     marker_noise: float = 0.2e-3,
     scale_from: str | Path | None = None,
     model: str | Path | None = None,
+    marker_set: str | Path | None = None,
     scale_file: str | Path | None = None,
     scale_model: bool = False,
     filter_coordinates: bool = False,
@@ -124,6 +126,8 @@ def solve_kinematics(
             legsim's own recordings, else ``recording`` itself.
         model: an OpenSim model (.osim) whose legs are used instead of legsim's own, with its
             markers and as large as it is.
+        marker_set: OpenSim's marker set (.xml) for ``model``: markers that replace the model's own
+            of their names, and further ones.
         scale_file: OpenSim's scale factors (.xml) for the generic leg, or for ``model``.
         scale_model: scale ``model`` to the person by its own markers, and place these where the
             person wears them; from ``scale_from`` where that is given.
@@ -147,8 +151,9 @@ def solve_kinematics(
     path = find_recording(recording)
     tasks = Tasks.read(ik or IkOptions())
     reading = Reading(marker_map, unit, up, filter_hz, longest_gap, marker_noise)
-    _check_one_size(path, scale_from, model, scale_file, scale_model)
-    _check_there(model, scale_file)
+    _check_settings(path, scale_from, model, marker_set, scale_file, scale_model)
+    _check_there(model, marker_set, scale_file)
+    own = None if model is None else _OwnModel(model, marker_set, scale_file, scale_model)
     low_pass_hz = filter_hz if filter_coordinates else 0.0
     raw = mocap_files.read_raw(path)
     if isinstance(raw, RawCoordinates):
@@ -157,8 +162,8 @@ def solve_kinematics(
         scaled = None if scale_from is None else find_recording(scale_from)
         if scaled is None:
             _refuse_marker_options(path, reading, filter_coordinates)
-        if model is not None:
-            leg, notes = _model_for_coordinates(reading, model, scale_file, scaled, scale_model)
+        if own is not None:
+            leg, notes = _model_for_coordinates(reading, path, own, scaled)
             return from_coordinates.on_model(
                 path, raw, leg, notes, low_pass_hz, unit=unit, in_degrees=in_degrees
             )
@@ -169,11 +174,9 @@ def solve_kinematics(
         found = replace(found, notes=(*sized, *found.notes))
         return moving_leg(found, path, leg, low_pass_hz=low_pass_hz)
     mocap_files.refuse_options(path, {"angles": in_degrees}, "markers, not joint coordinates")
-    if model is not None:
+    if own is not None:
         source = find_recording(scale_from) if scale_from else path
-        return _markers_on_model(
-            reading, path, model, scale_file, tasks, source if scale_model else None
-        )
+        return _markers_on_model(reading, path, own, tasks, source if scale_model else None)
     return _markers_on_own_leg(
         reading, path, tasks, scale_from=scale_from, scale_file=scale_file, register=register
     )
@@ -283,18 +286,30 @@ def _solved(
     return MovingLeg(printable(path.name), leg, settled, fit, how.notes)
 
 
+@dataclass(frozen=True, slots=True)
+class _OwnModel:
+    """The files of a user's model, and whether it is scaled to the person."""
+
+    path: str | Path
+    marker_set: str | Path | None
+    scale_file: str | Path | None
+    to_person: bool
+
+    def load(self) -> tuple[OsimLeg, tuple[str, ...]]:
+        return on_osim_model.load(self.path, self.scale_file, self.marker_set)
+
+
 def _markers_on_model(
     reading: Reading,
     path: Path,
-    model: str | Path,
-    scale_file: str | Path | None,
+    own: _OwnModel,
     tasks: Tasks,
     sized_from: Path | None,
 ) -> MovingLeg:
     """A recording of markers on the user's own OpenSim model, scaled to the one of ``sized_from``
     where that is given.
     """
-    leg, notes = on_osim_model.load(model, scale_file)
+    leg, notes = own.load()
     measured, sites, cleaning, said = by_own_names(reading, path, leg, tasks)
     leg, locked = on_osim_model.held_leg(leg)
     options, tasked = named(path, lambda: tasks.coordinates(leg))
@@ -322,15 +337,16 @@ def _markers_on_model(
 
 
 def _model_for_coordinates(
-    reading: Reading,
-    model: str | Path,
-    scale_file: str | Path | None,
-    sized_from: Path | None,
-    scale_model: bool,
+    reading: Reading, path: Path, own: _OwnModel, sized_from: Path | None
 ) -> tuple[OsimLeg, tuple[str, ...]]:
     """The user's model for a file of coordinates, and notes on it."""
-    leg, notes = on_osim_model.load(model, scale_file)
-    if not scale_model or sized_from is None:
+    if sized_from is None:
+        given = {"marker_set": own.marker_set, "scale_model": own.to_person or None}
+        mocap_files.refuse_options(
+            path, given, "joint coordinates, and motion.scaling_file names no markers"
+        )
+    leg, notes = own.load()
+    if sized_from is None:
         return leg, notes
     reference, sites, *_ = by_own_names(reading, sized_from, leg, Tasks.read(IkOptions()))
     held, _ = on_osim_model.held_leg(leg)
@@ -339,23 +355,35 @@ def _model_for_coordinates(
     return OsimLeg(sized.leg.model), (*notes, *sized.notes)
 
 
-def _check_there(model: str | Path | None, scale_file: str | Path | None) -> None:
-    """Refuses a model or scale file that is not there."""
-    for given, what in ((model, "an OpenSim model (.osim)"), (scale_file, "a scale file (.xml)")):
+def _check_there(
+    model: str | Path | None, marker_set: str | Path | None, scale_file: str | Path | None
+) -> None:
+    """Refuses a model, marker set or scale file that is not there."""
+    for given, what in (
+        (model, "an OpenSim model (.osim)"),
+        (marker_set, "a marker set (.xml)"),
+        (scale_file, "a scale file (.xml)"),
+    ):
         if given and not Path(given).is_file():
             raise file_error(given, "no such file", f"give {what}")
 
 
-def _check_one_size(
+def _check_settings(
     path: Path,
     scale_from: str | Path | None,
     model: str | Path | None,
+    marker_set: str | Path | None,
     scale_file: str | Path | None,
     scale_model: bool,
 ) -> None:
-    """Refuses a size that is given twice, and one that nothing gives."""
+    """Refuses a size that is given twice, and what is said of a model where none is given."""
     problem = ""
-    if scale_model and not model:
+    if marker_set and not model:
+        problem = (
+            "motion.marker_set puts markers on an OpenSim model, and there is none",
+            ("give --model"),
+        )
+    elif scale_model and not model:
         problem = "motion.scale_model scales an OpenSim model, and there is none", "give --model"
     elif scale_model and scale_file:
         problem = (

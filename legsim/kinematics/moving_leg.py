@@ -50,6 +50,10 @@ class MarkerFit:
     settled_hz: float
     """cut-off of the second low-pass, of the joint coordinates; 0 where there was none"""
 
+    def labels(self) -> dict[str, str]:
+        """The recording's label by the role that it plays alone."""
+        return {r.role: r.labels[0] for r in self.cleaning.roles if len(r.labels) == 1}
+
 
 @dataclass(frozen=True, slots=True)
 class CoordinateRange:

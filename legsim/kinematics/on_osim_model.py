@@ -7,9 +7,10 @@ from pathlib import Path
 
 import numpy as np
 
+from legsim.core import transforms
 from legsim.core.errors import LegsimError, file_error
 from legsim.core.values import FloatArray
-from legsim.kinematics import osim_file, osim_registration, osim_scaling
+from legsim.kinematics import osim_file, osim_marker_set, osim_registration, osim_scaling
 from legsim.kinematics.ik_options import CoordinatePrior, IkOptions
 from legsim.kinematics.marker_sites import MarkerSites
 from legsim.kinematics.osim_leg import OsimLeg
@@ -29,19 +30,38 @@ _LARGEST_EXTENSION_DEG = 25.0
 
 _LEAST_ON_PELVIS = 3
 
+_SOME = 20
+"""frames that show on which side the legs are"""
+
+_ABOVE, _CROSSED = 0.3, 0.08
+"""sine of the elevation of the legs' markers over the pelvis, and m by which the right leg's lie
+left, that nobody's do half of the time
+"""
+
 _UNIT_FACTOR, _OTHER_SIZE = 2.0, 0.05
 """a ratio of sizes that is no person's; a share of a length that is worth a warning"""
 
 
-def load(model: str | Path, scales: str | Path | None) -> tuple[OsimLeg, tuple[str, ...]]:
-    """The model's legs, scaled by a scale file where one is given, and what to say about them.
+def load(
+    model: str | Path, scales: str | Path | None, marker_set: str | Path | None = None
+) -> tuple[OsimLeg, tuple[str, ...]]:
+    """The model's legs, with the markers of a marker set and scaled by a scale file where these are
+    given, and what to say about them.
 
     Raises:
-        LegsimError: as :func:`legsim.kinematics.osim_file.read`, :class:`OsimLeg` and
+        LegsimError: as :func:`legsim.kinematics.osim_file.read`, :class:`OsimLeg`,
+            :func:`legsim.kinematics.osim_marker_set.with_set` and
             :func:`legsim.kinematics.osim_scaling.read`.
     """
     read = osim_file.read(model)
     notes = [f"on the model {read.name} ({read.path.name})"]
+    if read.homeless:
+        notes.append(
+            f"warning: markers on bodies that the model lacks are left out: {short(read.homeless)}"
+        )
+    if marker_set is not None:
+        read, said = osim_marker_set.with_set(read, marker_set)
+        notes += said
     if scales is not None:
         factors = osim_scaling.read(scales)
         try:
@@ -107,7 +127,7 @@ def marker_map(
         raise file_error(
             leg.model.path,
             "the model has no markers on its legs",
-            "load its marker set in OpenSim and save the model with it",
+            "give its marker set, as in --marker-set FILE.xml (motion.marker_set)",
             place="MarkerSet",
         )
     every = MarkerMap.one_to_one(leg.model.path.stem, sites.names, sites.names, sites.segments)
@@ -124,16 +144,28 @@ def marker_map(
             f"the model has {', '.join(sites.names)}, the recording {', '.join(labels)}: give "
             "markers of equal names"
         )
-    notes = [
-        f"{len(found)} of the {len(sites.names)} markers on the model's legs are in the recording"
-    ]
-    absent = [name for name in sites.names if name not in found]
+    # a place that bears two names needs one of them
+    used = {_place(sites, name) for name in found}
+    absent = [n for n in sites.names if n not in found and _place(sites, n) not in used]
+    count = len(found) + len(absent)
+    notes = [f"{len(found)} of the {count} markers on the model's legs are in the recording"]
     if absent:
         notes[0] += f"; not there: {short(absent)}"
+    spelled = [
+        f"{name} ({label})"
+        for name, (label,) in found.items()
+        if name != label.rpartition(":")[2] and name != label
+    ]
+    if spelled:
+        notes.append(f"markers that the recording spells otherwise: {short(spelled)}")
     if elsewhere:
         notes.append(f"markers on other bodies are not used: {short(elsewhere)}")
-    used = MarkerMap.one_to_one(every.name, known.names, known.names, known.segments)
-    return used, known, tuple(notes)
+    chosen = MarkerMap.one_to_one(every.name, known.names, known.names, known.segments)
+    return chosen, known, tuple(notes)
+
+
+def _place(sites: MarkerSites, name: str) -> tuple[str, bytes]:
+    return sites.segments[sites.index(name)], sites.position(name).tobytes()
 
 
 def check_unit(sites: MarkerSites, measured: MarkerTrajectories) -> None:
@@ -145,6 +177,40 @@ def check_unit(sites: MarkerSites, measured: MarkerTrajectories) -> None:
             f"markers of one segment are {ratio:.3g} times as far apart as on the model: the unit "
             "of length is wrong; give the unit, as in --set motion.unit=mm (in Python: unit='mm')"
         )
+
+
+def check_sides(sites: MarkerSites, measured: MarkerTrajectories) -> None:
+    """Refuses legs that lie above the pelvis or on its other side, by the pelvis' own markers: left
+    and right are exchanged.
+    """
+    names = [name for name in sites.names if name in measured.marker_names]
+    known, shown = sites.only(names), np.stack([measured.marker(n) for n in names], 1)
+    segments = np.array(known.segments)
+    pelvis = segments == "pelvis"
+    upright = np.flatnonzero(np.isfinite(shown[:, pelvis]).all((1, 2)))
+    if pelvis.sum() < _LEAST_ON_PELVIS or len(upright) == 0:
+        return
+    some = shown[upright[np.unique(np.linspace(0, len(upright) - 1, _SOME).astype(int))]]
+    poses = transforms.best_rigid(known.positions[pelvis], some[:, pelvis], known.weights[pelvis])
+    local = transforms.apply(transforms.inverse(poses), some)
+    legs = local[:, ~pelvis].reshape(-1, 3)
+    legs = legs[np.isfinite(legs).all(1)]
+    if len(legs) and np.median(legs[:, 1] / np.linalg.norm(legs, axis=1)) > _ABOVE:
+        raise LegsimError(
+            "by the pelvis' markers the legs lie above it: left and right are exchanged in the "
+            "labels, or the axes mirrored; exchange them in the recording"
+        )
+    for part, what in (("femur", "thigh"), ("tibia", "shank"), ("calcn", "foot")):
+        right, left = (local[:, segments == f"{part}_{side}", 2] for side in "rl")
+        if not (np.isfinite(right).any() and np.isfinite(left).any()):
+            continue
+        apart = float(np.nanmedian(right)) - float(np.nanmedian(left))
+        if apart < -_CROSSED:
+            raise LegsimError(
+                f"the markers of the right {what} lie {-1e3 * apart:.0f} mm left of the left "
+                f"one's, by the sides of the pelvis: the labels of the legs are exchanged; "
+                "exchange them in the recording"
+            )
 
 
 def size_note(

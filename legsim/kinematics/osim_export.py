@@ -6,7 +6,7 @@ where they come from; the patella follows the knee by a CoordinateCouplerConstra
 """
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from xml.sax.saxutils import quoteattr
 
 import numpy as np
@@ -15,6 +15,10 @@ from legsim.core.constants import GRAVITY_WORLD
 from legsim.core.values import FloatArray
 from legsim.kinematics.leg_model import LegBody, LegJoint, LegModel
 from legsim.kinematics.marker_sites import MarkerSites
+from legsim.mocap.labels import same_label
+
+_ILLEGAL = r"[\\*+\s/]"
+"""what OpenSim does not take in a marker's name"""
 
 _HEAD = """<?xml version="1.0" encoding="UTF-8" ?>
 <OpenSimDocument Version="40000">
@@ -27,14 +31,24 @@ J. Rosen, D. Thelen, F. Anderson, A. Seth; CC BY 3.0), patella after Rajagopal20
 """
 
 
-def text(leg: LegModel, sites: MarkerSites | None, *, name: str) -> str:
-    """The model as the text of an .osim file, with the markers at ``sites``."""
+def text(
+    leg: LegModel,
+    sites: MarkerSites | None,
+    *,
+    name: str,
+    labels: Mapping[str, str] | None = None,
+) -> str:
+    """The model as the text of an .osim file, with the markers at ``sites``.
+
+    Each bears the name of its site, and once more the recording's own label in ``labels``, so that
+    the recording can be solved on the model.
+    """
     bodies = leg.bodies()
     sections = (
         ("BodySet", [_body(body) for body in bodies]),
         ("JointSet", [_joint(body) for body in bodies]),
         ("ConstraintSet", [_coupler(body.name[-1]) for body in bodies if _follows(body)]),
-        ("MarkerSet", [] if sites is None else _markers(sites)),
+        ("MarkerSet", [] if sites is None else _markers(sites, labels or {})),
     )
     written = "".join(
         f'<{tag} name="{tag.lower()}"><objects>\n{"".join(items)}</objects><groups /></{tag}>\n'
@@ -165,13 +179,22 @@ def _beta(side: str) -> str:
     return f"knee_angle_{side}_beta"
 
 
-def _markers(sites: MarkerSites) -> list[str]:
-    return [
-        f"<Marker name={quoteattr(name)}>"
-        f"<socket_parent_frame>/bodyset/{segment}</socket_parent_frame>"
-        f"<location>{_row(place)}</location><fixed>false</fixed></Marker>\n"
-        for name, segment, place in zip(sites.names, sites.segments, sites.positions, strict=True)
-    ]
+def _markers(sites: MarkerSites, labels: Mapping[str, str]) -> list[str]:
+    shown = {role: re.sub(_ILLEGAL, "_", label) for role, label in labels.items()}
+    # two labels of one spelling would be two places of one name
+    spelled = list(shown.values())
+    shown = {role: label for role, label in shown.items() if spelled.count(label) == 1}
+    written = []
+    for name, segment, place in zip(sites.names, sites.segments, sites.positions, strict=True):
+        # a role that reads like some label would be taken for it
+        own = [] if any(same_label(name, label) for label in shown.values()) else [name]
+        written += [
+            f"<Marker name={quoteattr(each)}>"
+            f"<socket_parent_frame>/bodyset/{segment}</socket_parent_frame>"
+            f"<location>{_row(place)}</location><fixed>false</fixed></Marker>\n"
+            for each in [*([shown[name]] if name in shown else []), *own]
+        ]
+    return written
 
 
 def _row(values: Sequence[float] | FloatArray) -> str:

@@ -133,6 +133,10 @@ class OsimModel:
     couplers: tuple[Coupler, ...]
     constraints: tuple[OtherConstraint, ...]
     markers: tuple[OsimMarker, ...]
+    homeless: tuple[str, ...]
+    """markers whose body the model lacks, which are left out, each with that body"""
+    frames: Mapping[str, tuple[str, FloatArray]]
+    """where markers may sit: bodies, and frames fixed in them, with (4, 4) body_from_frame"""
     factors: Mapping[str, FloatArray] = field(default_factory=dict)
     """(3,) by which bodies have been scaled since the file was read, by their names"""
 
@@ -177,6 +181,24 @@ def is_free(function: Element) -> bool:
     return functions.is_identity(functions.read(function, "its axis"))
 
 
+def marker(element: Element, frames: Mapping[str, tuple[str, FloatArray]]) -> OsimMarker | str:
+    """A marker of a file of any version; name and body where ``frames`` do not hold that body.
+
+    Raises:
+        LegsimError: its place is not three numbers.
+    """
+    name = element.get("name", "")
+    said = element.findtext("body") or _socket(element, "parent_frame", "reference_frame")
+    frame = frames.get(_last(said))
+    location = functions.numbers(element, "location", f"marker {name}")
+    if len(location) != 3:
+        raise LegsimError(f"marker {name}: <location> holds {len(location)} numbers, expected 3")
+    if frame is None:
+        return f"{name} (on {_last(said) or 'no body'})"
+    local = transforms.apply(frame[1], location[None])[0]
+    return OsimMarker(name, frame[0], frozen("marker location", local, (3,)))
+
+
 def _model(path: Path, model: Element, version: int) -> OsimModel:
     bodies = [body for body in _objects(model, "BodySet") if body.tag == "Body"]
     frames = {
@@ -200,13 +222,18 @@ def _model(path: Path, model: Element, version: int) -> OsimModel:
         *(_joint(element, child, placed) for element, child in inside),
     ]
     couplers, others = _constraints(_objects(model, "ConstraintSet"))
-    markers = tuple(
-        marker
-        for element in _objects(model, "MarkerSet")
-        if element.tag == "Marker" and (marker := _marker(element, placed)) is not None
-    )
+    read = [marker(e, placed) for e in _objects(model, "MarkerSet") if e.tag == "Marker"]
     return OsimModel(
-        path, model.get("name", path.stem), version, names, tuple(found), couplers, others, markers
+        path,
+        model.get("name", path.stem),
+        version,
+        names,
+        tuple(found),
+        couplers,
+        others,
+        tuple(m for m in read if isinstance(m, OsimMarker)),
+        tuple(m for m in read if isinstance(m, str)),
+        placed,
     )
 
 
@@ -401,20 +428,6 @@ def _coupler(element: Element, name: str) -> Coupler:
     except LegsimError as error:
         problem = str(error)
     return Coupler(name, dependent, independent[0] if independent else "", function, problem)
-
-
-def _marker(element: Element, placed: dict[str, tuple[str, FloatArray]]) -> OsimMarker | None:
-    """A marker; None where its frame is no body's."""
-    name = element.get("name", "")
-    said = element.findtext("body") or _socket(element, "parent_frame", "reference_frame")
-    frame = placed.get(_last(said))
-    location = functions.numbers(element, "location", f"marker {name}")
-    if len(location) != 3:
-        raise LegsimError(f"marker {name}: <location> holds {len(location)} numbers, expected 3")
-    if frame is None:
-        return None
-    local = transforms.apply(frame[1], location[None])[0]
-    return OsimMarker(name, frame[0], frozen("marker location", local, (3,)))
 
 
 def _objects(model: Element, tag: str) -> list[Element]:

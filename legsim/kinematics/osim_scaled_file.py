@@ -19,6 +19,9 @@ from legsim.kinematics.osim_file import Joint, OsimMarker, OsimModel
 
 _LEFT_OUT = ("ForceSet", "ControllerSet", "ProbeSet", "ContactGeometrySet", "WrapObjectSet")
 
+_SOCKETS = 30501
+"""version since which a marker's body is a socket"""
+
 _COUPLER = "CoordinateCouplerConstraint"
 
 _PRODUCTS = (("xy", 0, 1), ("xz", 0, 2), ("yz", 1, 2))
@@ -48,10 +51,7 @@ def text(model: OsimModel) -> str:
     for body in element.findall("BodySet/objects/Body"):
         if body.get("name") in factors:
             _scale_body(body, factors[body.get("name", "")])
-    markers = {marker.name: marker for marker in model.markers}
-    for found in element.findall("MarkerSet/objects/Marker"):
-        if found.get("name") in markers:
-            _put_marker(found, markers[found.get("name", "")])
+    _put_markers(element, model)
     return '<?xml version="1.0" encoding="UTF-8" ?>\n' + ElementTree.tostring(root, "unicode")
 
 
@@ -145,6 +145,23 @@ def _scale_body(body: Element, factors: FloatArray) -> None:
         _set(mesh, "scale_factors", _row(size * factors))
     for frame in body.findall("components/PhysicalOffsetFrame"):
         _set(frame, "translation", _row(_numbers(frame, "translation", 3) * factors))
+
+
+def _put_markers(element: Element, model: OsimModel) -> None:
+    """Moves the file's markers to where the model has them, and adds those of a marker set."""
+    markers = {marker.name: marker for marker in model.markers}
+    holder = element.find("MarkerSet/objects")
+    if holder is None:
+        old = element.find("MarkerSet")
+        holder = SubElement(SubElement(element, "MarkerSet") if old is None else old, "objects")
+    for found in holder.findall("Marker"):
+        if found.get("name") in markers:
+            _put_marker(found, markers.pop(found.get("name", "")))
+    for name, marker in markers.items():
+        added = SubElement(holder, "Marker", {"name": name})
+        if model.version < _SOCKETS:
+            SubElement(added, "body")
+        _put_marker(added, marker)
 
 
 def _put_marker(element: Element, marker: OsimMarker) -> None:

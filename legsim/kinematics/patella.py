@@ -22,6 +22,12 @@ def _splines() -> tuple[SimmSpline, SimmSpline, SimmSpline]:
 
 
 @cache
+def _splines_at_straight() -> tuple[FloatArray, FloatArray]:
+    forward, up, _ = _splines()
+    return forward(0.0), up(0.0)
+
+
+@cache
 def _straight() -> FloatArray:
     """(3,) m, origin of the right patella in the generic femur, knee straight."""
     leg = LegModel.load()
@@ -35,9 +41,10 @@ def in_femur(femur_from_tibia: FloatArray, factors: FloatArray, side: str) -> Fl
     """
     flexion = -np.arctan2(femur_from_tibia[:, 1, 0], femur_from_tibia[:, 0, 0])
     forward, up, angle = _splines()
+    straight = _splines_at_straight()
     place = np.tile(_straight() * (1.0, 1.0, 1.0 if side == "r" else -1.0), (len(flexion), 1))
-    place[:, 0] += forward(flexion) - forward(0.0)
-    place[:, 1] += up(flexion) - up(0.0)
+    place[:, 0] += forward(flexion) - straight[0]
+    place[:, 1] += up(flexion) - straight[1]
     return transforms.rigid(transforms.axis_rotation((0, 0, 1), angle(flexion)), place * factors)
 
 

@@ -171,7 +171,7 @@ class _Pelvis:
             raise LegsimError(
                 "the pelvis markers stand upside down: right and left are exchanged, or another "
                 "axis points up; "
-                "mend the marker map or say motion.up"
+                "correct the marker map or give motion.up"
             )
 
     def measurements(self) -> list[Measurement]:
@@ -295,7 +295,7 @@ def _measurement(name: str, kind: str, lengths: FloatArray, model: float) -> Mea
     if not low <= median <= high:
         raise LegsimError(
             f"{name} measures {median:.4g} m, expected {low:g} to {high:g} m: are the units "
-            "right? say motion.unit=mm, or mend the map"
+            "right? give motion.unit=mm, or correct the map"
         )
     spread = 1.4826 * float(np.median(np.abs(lengths - median)))
     return Measurement(name, median, spread, model, len(lengths))

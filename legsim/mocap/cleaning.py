@@ -12,7 +12,7 @@ from scipy.interpolate import CubicHermiteSpline, CubicSpline
 
 from legsim.core.errors import LegsimError
 from legsim.core.values import FloatArray
-from legsim.mocap import gap_filling, outliers
+from legsim.mocap import exchanged, gap_filling, outliers
 from legsim.mocap.held import find_held
 from legsim.mocap.in_view import note_of, span_in_view
 from legsim.mocap.labels import PAPER_ROLES, MarkerMap, check_covered, check_distinct
@@ -28,8 +28,10 @@ SLOPE_S = 0.1
 _AGAINST = 0.2
 """of the pelvis' width: by more than this its right is not on its left side"""
 
+_OF_PELVIS = ("psis", "iliac_crest")
+
 _CROSSED = 0.3
-"""of the pelvis' width: by more than this nobody's right knee or ankle lies left of the other one
+"""of the pelvis' width: by more than this nobody's right leg lies left of the other one
 half of the time
 """
 
@@ -157,7 +159,12 @@ def clean(
     )
     reports = tuple(_report(role, names, stages, dt) for role, names in found.items())
     used = {name for names in found.values() for name in names}
-    notes = (*(note for name, note in held.items() if name in used), *notes)
+    held_notes = [note for name, note in held.items() if name in used]
+    notes = (
+        *held_notes,
+        *_exchange_notes(motion, [n for n in motion.marker_names if n in used]),
+        *notes,
+    )
     report = CleaningReport(marker_map.name, 1 / dt, filter_hz, resampled, reports, never, notes)
     return MarkerTrajectories(times, tuple(means), cleaned), report
 
@@ -182,6 +189,14 @@ def _without_held(motion: MarkerTrajectories) -> tuple[MarkerTrajectories, dict[
         )
     positions = np.where(held[..., None], np.nan, motion.positions_world)
     return MarkerTrajectories(motion.times, motion.marker_names, positions), notes
+
+
+def _exchange_notes(motion: MarkerTrajectories, names: Sequence[str]) -> list[str]:
+    """A warning where labels change places on the way."""
+    dt = float(np.median(np.diff(motion.times)))
+    positions = motion.positions_world[:, [motion.marker_names.index(name) for name in names]]
+    found = exchanged.find_exchanges(positions, dt)
+    return exchanged.notes_of(found, tuple(names), motion.times)
 
 
 def _check_seen(
@@ -419,14 +434,15 @@ def _check_legs(
     """Refuses legs whose labels are exchanged under a pelvis that is right; crossed for a while
     they may be.
     """
-    for role in ("epicondyle_lateral", "malleolus_lateral"):
-        if not {f"{role}_r", f"{role}_l"} <= means.keys():
+    for role in [name[:-2] for name in means if name.endswith("_r") and name != "asis_r"]:
+        if f"{role}_l" not in means:
             continue
         apart = ((means[f"{role}_r"] - means[f"{role}_l"])[together] * rightward).sum(1)
-        if np.isfinite(apart).any() and np.nanmedian(apart) < -_CROSSED * width:
+        part, limit = ("pelvis", _AGAINST) if role in _OF_PELVIS else ("legs", _CROSSED)
+        if np.isfinite(apart).any() and np.nanmedian(apart) < -limit * width:
             raise LegsimError(
                 f"{role}_r lies {-1e3 * np.nanmedian(apart):.0f} mm left of {role}_l, by the "
-                "sides of the pelvis: the labels of the legs "
+                f"sides of the pelvis: the labels of the {part} "
                 "are exchanged; exchange them in the recording or in its marker map"
             )
 

@@ -148,6 +148,11 @@ def find_labels(names: Sequence[str], marker_names: Sequence[str]) -> dict[str, 
     return {name: label for name, label in found.items() if label}
 
 
+def same_label(one: str, other: str) -> bool:
+    """Whether two labels differ at most in case, punctuation and a subject's prefix."""
+    return _plain(one.rpartition(":")[2]) == _plain(other.rpartition(":")[2])
+
+
 def segment_of(role: str) -> str:
     """Body of the leg model that carries a role, such as ``tibia_r``.
 

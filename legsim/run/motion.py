@@ -43,6 +43,7 @@ def solve(motion: MotionConfig, *, filter_coordinates: bool = False) -> MovingLe
         marker_noise=1e-3 * motion.marker_noise_mm,
         scale_from=motion.scaling_file or None,
         model=motion.model or None,
+        marker_set=motion.marker_set or None,
         scale_file=motion.scale_file or None,
         scale_model=motion.scale_model,
         filter_coordinates=filter_coordinates,
@@ -117,6 +118,7 @@ def fingerprint(motion: MotionConfig) -> list[str]:
         marker_map=motion.marker_map,
         scale_from=motion.scaling_file or None,
         model=motion.model or None,
+        marker_set=motion.marker_set or None,
         scale_file=motion.scale_file or None,
         tasks_file=motion.ik.tasks_file or None,
     )

@@ -98,8 +98,9 @@ def write_kinematics(person: MovingLeg, folder: RunFolder, key: str) -> None:
             opensim.save(path / "coordinates_from_zero.mot", from_zero)
             more.append("coordinates_from_zero.mot")
         if isinstance(person.leg, LegModel):
-            sites = None if person.fit is None else person.fit.sites
-            model = osim_export.text(person.leg, sites, name=Path(person.name).stem)
+            fit, name = person.fit, Path(person.name).stem
+            sites, labels = (None, None) if fit is None else (fit.sites, fit.labels())
+            model = osim_export.text(person.leg, sites, name=name, labels=labels)
             write_text(path / "scaled_model.osim", model)
             more.append("scaled_model.osim")
         if isinstance(person.leg, OsimLeg) and person.leg.model.factors:

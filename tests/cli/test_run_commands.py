@@ -105,6 +105,12 @@ def test_a_model_and_a_scale_file_are_options(standing, capsys):
     assert "none.xml: no such file; give a scale file" in refused(
         capsys, standing, "--scale-file", "none.xml"
     )
+    assert "none.xml: no such file; give a marker set (.xml)" in refused(
+        capsys, standing, "--model", str(standing), "--marker-set", "none.xml"
+    )
+    assert "(settings): motion.marker_set puts markers on an OpenSim model" in refused(
+        capsys, standing, "--marker-set", str(standing)
+    )
 
 
 @pytest.mark.end_to_end

@@ -113,3 +113,9 @@ def test_best_rigid_follows_its_weights(rng):
     np.testing.assert_allclose(
         transforms.best_rigid(points, target, [1, 1, 1, 1, 0]), np.eye(4), atol=1e-12
     )
+
+
+def test_the_cross_product_is_numpys_to_the_bit(rng):
+    one, other = rng.normal(size=(2, 4, 5, 3))
+    np.testing.assert_array_equal(transforms.cross(one, other), np.cross(one, other))
+    np.testing.assert_array_equal(transforms.cross(one, other[:, :1]), np.cross(one, other[:, :1]))

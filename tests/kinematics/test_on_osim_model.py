@@ -146,3 +146,32 @@ def test_without_a_model_coordinates_say_whose_leg_they_are_on(tmp_path):
     person = from_recording.solve_kinematics(tmp_path / "c.mot")
     length = 100 * LegModel.load().thigh_length("r")
     assert f"generic leg, thigh {length:.1f} cm" in person.notes[0]
+
+
+def other_side(name: str) -> str:
+    """The name of the marker on the other leg, or on the pelvis' other side."""
+    pairs = {"_r_": "_l_", "_l_": "_r_", "pelvis_M0": "pelvis_M1", "pelvis_M1": "pelvis_M0"}
+    return next((name.replace(a, b) for a, b in pairs.items() if a in name), name)
+
+
+@pytest.mark.parametrize(
+    ("name", "problem"),
+    [
+        (other_side, "the legs lie above it: left and right are exchanged"),
+        (lambda n: n if n.startswith("pelvis") else other_side(n), "right thigh lie .* left of"),
+        (lambda n: other_side(n) if n.startswith(("tib", "tal")) else n, "right shank lie .* left"),
+    ],
+)
+def test_exchanged_sides_are_refused(tmp_path, name, problem):
+    """Three markers on the pelvis fit upside down as well."""
+    gone = "<Marker name='pelvis_M3'>"
+    text = osim.version_4(osim.two_legs(), markers=osim.MARKERS.replace(gone, "<Marker name='x'>"))
+    model = osim.saved(tmp_path, text)
+    path = recorded(OsimLeg(osim_file.read(model)), tmp_path / "m.trc", name=name)
+    loaded = trc.load(path)
+    kept = [n for n in loaded.marker_names if n != "x"]
+    places = np.stack([loaded.marker(n) for n in kept], 1)
+    trc.save(path, MarkerTrajectories(loaded.times, tuple(kept), places))
+    for scale_model in (False, True):
+        with pytest.raises(LegsimError, match=rf"m.trc: .*{problem}"):
+            from_recording.solve_kinematics(path, model=model, scale_model=scale_model)

@@ -3,10 +3,11 @@
 import numpy as np
 import pytest
 
-from legsim.kinematics import marker_sites, osim_export, osim_file
+from legsim.kinematics import from_recording, marker_sites, osim_export, osim_file
 from legsim.kinematics.leg_model import COORDINATES, LegModel
 from legsim.kinematics.osim_leg import OsimLeg
 from legsim.kinematics.skeleton import SEGMENTS, SegmentScales
+from legsim.mocap import trc
 from legsim.mocap.trajectories import JointTrajectories
 
 
@@ -62,3 +63,32 @@ def test_a_flexed_knee_is_the_same_for_both_signs(scaled):
     poses = scaled.segment_poses(JointTrajectories(np.arange(3.0), COORDINATES, values))
     np.testing.assert_allclose(poses.knee_flexion("l"), (1.0, 0.2, -0.1), atol=1e-12)
     np.testing.assert_allclose(poses.knee_flexion("r"), 0.0, atol=1e-12)
+
+
+def test_a_recording_is_solved_on_the_model_that_was_made_from_it(tmp_path):
+    """Its own labels, its own place: what differs is how much priors draw at seven markers."""
+    person = from_recording.solve_kinematics("subject01/squat_30.trc")
+    assert person.fit is not None
+    labels = person.fit.labels()
+    path = tmp_path / "scaled_model.osim"
+    path.write_text(osim_export.text(person.leg, person.fit.sites, name="person", labels=labels))
+    again = from_recording.solve_kinematics("subject01/squat_30.trc", model=path)
+    assert any("7 of the 7 markers on the model's legs" in note for note in again.notes)
+    assert {*again.fit.modelled.marker_names} == {*labels.values()}
+    centers = [p.leg.joint_centers(p.leg.segment_poses(p.trajectories)) for p in (person, again)]
+    away = centers[0].positions_world - centers[1].positions_world
+    assert np.linalg.norm(away, axis=-1).max() < 2.5e-3
+    # and the file of the model's markers, which are named by role
+    trc.save(tmp_path / "model_markers.trc", person.fit.modelled)
+    modelled = from_recording.solve_kinematics(tmp_path / "model_markers.trc", model=path)
+    assert any("7 of the 7 markers on the model's legs" in note for note in modelled.notes)
+
+
+def test_labels_are_names_that_opensim_takes_and_none_is_there_twice(tmp_path, scaled):
+    sites = marker_sites.load().only(["sacrum", "asis_r", "asis_l", "heel_r", "heel_l"])
+    labels = {"sacrum": "Ann:V Sacral", "asis_r": "R/ASIS", "asis_l": "heel-r", "heel_r": "a b"}
+    labels["heel_l"] = "a*b"
+    path = tmp_path / "leg.osim"
+    path.write_text(osim_export.text(scaled, sites, name="x", labels=labels))
+    names = [marker.name for marker in osim_file.read(path).markers]
+    assert names == ["Ann:V_Sacral", "sacrum", "R_ASIS", "asis_r", "heel-r", "asis_l", "heel_l"]

@@ -17,6 +17,7 @@ from legsim.kinematics import (
     on_osim_model,
     osim_export,
     osim_file,
+    osim_marker_set,
     osim_scaled_file,
     osim_scaling,
 )
@@ -127,6 +128,32 @@ def check(model, leg, opensim_peer, rng, agree):
     for k, marker in enumerate(sites.names):
         away = leg.marker_positions(values, sites)[:, k] - theirs.markers[marker]
         agree("markers, .osim", "OpenSim", 1e3 * np.abs(away).max(), 0.05, "mm")
+
+
+@pytest.mark.parametrize("name", ["gait2392_thelen2003muscle", "gait2392_subject01_scaled"])
+def test_a_marker_set_is_put_on_a_model_as_opensim_does_it(
+    opensim_peer, shared_data, rng, tmp_path, name, agree
+):
+    """By Model::updateMarkerSet: some replace, some are added, some were there before. And what
+    is written of the scaled model opens to the same.
+    """
+    import opensim
+
+    path = shared_data / f"opensim/{name}.osim"
+    given = tmp_path / "set.xml"
+    text = (shared_data / "opensim/gait2392_Scale_MarkerSet.xml").read_text()
+    given.write_text(text.replace('name="R.', 'name="own.R.'))
+    read, _ = osim_marker_set.with_set(osim_file.read(path), given)
+    model = opensim_peer.any_model(path)
+    model.initSystem()
+    model.updateMarkerSet(opensim.MarkerSet(str(given)))
+    assert model.getNumMarkers() == len(read.markers)
+    check(model, OsimLeg(read), opensim_peer, rng, agree)
+    scaled = osim_scaling.scaled(read, {b: rng.uniform(0.8, 1.2, 3) for b in read.bodies})
+    (tmp_path / "scaled.osim").write_text(osim_scaled_file.text(scaled))
+    opened = opensim_peer.any_model(tmp_path / "scaled.osim")
+    assert opened.getNumMarkers() == len(read.markers)
+    check(opened, OsimLeg(scaled), opensim_peer, rng, agree)
 
 
 @pytest.mark.parametrize("name", ["gait2392_subject01_scaled", "Rajagopal2016"])

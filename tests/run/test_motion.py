@@ -58,6 +58,8 @@ def test_a_model_and_scales_are_passed_on_and_known_by_their_content(tmp_path):
     scaled = motion.fingerprint(settings)
     osim.saved(tmp_path, text.replace("-0.41", "-0.4155"))
     assert len({*before, *scaled, *motion.fingerprint(settings)}) == 5
+    marked = settings.model_copy(update={"marker_set": str(scales)})
+    assert len(motion.fingerprint(marked)) == len(motion.fingerprint(settings)) + 1
 
 
 def test_a_tremor_moves_the_bones_and_is_reported(tmp_path):
