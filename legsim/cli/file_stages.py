@@ -34,6 +34,7 @@ from legsim.geometry import (
 from legsim.geometry import files as geometry_files
 from legsim.geometry.attenuation_range import AttenuationRange
 from legsim.geometry.cone_beam import ConeBeamGeometry
+from legsim.geometry.counts import THICKEST
 from legsim.geometry.files import GeometryFile
 from legsim.geometry.projection_images import RawLayout
 from legsim.geometry.scan_files import ScanFiles
@@ -155,7 +156,7 @@ def project(
     return [
         *described.notes,
         *read.remarks,
-        *_remarks(read, geometry, seen=values.max() > 0),
+        *_remarks(read, geometry, largest=float(values.max())),
         f"{len(geometry)} views of {geometry.shape_vu[1]}x{geometry.shape_vu[0]} pixels, "
         f"{len(phantom.parts)} parts, on {opened.label}",
         f"line integrals from {values.min():.4g} to {values.max():.4g}",
@@ -163,7 +164,7 @@ def project(
     ]
 
 
-def _remarks(read: PhantomFile, geometry: ConeBeamGeometry, seen: bool) -> list[str]:
+def _remarks(read: PhantomFile, geometry: ConeBeamGeometry, largest: float) -> list[str]:
     """What a user may not expect of a projected phantom."""
     carried = [
         part.name
@@ -178,7 +179,12 @@ def _remarks(read: PhantomFile, geometry: ConeBeamGeometry, seen: bool) -> list[
         if carried
         else []
     )
-    if not seen:
+    if largest > THICKEST:
+        lines.append(
+            f"In doubt: line integrals go up to {largest:.4g}, but no body reaches {THICKEST:g}: "
+            "check the unit of the meshes, and attenuation_per_mm"
+        )
+    if largest <= 0:
         points = np.concatenate([part.vertices for part in read.phantom.parts])
         middle, center = (
             np.round(1e3 * p, 1).tolist()

@@ -356,9 +356,8 @@ def _open(path: Path, dimensions: tuple[int, ...] = (3,)) -> sitk.ImageFileReade
             "expected 3 dimensions and 1 channel; extract those first",
         )
     if path.suffix.lower() == ".nii" or path.name.lower().endswith(".nii.gz"):
-        _nifti_header.check(
-            path, {key: reader.GetMetaData(key) for key in reader.GetMetaDataKeys()}
-        )
+        fields = {key: reader.GetMetaData(key) for key in reader.GetMetaDataKeys()}
+        _nifti_header.check(path, fields)
     return reader
 
 

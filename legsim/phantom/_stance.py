@@ -1,4 +1,4 @@
-"""Whether labeled bones stand as in a person: shins below thighs, patellae in front, sides right."""
+"""Whether labeled bones stand as in a person: shins below thighs, kneecaps in front."""
 
 from collections.abc import Mapping
 
