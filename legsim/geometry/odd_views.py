@@ -5,7 +5,6 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from legsim.core.errors import LegsimError
 from legsim.core.values import Float32Array
 from legsim.geometry.counts import THICKEST
 
@@ -19,23 +18,16 @@ _FEW_LEVELS = 256
 """different readings of images of 8 bits"""
 
 
-def objections(values: Float32Array, name: str, *, by_reading: bool) -> tuple[str, ...]:
+def objections(values: Float32Array, *, by_reading: bool) -> tuple[str, ...]:
     """Lines on line integrals (v, rows, columns) that are doubtful, with the fix.
 
     Args:
         values: line integrals.
-        name: of their file, for errors.
         by_reading: whether they are of counts by a reading without an object (i0 or a flat field).
-
-    Raises:
-        LegsimError: no view shows anything.
     """
     constant = np.flatnonzero(values.min((1, 2)) == values.max((1, 2)))
-    if len(constant) == len(values) and values.shape[1] * values.shape[2] > 1:
-        raise LegsimError(
-            f"{name}: every view has one value throughout, so that nothing was scanned; check the "
-            "export"
-        )
+    if len(constant) == len(values):
+        return ("every view has one value throughout, so that nothing was scanned",)
     found = []
     if len(constant):
         found.append(

@@ -86,7 +86,7 @@ def read_scan(
         line_integrals=line_integrals,
     )
     by_reading = counts is not None and counts.air is None
-    doubts = odd_views.objections(made.line_integrals, str(projections), by_reading=by_reading)
+    doubts = odd_views.objections(made.line_integrals, by_reading=by_reading)
     doubts += () if counts is None else odd_views.coarse(images.values)
     known = pixel_mm is not None or images.pixel_mm is not None or not described.pixel_open
     wrong = plausibility.objections(placed, pixel_known=known)

@@ -205,7 +205,7 @@ def _check_table(path: Path, place: str, table: dict[str, Any]) -> None:
         raise file_error(
             path,
             f"lacks {', '.join(missing)}",
-            'expected name, file, unit ("mm", "m", "cm" or "in"), and material or attenuation_per_mm',
+            'expected name, file, unit ("mm", "m", "cm", "in"), and material or attenuation_per_mm',
             place=place,
         )
     if table["unit"] not in UNITS:

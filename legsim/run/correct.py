@@ -195,6 +195,7 @@ def _build(names: Sequence[str], scan: MeasuredScan, device: Device) -> dict[str
         beads=None,
         priors=measured_aids.priors(scan),
         fused_beads=measured_aids.beads(scan),
+        fused_fiducials=measured_aids.fiducials(scan),
     )
     built: dict[str, CorrectionMethod] = {}
     missing = []

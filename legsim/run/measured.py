@@ -109,6 +109,7 @@ def assemble(
         if s.worn.start is not None and s.worn.start.fiducials
     ]
     more += [folder / settings.beads.file] if settings.beads else []
+    more += [folder / settings.fiducials.file] if settings.fiducials else []
     more += [described_by] if described_by else []
     return MeasuredScan(
         settings,
