@@ -32,8 +32,8 @@ SWAY = Sway.standing(4, position_mm=2.5, angle_deg=0.5)
 ALL = range(len(VIEWS))
 GEOMETRY = replace(
     SMALL,
-    matrices=np.array([[1.0, 0, 60], [0, 1, 60], [0, 0, 1]]) @ SMALL.matrices,
-    shape_vu=(190, 150),
+    matrices=np.array([[1.0, 0, 60], [0, 1, 200], [0, 0, 1]]) @ SMALL.matrices,
+    shape_vu=(180, 150),
 )
 """the same rays on a detector that sees all beads, and the sensor"""
 LATE = 0.012
