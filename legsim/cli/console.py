@@ -28,6 +28,10 @@ err = _console(stderr=True)
 """standard error: progress, warnings and errors"""
 
 
+_WIDEST = 10_000
+"""greatest number of characters in a line of a table"""
+
+
 def print_any_name() -> None:
     """Lets standard output and error print names of files that their encoding cannot hold."""
     for stream in (sys.stdout, sys.stderr):
@@ -49,4 +53,5 @@ def print_table(title: str, columns: tuple[str, ...], rows: list[tuple[str, ...]
     for row in rows:
         table.add_row(*row)
     # a line that the terminal wraps can still be read; a cell cut short cannot
-    _console(width=max(out.width, 240)).print(table)
+    needed = out.measure(table, options=out.options.update(width=_WIDEST)).maximum
+    _console(width=max(out.width, needed)).print(table)

@@ -88,4 +88,9 @@ def sensors(
     for table in tables:
         console.print_table(table.caption, table.columns, list(table.rows))
     sentence = sensor_tables.conditions_sentence(given, seconds=seconds, rate_hz=rate_hz, sway=sway)
-    console.print_lines([sentence] if len(budgets) == 1 else [sentence, sensor_tables.NOTE])
+    note = (
+        sensor_tables.standing_sentence(budgets[0].sensor)
+        if len(budgets) == 1
+        else sensor_tables.NOTE
+    )
+    console.print_lines([sentence, note])

@@ -1,12 +1,17 @@
 """Settings of a file of real sensors: its columns and units, and how each sensor is worn."""
 
-from typing import Literal
+from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
 from legsim.config.tree import ConfigSection
 
 Vector = tuple[float, float, float]
+
+Column = str | Annotated[int, Field(ge=1, le=10_000)]
+"""name of a table's column, or its number from 1 on"""
+
+Positive = Annotated[float, Field(gt=0, le=1e12)]
 
 
 class StartConfig(ConfigSection):
@@ -58,9 +63,9 @@ class WornSensorConfig(ConfigSection):
     """its name in the file; empty: the same, or the file's only sensor"""
     segment: str = ""
     """that carries it, as tibia_l"""
-    acceleration: tuple[str, str, str] | None = None
+    acceleration: tuple[Column, Column, Column] | None = None
     """columns of x, y, z; only for tables that do not say themselves what they hold"""
-    angular_velocity: tuple[str, str, str] | None = None
+    angular_velocity: tuple[Column, Column, Column] | None = None
     angular_velocity_bias_deg_per_s: Vector = (0.0, 0.0, 0.0)
     """what its gyroscope reads at rest, in its own axes; taken off"""
     acceleration_bias_mg: Vector = (0.0, 0.0, 0.0)
@@ -82,14 +87,23 @@ class ImuFileConfig(ConfigSection):
     clock_offset_s: float = 0.0
     """the sensors' clock minus the views' (or the markers')"""
     rate_hz: float | None = Field(default=None, ge=1e-3, le=1e9)
-    time: str | None = None
+    time: Column | None = None
     """column of times"""
-    time_unit: Literal["s", "ms", "us"] = "s"
-    counter: str | None = None
+    time_unit: Literal["s", "ms", "us", "ns", "date-time"] | None = None
+    """None takes the one that the table states, date-time where its times are such, else s"""
+    counter: Column | None = None
     """column of the packets' numbers"""
     counter_period: int | None = Field(default=None, gt=1)
-    acceleration_unit: Literal["m/s2", "g", "mg"] = "m/s2"
-    angular_velocity_unit: Literal["rad/s", "deg/s"] = "rad/s"
+    acceleration_unit: Literal["m/s2", "g", "mg"] | None = None
+    """None takes the one that the table states, else m/s2"""
+    angular_velocity_unit: Literal["rad/s", "deg/s", "mdeg/s"] | None = None
+    """None takes the one that the table states, else rad/s"""
+    counts_per_g: Positive | None = None
+    """of accelerations in an instrument's counts, instead of a unit"""
+    counts_per_deg_per_s: Positive | None = None
+    """of angular velocities in counts"""
+    angular_velocity_file: str = ""
+    """table of the angular velocities, where ``file`` has the accelerations alone"""
     sensors: tuple[WornSensorConfig, ...] = ()
 
     @model_validator(mode="after")

@@ -28,7 +28,7 @@ from legsim.evaluation.regions import Box, Region, within
 from legsim.evaluation.registration import Compared, Registration
 from legsim.evaluation.scaling import SCALINGS, Scaling, ValueRange, value_range
 from legsim.evaluation.ssim import WINDOWS, Window, ssim_map
-from legsim.geometry.volume import Volume
+from legsim.geometry.volume import Volume, VolumeGrid
 from legsim.opencl.device import Device, open_device
 
 PROTOCOL = 5
@@ -142,43 +142,109 @@ def evaluate(
         LegsimError: the grids differ by over a thousandth of a voxel, a region is empty, a volume
             holds NaN or is constant, or no device works.
     """
-    for other in (volume, phantom):
-        if other is not None and not other.grid.alike(reference.grid):
-            raise LegsimError(
-                f"volume and reference lie on different grids: {other.grid} and {reference.grid}; "
-                "reconstruct both --like the same file, or resample the volume (--resample)"
-            )
+    prepared = prepare(
+        reference, regions, scaling=scaling, window=window, phantom=phantom, device=device
+    )
+    del reference, phantom
+    return prepared.scores(volume, register=register)
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class PreparedReference:
+    """What volumes are scored against, cut to the regions and scaled once for all of them."""
+
+    grid: VolumeGrid
+    """of the volumes, whole"""
+    regions: tuple[Region, ...]
+    fixed: Float32Array
+    """(z, y, x) the motion-free volume in ``box``, scaled"""
+    true: Float32Array | None
+    """the same of the phantom; None where it is not known"""
+    box: Box
+    """around the regions"""
+    wide: Box
+    """what a registration may read besides"""
+    mask: NDArray[np.bool_]
+    """union of the regions in ``box``"""
+    scale: _Scale
+    window: Window
+    device: Device
+
+    def scores(self, volume: Volume, *, register: bool = True) -> Scores:
+        """Scores ``volume`` in every region, as :func:`evaluate` does.
+
+        Raises:
+            LegsimError: its grid differs from the reference's, or its values cannot be compared.
+        """
+        _refuse_other_grid(volume.grid, self.grid)
+        box, window, device = self.box, self.window, self.device
+        moving, inner = self.scale.of(volume, self.wide, "volume"), within(box, self.wide)
+        del volume  # of 512^3 voxels, each whole volume more is half a GiB of the peak
+        registration, compared = None, moving[inner]
+        if register and not np.array_equal(self.fixed, compared):
+            around = self.grid.cropped(self.wide)
+            pair = Compared(self.fixed, self.mask, moving, around, inner)
+            registration, compared = evaluation_registration.register(pair, device)
+        del moving
+        known = np.isfinite(compared)
+        seen = _agreement(compared, self.fixed, known, self.regions, box, window, device)
+        true: Sequence[tuple[float, float] | tuple[None, None]] = [(None, None)] * len(seen)
+        if self.true is not None:
+            true = _agreement(compared, self.true, known, self.regions, box, window, device)
+        steps = gradient_steps(compared)
+        scores = []
+        for region, beside, to_phantom in zip(self.regions, seen, true, strict=True):
+            mask = region.mask[box] & known
+            count = int(np.count_nonzero(mask))
+            entropy = _entropy(steps, mask)
+            scores.append(RegionScores(region.name, *beside, entropy, count, *to_phantom))
+        return Scores(tuple(scores), registration, self.scale.scaling, window)
+
+
+def prepare(
+    reference: Volume,
+    regions: Sequence[Region],
+    *,
+    scaling: Scaling = "reference",
+    window: Window = "uniform",
+    phantom: Volume | None = None,
+    device: Device | None = None,
+) -> PreparedReference:
+    """Prepares a motion-free volume for the scores of many others.
+
+    What lies away from the regions is not kept. Arguments and errors are those of :func:`evaluate`.
+    """
+    if phantom is not None:
+        _refuse_other_grid(phantom.grid, reference.grid)
     for region in regions:
         if region.mask.shape != reference.grid.shape_zyx or not region.mask.any():
             raise LegsimError(
                 f"region {region.name!r} holds no voxel of the {reference.grid.shape_zyx} grid"
             )
-    opened = device or open_device()
     union = np.logical_or.reduce([region.mask for region in regions])
     wide, box = evaluation_registration.boxes(union, reference.grid)
-    inner, mask = within(box, wide), union[box]
+    mask = union[box]
     scale = _Scale(reference, box, mask, scaling)
-    fixed, moving = scale.of(reference, box, "reference"), scale.of(volume, wide, "volume")
-    registration, compared = None, moving[inner]
-    if register and not np.array_equal(fixed, compared):
-        pair = Compared(fixed, mask, moving, reference.grid.cropped(wide), inner)
-        registration, compared = evaluation_registration.register(pair, opened)
-    del moving, volume  # of 512^3 voxels, each whole volume more is half a GiB of the peak
-    known = np.isfinite(compared)
-    seen = _agreement(compared, fixed, known, regions, box, window, opened)
-    del fixed
-    true: Sequence[tuple[float, float] | tuple[None, None]] = [(None, None)] * len(regions)
-    if phantom is not None:
-        scaled = scale.of(phantom, box, "phantom")
-        true = _agreement(compared, scaled, known, regions, box, window, opened)
-        del scaled
-    steps = gradient_steps(compared)
-    scores = []
-    for region, beside, to_phantom in zip(regions, seen, true, strict=True):
-        mask = region.mask[box] & known
-        count = int(np.count_nonzero(mask))
-        scores.append(RegionScores(region.name, *beside, _entropy(steps, mask), count, *to_phantom))
-    return Scores(tuple(scores), registration, scaling, window)
+    return PreparedReference(
+        reference.grid,
+        tuple(regions),
+        scale.of(reference, box, "reference"),
+        None if phantom is None else scale.of(phantom, box, "phantom"),
+        box,
+        wide,
+        mask,
+        scale,
+        window,
+        device or open_device(),
+    )
+
+
+def _refuse_other_grid(grid: VolumeGrid, wanted: VolumeGrid) -> None:
+    if not grid.alike(wanted):
+        raise LegsimError(
+            f"volume and reference lie on different grids: {grid} and {wanted}; "
+            "reconstruct both --like the same file, or resample the volume (--resample)"
+        )
 
 
 class _Scale:
@@ -189,7 +255,7 @@ class _Scale:
     ) -> None:
         """``mask`` (z, y, x) is the union of the regions in ``box``."""
         self._box, self._mask = box, mask
-        self._scaling: Scaling = scaling
+        self.scaling: Scaling = scaling
         self._common: ValueRange | None = None
         if scaling in ("reference", "reference-leg"):
             self._common = self._range(reference, "reference")
@@ -198,7 +264,7 @@ class _Scale:
         return volume.attenuation[self._box][self._mask]
 
     def _range(self, volume: Volume, name: str) -> ValueRange:
-        return value_range(volume.attenuation, self._inside(volume), self._scaling, name)
+        return value_range(volume.attenuation, self._inside(volume), self.scaling, name)
 
     def of(self, volume: Volume, part: Box, name: str) -> Float32Array:
         """The values of ``volume`` in the box ``part``, scaled."""

@@ -1,10 +1,11 @@
 """Sensors that one can buy: TOML files with the numbers of their data sheets, and where they stand.
 
-A file names its data sheets in ``[sheets]`` and holds one table per triad. Every key of
-:data:`KEYS` is there, with a value and its source, or marked as missing, so that no term is off
-unseen::
+A file names its data sheets in ``[sheets]``, what quotes them in ``[secondary]``, and holds one
+table per triad. Every key of :data:`KEYS` is there, with a value and its source, or marked as
+missing, so that no term is off unseen::
 
     noise_density_ug_per_sqrt_hz = { value = 180, sheet = "main", page = "8" }
+    turn_on_bias_mg = { value = 40, sheet = "main", page = "not checked" }
     bias_instability_ug = { missing = "the data sheet does not state it" }
 """
 
@@ -22,6 +23,13 @@ from legsim.core.values import LARGEST
 from legsim.imu.errors import SensorErrors, TriadErrors
 
 Triad = Literal["accelerometer", "gyroscope"]
+
+Standing = Literal["sheet", "secondary", "unverified", "missing"]
+"""what a number rests on: a page of the data sheet, a source that quotes it, a page that nobody
+compared, nothing"""
+
+UNCHECKED = "not checked"
+"""the page of a number that has not been compared with its data sheet"""
 
 _FOLDER = "sensors"
 
@@ -76,6 +84,7 @@ class DataSheetValue:
     """None: the data sheet does not state it"""
     source: str
     """data sheet and page, or why there is no value"""
+    standing: Standing = "sheet"
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,7 +109,11 @@ class CataloguedSensor:
     @property
     def missing(self) -> tuple[str, ...]:
         """Keys without a value, as "gyroscope.bits"."""
-        return tuple(f"{v.triad}.{v.key}" for v in self.values if v.value is None)
+        return self.standing("missing")
+
+    def standing(self, standing: Standing) -> tuple[str, ...]:
+        """Keys of that standing, as "gyroscope.bits"."""
+        return tuple(f"{v.triad}.{v.key}" for v in self.values if v.standing == standing)
 
 
 def in_si(
@@ -121,6 +134,11 @@ def in_si(
         name, unit = units[key]
         changed[name] = int(value) if isinstance(unit, int) else float(value) * unit
     return TriadErrors(**changed)
+
+
+def field_of(value: DataSheetValue) -> str:
+    """The field of :class:`~legsim.imu.errors.TriadErrors` that a number sets."""
+    return (KEYS[value.triad] | OPTIONAL)[value.key][0]
 
 
 def sensor_catalogue() -> dict[str, CataloguedSensor]:
@@ -156,25 +174,41 @@ def load_sensor(name_or_path: str | Path) -> CataloguedSensor:
 
 def _sensor(path: Path, tree: dict[str, Any]) -> CataloguedSensor:
     tables = ("sheets", *KEYS)
-    _exactly(path, "", tree, ("name", "maker", "about", *tables))
+    _exactly(path, "", tree, ("name", "maker", "about", *tables), ("secondary",))
     for key in ("name", "maker", "about"):
         if not isinstance(tree[key], str) or not tree[key].strip():
             raise file_error(path, f"{key} is {tree[key]!r}", "give a text")
-    for key in tables:
+    for key in (*tables, *(["secondary"] if "secondary" in tree else [])):
         if not isinstance(tree[key], dict):
             raise file_error(path, f"{key} is not a table", f"write [{key}]")
-    sheets = tree["sheets"]
-    if not sheets or not all(isinstance(s, str) and s.strip() for s in sheets.values()):
-        raise file_error(
-            path, "[sheets] names no data sheet", 'write main = "title, revision, date"'
-        )
-    values = tuple(_value(path, sheets, t, k, v) for t in KEYS for k, v in _entries(path, tree, t))
+    sources = _sources(path, tree["sheets"], tree.get("secondary", {}))
+    values = tuple(_value(path, sources, t, k, v) for t in KEYS for k, v in _entries(path, tree, t))
     sensor = CataloguedSensor(tree["name"], tree["maker"], tree["about"], values)
     try:
         _ = sensor.errors
     except LegsimError as error:
         raise file_error(path, str(error), "fix that value") from None
     return sensor
+
+
+def _sources(
+    path: Path, sheets: dict[str, Any], secondary: dict[str, Any]
+) -> dict[str, tuple[Standing, str]]:
+    if not sheets or not all(isinstance(s, str) and s.strip() for s in sheets.values()):
+        raise file_error(
+            path, "[sheets] names no data sheet", 'write main = "title, revision, date"'
+        )
+    if not all(isinstance(s, str) and s.strip() for s in secondary.values()):
+        raise file_error(
+            path, "[secondary] names no source", 'write paper = "authors, year", or leave it out'
+        )
+    twice = next((key for key in secondary if key in sheets), None)
+    if twice is not None:
+        raise file_error(path, f"{twice!r} is in [sheets] and in [secondary]", "rename one of them")
+    return {
+        **{key: ("sheet", title) for key, title in sheets.items()},
+        **{key: ("secondary", title) for key, title in secondary.items()},
+    }
 
 
 def _entries(path: Path, tree: dict[str, Any], triad: Triad) -> list[tuple[str, Any]]:
@@ -199,7 +233,7 @@ def _exactly(
 
 
 def _value(
-    path: Path, sheets: dict[str, str], triad: Triad, key: str, entry: Any
+    path: Path, sources: dict[str, tuple[Standing, str]], triad: Triad, key: str, entry: Any
 ) -> DataSheetValue:
     place = f"[{triad}] {key}"
     form = '{ value = 1.0, sheet = "main", page = "8" } or { missing = "why" }'
@@ -209,7 +243,7 @@ def _value(
         reason = entry["missing"]
         if not isinstance(reason, str) or not reason.strip():
             raise file_error(path, f"{place} is missing without a reason", f"write {form}")
-        return DataSheetValue(triad, key, None, reason)
+        return DataSheetValue(triad, key, None, reason, "missing")
     if not {"value", "sheet", "page"} <= set(entry) <= {"value", "sheet", "page", "note"}:
         raise file_error(path, f"{place} has the keys {', '.join(entry)}", f"write {form}")
     value, sheet = entry["value"], entry["sheet"]
@@ -218,10 +252,20 @@ def _value(
         raise file_error(path, f"{place} has the value {value!r}", "give a number, 0 or greater")
     if key in ("bits", "filter_order") and value != int(value):
         raise file_error(path, f"{place} has the value {value!r}", "give a whole number")
-    if not isinstance(sheet, str) or sheet not in sheets:
-        known = ", ".join(sheets)
+    if not isinstance(sheet, str) or sheet not in sources:
+        known = ", ".join(sources)
         raise file_error(path, f"{place} is from the sheet {sheet!r}", f"name one of: {known}")
+    page = str(entry["page"]).strip()
+    if not page:
+        raise file_error(path, f"{place} has no page", f'give it, or page = "{UNCHECKED}"')
+    standing, source = _sourced(*sources[sheet], page)
     note = f"; {entry['note']}" if "note" in entry else ""
-    page = str(entry["page"])
-    where = f"page {page}" if page.isdigit() or page == "not checked" else page
-    return DataSheetValue(triad, key, float(value), f"{sheets[sheet]}, {where}{note}")
+    return DataSheetValue(triad, key, float(value), source + note, standing)
+
+
+def _sourced(standing: Standing, title: str, page: str) -> tuple[Standing, str]:
+    """Standing of a number and the words for its source."""
+    if page.lower() == UNCHECKED:
+        return "unverified", f"unverified: {title}, page {UNCHECKED}"
+    where = f"page {page}" if page[:1].isdigit() else page
+    return standing, f"{'secondary: ' if standing == 'secondary' else ''}{title}, {where}"

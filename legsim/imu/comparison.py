@@ -199,7 +199,7 @@ def _overlap(a: ImuRecording, b: ImuRecording, step: float) -> FloatArray:
     first, last = max(a.times[0], b.times[0]), min(a.times[-1], b.times[-1])
     if last - first < _SHORTEST:
         raise LegsimError(
-            f"sensor {b.name} recorded {b.times[0]:g} to {b.times[-1]:g} s, the markers "
+            f"sensor {b.name} recorded {b.times[0]:.13g} to {b.times[-1]:.13g} s, the markers "
             f"{a.times[0]:g} to {a.times[-1]:g} s: they share less than {_SHORTEST:g} s; give "
             "clock_offset_s (the sensor's clock minus the markers') in a TOML about its file"
         )

@@ -11,16 +11,11 @@ import numpy as np
 from legsim.core import files
 from legsim.core.errors import file_error
 from legsim.core.values import LARGEST, FloatArray
-from legsim.imu import tables
+from legsim.imu import table_rows, tables
 from legsim.imu.recording import ImuRecording
 from legsim.imu.signals import ImuSignals
-from legsim.imu.tables import (
-    AccelerationUnit,
-    AngularVelocityUnit,
-    SensorColumns,
-    TableLayout,
-    Units,
-)
+from legsim.imu.tables import SensorColumns, TableLayout
+from legsim.imu.units import AccelerationUnit, AngularVelocityUnit
 
 _IMU_COLUMNS = ("ax_m_s2", "ay_m_s2", "az_m_s2", "gx_rad_s", "gy_rad_s", "gz_rad_s")
 
@@ -121,13 +116,13 @@ def load_recordings(
     path: Path | str,
     *,
     rate_hz: float | None = None,
-    acceleration_unit: AccelerationUnit = "m/s2",
-    angular_velocity_unit: AngularVelocityUnit = "rad/s",
+    acceleration_unit: AccelerationUnit | None = None,
+    angular_velocity_unit: AngularVelocityUnit | None = None,
 ) -> tuple[ImuRecording, ...]:
     """Reads the sensors of a file that says itself what its columns are.
 
-    These are legsim's imu.csv, text exports of Xsens MT Manager (PacketCounter, Acc_X …, Gyr_X …;
-    m/s^2 and rad/s) and OpenSim's .sto of vectors. Other tables need a layout
+    These are legsim's imu.csv, text exports of Xsens (PacketCounter, Acc_X …, Gyr_X …; m/s^2 and
+    rad/s of MT Manager, deg/s of a DOT) and OpenSim's .sto of vectors. Other tables need a layout
     (:func:`legsim.imu.tables.load`).
 
     Args:
@@ -140,11 +135,10 @@ def load_recordings(
         LegsimError: another kind of file; what :func:`legsim.imu.tables.load` raises.
     """
     path = Path(path)
-    units: Units = (acceleration_unit, angular_velocity_unit)
     if path.suffix.lower() == ".sto":
-        return _load_sto(path, units)
+        return _load_sto(path, (acceleration_unit or "m/s2", angular_velocity_unit or "rad/s"))
     lines = files.read(path, "table")
-    names = _own_names(tables.cells_of(lines[0], ","))
+    names = _own_names(table_rows.cells_of(lines[0], ","))
     if names is not None:
         sensors = tuple(
             SensorColumns(
@@ -156,7 +150,18 @@ def load_recordings(
         )
         return tables.load(path, TableLayout(sensors, time="time_s"))
     if any(_XSENS_COUNTER in line and _XSENS[0][0] in line for line in lines[:50]):
-        return tables.load(path, _xsens_layout(path, lines, rate_hz, units))
+        if rate_hz is None:
+            rate_hz = _xsens_rate(path, lines)
+        dot = _is_dot(lines)
+        layout = TableLayout(
+            (SensorColumns(path.stem, *_XSENS),),
+            acceleration_unit,
+            angular_velocity_unit or ("deg/s" if dot else None),
+            rate_hz=rate_hz,
+            counter=_XSENS_COUNTER,
+            counter_period=1 << 32 if dot else _XSENS_PERIOD,
+        )
+        return tables.load(path, layout)
     raise file_error(
         path,
         "is no imu.csv of legsim, no text export of Xsens and no .sto",
@@ -165,25 +170,30 @@ def load_recordings(
     )
 
 
-def _xsens_layout(path: Path, lines: list[str], rate_hz: float | None, units: Units) -> TableLayout:
-    said = re.search(r"(?im)^\W*update rate:\s*([\d.]+)\s*hz", "\n".join(lines[:50]))
-    rate = rate_hz or (float(said[1]) if said else None)
-    if rate is None:
+def _is_dot(lines: Sequence[str]) -> bool:
+    """Whether an Xsens table is of a DOT, as DeviceTag or OutputRate in its header say.
+
+    Its angular velocities are in deg/s, not in rad/s, and its counter has 32 bits (Xsens DOT user
+    manual XD0502P, revision E, sections 4.2.2 and 4.2.5).
+    """
+    return re.search(r"(?im)^\W*(devicetag|outputrate)\b", "\n".join(lines[:50])) is not None
+
+
+def _xsens_rate(path: Path, lines: Sequence[str]) -> float:
+    """Samples per second, as the header says."""
+    said = re.search(
+        r"(?im)^\W*(?:update|output|sample|sampling) ?rate\W*([\d.]+)\s*hz", "\n".join(lines[:50])
+    )
+    if said is None:
         raise file_error(
             path,
             'has no line "Update Rate"',
             "give rate_hz in a TOML that names this file, or export it with its header",
         )
-    return TableLayout(
-        (SensorColumns(path.stem, *_XSENS),),
-        *units,
-        rate_hz=rate,
-        counter=_XSENS_COUNTER,
-        counter_period=_XSENS_PERIOD,
-    )
+    return float(said[1])
 
 
-def _load_sto(path: Path, units: Units) -> tuple[ImuRecording, ...]:
+def _load_sto(path: Path, units: tables.Units) -> tuple[ImuRecording, ...]:
     """Reads OpenSim's tables of vectors: one file of both kinds, or one beside the other."""
     columns = _sto_columns(path)
     if not {"force", "rate"} <= {kind for _, kind in columns}:

@@ -88,6 +88,47 @@ class ImuRecording:
         return replace(self, times=self.times + seconds)
 
 
+def merged(
+    name: str, force: tuple[FloatArray, FloatArray], rate: tuple[FloatArray, FloatArray]
+) -> ImuRecording:
+    """Makes one recording of two instruments with times of their own.
+
+    Args:
+        name: of the sensor.
+        force: times (n,) s and specific forces (n, 3) m/s^2; samples that are NaN are left out.
+        rate: times (m,) s, of the same clock, and angular velocities (m, 3) rad/s.
+
+    Raises:
+        LegsimError: times that do not increase, or that do not overlap.
+    """
+    seen = [
+        (times[known], values[known])
+        for times, values in (force, rate)
+        for known in (np.isfinite(values).all(-1),)
+    ]
+    if any(len(times) < 16 for times, _ in seen):
+        raise LegsimError(f"sensor {name!r} has fewer than 16 samples; record longer")
+    for times, _ in seen:
+        increasing_times(f"times of sensor {name!r}", times)
+    notes = tuple(note for times, _ in seen for note in gap_note(name, times))
+    if not np.array_equal(seen[0][0], seen[1][0]):
+        first, last = max(t[0] for t, _ in seen), min(t[-1] for t, _ in seen)
+        fastest = min(seen, key=lambda one: float(np.median(np.diff(one[0]))))[0]
+        times = fastest[(fastest >= first) & (fastest <= last)]
+        if len(times) < 16:
+            spans = " and ".join(f"{t[0]:.10g} to {t[-1]:.10g} s" for t, _ in seen)
+            raise LegsimError(
+                f"accelerations and angular velocities of sensor {name!r} hardly overlap in time: "
+                f"{spans}; give files of one recording, by one clock"
+            )
+        seen = [(times, make_interp_spline(t, values, k=3)(times)) for t, values in seen]
+        notes += (
+            f"Sensor {name}: accelerations and angular velocities have times of their own; both "
+            "are put on those of the faster by cubic splines.",
+        )
+    return ImuRecording(name, seen[0][0], seen[1][1], seen[0][1], notes)
+
+
 def check_plausible(recording: ImuRecording) -> None:
     """Refuses signals in other units than m/s^2, rad/s and s, as far as a body can tell.
 
@@ -212,7 +253,7 @@ def join(recordings: Sequence[ImuRecording]) -> JoinedSignals:
         ]
         notes = (
             f"Sensors {', '.join(names)} sample at different times: put on those of "
-            f"{fastest.name} by cubic splines, {times[0]:g} to {times[-1]:g} s.",
+            f"{fastest.name} by cubic splines, {times[0]:.13g} to {times[-1]:.13g} s.",
         )
     rate, force = (np.stack([one[k] for one in sampled], 1) for k in range(2))
     signals = ImuSignals(times, names, rate, force)
@@ -223,7 +264,7 @@ def _shared_times(recordings: Sequence[ImuRecording], fastest: ImuRecording) -> 
     first, last = max(r.times[0] for r in recordings), min(r.times[-1] for r in recordings)
     times = fastest.times[(fastest.times >= first) & (fastest.times <= last)]
     if len(times) < 16:
-        spans = ", ".join(f"{r.name} {r.times[0]:g} to {r.times[-1]:g} s" for r in recordings)
+        spans = ", ".join(f"{r.name} {r.times[0]:.13g} to {r.times[-1]:.13g} s" for r in recordings)
         raise LegsimError(
             f"the sensors do not overlap in time: {spans}; give each clock's offset "
             "(clock_offset_s)"

@@ -87,8 +87,8 @@ def _check(times: FloatArray, rate: FloatArray, force: FloatArray, at: FloatArra
         )
     if at[0] < times[0] - _ROUNDING or at[-1] > times[-1] + _ROUNDING:
         raise LegsimError(
-            f"poses are wanted from {at[0]:g} to {at[-1]:g} s, but the sensor recorded "
-            f"{times[0]:g} to {times[-1]:g} s; "
+            f"poses are wanted from {at[0]:.13g} to {at[-1]:.13g} s, but the sensor recorded "
+            f"{times[0]:.13g} to {times[-1]:.13g} s; "
             "record longer, scan less, or fix the offset of the clocks"
         )
 

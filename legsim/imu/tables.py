@@ -1,36 +1,23 @@
 """Sensors in a table of text: which columns are which, in which units, by which clock."""
 
-import csv
-import math
-import re
-from collections.abc import Sequence
+import datetime
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from legsim.core import files
 from legsim.core.constants import STANDARD_GRAVITY
 from legsim.core.errors import LegsimError, file_error
-from legsim.core.values import LARGEST, FloatArray
-from legsim.imu import packets
+from legsim.core.values import FloatArray
+from legsim.imu import packets, recording, units
 from legsim.imu.recording import ImuRecording, check_plausible, gap_note
+from legsim.imu.table_rows import Column, number_in, read_rows
+from legsim.imu.units import AccelerationUnit, AngularVelocityUnit, TimeUnit
 
-AccelerationUnit = Literal["m/s2", "g", "mg"]
-AngularVelocityUnit = Literal["rad/s", "deg/s"]
 Units = tuple[AccelerationUnit, AngularVelocityUnit]
-TimeUnit = Literal["s", "ms", "us"]
-
-_ACCELERATION = {"m/s2": 1.0, "g": STANDARD_GRAVITY, "mg": 1e-3 * STANDARD_GRAVITY}
-_ANGULAR_VELOCITY = {"rad/s": 1.0, "deg/s": math.pi / 180}
-_SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6}
-
-_DELIMITERS = (",", ";", "\t", " ")
-
-_HEADER_WITHIN = 200
-"""lines among which the row of column names is searched"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,9 +25,9 @@ class SensorColumns:
     """Columns of one sensor."""
 
     name: str
-    acceleration: tuple[str, str, str]
-    """names of the columns of x, y, z"""
-    angular_velocity: tuple[str, str, str]
+    acceleration: tuple[Column, Column, Column]
+    """columns of x, y, z"""
+    angular_velocity: tuple[Column, Column, Column]
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,16 +35,23 @@ class TableLayout:
     """What the columns of a table are."""
 
     sensors: tuple[SensorColumns, ...]
-    acceleration_unit: AccelerationUnit = "m/s2"
-    angular_velocity_unit: AngularVelocityUnit = "rad/s"
-    time: str | None = None
+    acceleration_unit: AccelerationUnit | None = None
+    """None takes the one that the table states, else m/s2"""
+    angular_velocity_unit: AngularVelocityUnit | None = None
+    """None takes the one that the table states, else rad/s"""
+    time: Column | None = None
     """column of times; None where rate_hz gives them"""
-    time_unit: TimeUnit = "s"
+    time_unit: TimeUnit | None = None
+    """None takes the one that the table states, or dates where there are any, else s"""
     rate_hz: float | None = None
-    counter: str | None = None
+    counter: Column | None = None
     """column of the packets' numbers; with rate_hz it gives times, and shows lost packets"""
     counter_period: int | None = None
     """count after which the counter starts at 0 again; None finds it"""
+    counts_per_g: float | None = None
+    """of accelerations in counts, as the sensor's data sheet has it"""
+    counts_per_deg_per_s: float | None = None
+    """of angular velocities in counts"""
 
     def __post_init__(self) -> None:
         if (self.time is None) == (self.rate_hz is None):
@@ -67,45 +61,162 @@ class TableLayout:
             )
         if self.counter is not None and self.rate_hz is None:
             raise LegsimError("a packet counter needs rate_hz to become times; give it")
+        for unit, counts, name in (
+            (self.acceleration_unit, self.counts_per_g, "counts_per_g"),
+            (self.angular_velocity_unit, self.counts_per_deg_per_s, "counts_per_deg_per_s"),
+        ):
+            if unit is not None and counts is not None:
+                raise LegsimError(f"{name} is given beside the unit {unit}; give one of them")
 
-    def columns(self) -> tuple[str, ...]:
-        """Names of all columns that are read."""
-        of_clock = tuple(c for c in (self.time, self.counter) if c is not None)
-        return of_clock + tuple(
-            c for s in self.sensors for c in (*s.acceleration, *s.angular_velocity)
-        )
+
+@dataclass(frozen=True, slots=True)
+class _Vectors:
+    """One quantity of all sensors of a table, in SI."""
+
+    times: FloatArray
+    """(n,) s"""
+    values: tuple[FloatArray, ...]
+    """(n, 3) per sensor; NaN where a cell is empty"""
 
 
-def load(path: Path | str, layout: TableLayout) -> tuple[ImuRecording, ...]:
+def load(
+    path: Path | str, layout: TableLayout, *, angular_velocity_file: Path | None = None
+) -> tuple[ImuRecording, ...]:
     """Reads the sensors of a table: comma, semicolon, tab or blanks between columns.
 
-    Lines above the row of names are passed over. Rows in which a sensor has no numbers (lost
-    packets) are left out and noted.
+    Lines above the row of names are passed over, and so is a row of units below it. Rows in which a
+    sensor has no numbers (lost packets) are left out and noted.
+
+    Args:
+        path: of the table.
+        layout: what its columns are.
+        angular_velocity_file: a second table, of the same clock, with the angular velocities;
+            where its times are others, the slower of the two is put on the times of the faster one
+            by cubic splines, which is noted.
 
     Raises:
         LegsimError: missing columns, cells that are no numbers, times that do not increase, units
-            that cannot be.
+            that cannot be or that contradict the table's own.
     """
     path = Path(path)
-    table = read_columns(path, layout.columns())
-    try:
-        times, present = _times(table, layout)
-    except LegsimError as error:
-        raise file_error(path, str(error).partition(";")[0], _fix(error)) from error
-    made = []
-    for sensor in layout.sensors:
-        force, rate = (
-            np.stack([table[c][present] for c in columns], -1)
-            for columns in (sensor.acceleration, sensor.angular_velocity)
+    forces = [s.acceleration for s in layout.sensors]
+    rates = [s.angular_velocity for s in layout.sensors]
+    if angular_velocity_file is None:
+        both = _read(path, layout, forces, rates)
+        count = len(forces)
+        return tuple(
+            recording_of(path, sensor.name, both.times, both.values[count + k], both.values[k])
+            for k, sensor in enumerate(layout.sensors)
         )
-        units = layout.acceleration_unit, layout.angular_velocity_unit
-        made.append(recording_of(path, sensor.name, times, *in_si(rate, force, units)))
+    force = _read(path, layout, forces, [])
+    rate = _read(angular_velocity_file, layout, [], rates)
+    made = []
+    for k, sensor in enumerate(layout.sensors):
+        try:
+            merged = recording.merged(
+                sensor.name, (force.times, force.values[k]), (rate.times, rate.values[k])
+            )
+            check_plausible(merged)
+        except LegsimError as error:
+            raise _in_file(path, error) from error
+        made.append(merged)
     return tuple(made)
 
 
-def in_si(rate: FloatArray, force: FloatArray, units: Units) -> tuple[FloatArray, FloatArray]:
+def _read(
+    path: Path,
+    layout: TableLayout,
+    forces: Sequence[tuple[Column, Column, Column]],
+    rates: Sequence[tuple[Column, Column, Column]],
+) -> _Vectors:
+    """Accelerations, then angular velocities."""
+    clock = [c for c in (layout.time, layout.counter) if c is not None]
+    of_force, of_rate = ([c for three in kind for c in three] for kind in (forces, rates))
+    wanted = [*clock, *of_force, *of_rate]
+    found = read_rows(path, wanted)
+    stated = dict(zip(wanted, found.units, strict=True))
+    cells = list(zip(*(row for _, row in found.rows), strict=True))
+    lines = [number for number, _ in found.rows]
+    columns = {
+        c: np.array([number_in(path, n, t, c) for n, t in zip(lines, cells[k], strict=True)])
+        for k, c in enumerate(wanted)
+        if c != layout.time
+    }
+    try:
+        if layout.time is not None:
+            unit = layout.time_unit or _time_unit(stated[layout.time], cells[0])
+            columns[layout.time] = units.SECONDS[unit] * _moments(
+                path, lines, cells[0], layout.time, unit
+            )
+        times, present = _times(columns, layout, len(lines))
+        scale = {
+            **dict.fromkeys(of_force, _force_scale(layout, stated, of_force)),
+            **dict.fromkeys(of_rate, _rate_scale(layout, stated, of_rate)),
+        }
+    except LegsimError as error:
+        raise _in_file(path, error) from error
+    vectors = (
+        np.stack([scale[c] * columns[c][present] for c in three], -1) for three in (*forces, *rates)
+    )
+    return _Vectors(times, tuple(vectors))
+
+
+def _force_scale(
+    layout: TableLayout, stated: Mapping[Column, str | None], columns: Sequence[Column]
+) -> float:
+    """m/s^2 per number."""
+    if layout.counts_per_g is not None:
+        return STANDARD_GRAVITY / layout.counts_per_g
+    unit = _unit("acceleration_unit", layout.acceleration_unit, "m/s2", stated, columns)
+    return _factor(unit, units.ACCELERATION, "acceleration")
+
+
+def _rate_scale(
+    layout: TableLayout, stated: Mapping[Column, str | None], columns: Sequence[Column]
+) -> float:
+    """rad/s per number."""
+    if layout.counts_per_deg_per_s is not None:
+        return units.ANGULAR_VELOCITY["deg/s"] / layout.counts_per_deg_per_s
+    unit = _unit("angular_velocity_unit", layout.angular_velocity_unit, "rad/s", stated, columns)
+    return _factor(unit, units.ANGULAR_VELOCITY, "angular velocity")
+
+
+def _unit(
+    setting: str,
+    given: str | None,
+    default: str,
+    stated: Mapping[Column, str | None],
+    columns: Sequence[Column],
+) -> str:
+    """The unit of the columns, as given, else as the table states it, else the default."""
+    for column in columns:
+        own = stated[column]
+        if own is not None and given is not None and own != given:
+            raise LegsimError(
+                f"column {column!r} is stated to be in {own}, but {setting} is {given}; correct "
+                "one of them"
+            )
+    there = {stated[column] for column in columns} - {None}
+    if len(there) > 1:
+        raise LegsimError(
+            f"columns of one quantity are in {' and '.join(sorted(map(str, there)))}; read their "
+            "sensors by a TOML each"
+        )
+    return given or next(iter(there), None) or default
+
+
+def _factor(unit: str, factors: Mapping[Any, float], quantity: str) -> float:
+    if unit not in factors:
+        raise LegsimError(
+            f"the columns of the {quantity} are stated to be in {unit}; check which columns they "
+            "are"
+        )
+    return factors[unit]
+
+
+def in_si(rate: FloatArray, force: FloatArray, given: Units) -> tuple[FloatArray, FloatArray]:
     """Angular velocities in rad/s and specific forces in m/s^2, from stated units."""
-    return _ANGULAR_VELOCITY[units[1]] * rate, _ACCELERATION[units[0]] * force
+    return units.ANGULAR_VELOCITY[given[1]] * rate, units.ACCELERATION[given[0]] * force
 
 
 def recording_of(
@@ -128,121 +239,59 @@ def recording_of(
         made = ImuRecording(name, times, rate[seen], force[seen], gap_note(name, times))
         check_plausible(made)
     except LegsimError as error:
-        raise file_error(path, str(error).partition("; ")[0], _fix(error)) from error
+        raise _in_file(path, error) from error
     return made
 
 
-def read_columns(path: Path, wanted: Sequence[str]) -> dict[str, FloatArray]:
-    """Reads the columns ``wanted`` (n,) of a table by their names; NaN where a cell is empty.
-
-    Raises:
-        LegsimError: as :func:`read_rows`; cells that are no numbers.
-    """
-    rows = [
-        [_number(path, line, text, name) for text, name in zip(cells, wanted, strict=True)]
-        for line, cells in read_rows(path, wanted)
-    ]
-    return dict(zip(wanted, np.array(rows).T, strict=True))
+def _time_unit(stated: str | None, cells: Sequence[str]) -> TimeUnit:
+    """Unit of a column of times that nobody gave."""
+    if any(":" in cell for cell in cells[:1]):
+        return "date-time"
+    for unit in units.SECONDS:
+        if unit == stated:
+            return unit
+    return "s"
 
 
-def read_rows(path: Path, wanted: Sequence[str]) -> list[tuple[int, list[str]]]:
-    """Reads (line number, cells of the columns ``wanted``) of each row of a table.
-
-    Columns are parted by comma, semicolon, tab or blanks; lines above their names are passed over.
-
-    Raises:
-        LegsimError: a file that cannot be read, missing columns, rows that break off.
-    """
-    lines = files.read(path, "table")
-    found = next(
-        (
-            (k, delimiter)
-            for k, line in enumerate(lines[:_HEADER_WITHIN])
-            for delimiter in _DELIMITERS
-            if set(wanted) <= set(cells_of(line, delimiter))
-        ),
-        None,
-    )
-    if found is None:
-        raise _missing(path, lines, wanted)
-    start, delimiter = found
-    names = cells_of(lines[start], delimiter)
-    doubled = [name for name in wanted if names.count(name) > 1]
-    if doubled:
-        raise file_error(
-            path, f"column {doubled[0]!r} is there twice", "rename one", place=f"line {start + 1}"
-        )
-    at = [names.index(name) for name in wanted]
-    rows = []
-    for number, line in enumerate(lines[start + 1 :], start + 2):
-        if not line.strip():
-            continue
-        cells = cells_of(line, delimiter)
-        if len(cells) <= max(at):
-            raise file_error(
-                path,
-                f"the row has {len(cells)} cells, the header {len(names)}",
-                "complete the row, or delete it where the recording broke off",
-                place=f"line {number}",
-            )
-        rows.append((number, [cells[k] for k in at]))
-    if len(rows) < 2:
-        raise file_error(path, "holds no samples below its names", "export it again")
-    return rows
+def _moments(
+    path: Path, lines: Sequence[int], cells: Sequence[str], column: Column, unit: TimeUnit
+) -> FloatArray:
+    """Times (n,) in their unit; NaN where a cell is empty."""
+    if unit != "date-time":
+        return np.array([number_in(path, n, t, column) for n, t in zip(lines, cells, strict=True)])
+    return np.array([_seconds(path, n, t, column) for n, t in zip(lines, cells, strict=True)])
 
 
-def cells_of(line: str, delimiter: str) -> list[str]:
-    """Cells of a line, without blanks and quotes around them."""
-    if delimiter == " ":
-        return line.split()
-    return [cell.strip() for cell in next(csv.reader([line], delimiter=delimiter), [])]
-
-
-def _missing(path: Path, lines: Sequence[str], wanted: Sequence[str]) -> LegsimError:
-    best: set[str] = set()
-    place, names = 0, [""]
-    for k, line in enumerate(lines[:_HEADER_WITHIN]):
-        for delimiter in _DELIMITERS:
-            cells = cells_of(line, delimiter)
-            if len(set(wanted) & set(cells)) > len(best):
-                best, place, names = set(wanted) & set(cells), k, cells
-    missing = ", ".join(repr(name) for name in wanted if name not in best)
-    known = f"; the line has {', '.join(n for n in names if n)}" if best else ""
-    return file_error(
-        path,
-        f"has no line with the column{'s' * (len(wanted) - len(best) > 1)} {missing}{known}",
-        "correct the names of the columns",
-        place=f"line {place + 1}" if best else f"first {_HEADER_WITHIN} lines",
-    )
-
-
-def _number(path: Path, line: int, text: str, column: str) -> float:
-    if not text or re.fullmatch(r"(?i)[-+]?nan|n/a|null", text):
-        return math.nan
+def _seconds(path: Path, line: int, text: str, column: Column) -> float:
+    """Seconds since 1970, or since midnight where a cell has the time of the day alone."""
+    if not text:
+        return np.nan
     try:
-        value = float(text.replace(",", "."))  # a decimal comma: commas between columns are gone
-        if abs(value) > LARGEST or "_" in text:
-            raise ValueError
-        return value
+        if "-" in text or "/" in text:
+            moment = datetime.datetime.fromisoformat(text.replace("/", "-").replace(",", "."))
+            if moment.tzinfo is None:
+                moment = moment.replace(tzinfo=datetime.UTC)
+            return moment.timestamp()
+        hour = datetime.time.fromisoformat(text.replace(",", "."))
+        return 3600 * hour.hour + 60 * hour.minute + hour.second + 1e-6 * hour.microsecond
     except ValueError:
         raise file_error(
             path,
-            f"{text[:40]!r} in column {column!r} is not a number",
-            "correct the cell, or leave it empty where the packet was lost",
+            f"{text[:40]!r} in column {column!r} is no date and time",
+            "write it as 2025-01-31T12:00:00.125, or as 12:00:00.125",
             place=f"line {line}",
         ) from None
 
 
 def _times(
-    table: dict[str, FloatArray], layout: TableLayout
+    table: Mapping[Column, FloatArray], layout: TableLayout, count: int
 ) -> tuple[FloatArray, NDArray[np.bool_]]:
     """Times (m,) s of the rows that have one, and which rows (n,) these are."""
     if layout.time is not None:
-        times = _SECONDS[layout.time_unit] * table[layout.time]
+        times = table[layout.time]
         present = np.isfinite(times)
         _check_order(times[present])
         return times[present], present
-    count = len(next(iter(table.values())))
     if layout.counter is None:
         return np.arange(count) / (layout.rate_hz or 1.0), np.ones(count, bool)
     present = np.isfinite(table[layout.counter])
@@ -260,5 +309,7 @@ def _check_order(times: FloatArray) -> None:
         )
 
 
-def _fix(error: LegsimError) -> str:
-    return str(error).partition("; ")[2] or "correct it there"
+def _in_file(path: Path, error: LegsimError) -> LegsimError:
+    """The same error with the file's name, unless it has it."""
+    problem, _, fix = str(error).partition("; ")
+    return error if str(path) in problem else file_error(path, problem, fix or "correct it there")

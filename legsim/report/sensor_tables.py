@@ -7,15 +7,18 @@ from typing import Literal
 import numpy as np
 
 from legsim.imu.budget import BUDGET_TERMS, START_TILT, BudgetConditions, BudgetLine, PoseError
-from legsim.imu.catalogue import KEYS, CataloguedSensor, DataSheetValue
+from legsim.imu.catalogue import KEYS, CataloguedSensor, DataSheetValue, Standing, field_of
 from legsim.imu.errors import TERMS
 from legsim.report.page import Table
 
 UNKNOWN = "?"
+UNVERIFIED = "*"
 
 NOTE = (
     f"{UNKNOWN}: the sensor's file has no value, of gyroscope or accelerometer where a number "
-    "stands before it; what is missing is not in the sum."
+    "stands before it; what is missing is not in the sum. "
+    f"{UNVERIFIED}: a number in it is unverified, from memory of the data sheet, page not checked. "
+    "Of a page: numbers read on a page of the data sheet, of all that the file has."
 )
 
 
@@ -46,25 +49,32 @@ def catalogue_table(
     terms = (*BUDGET_TERMS, START_TILT)
     rows = []
     for budget in budgets:
-        cells = [
-            _with_missing(budget, term, factor * getattr(budget.of(term), what)) for term in terms
-        ]
-        rows.append((budget.key, *cells, size(factor * getattr(budget.total, what))))
-    columns = ("sensor", *(term.replace("-", " ") for term in terms), "all")
+        cells = [_marked(budget, term, factor * getattr(budget.of(term), what)) for term in terms]
+        total = size(factor * getattr(budget.total, what))
+        rows.append((budget.key, *cells, total, _of_a_page(budget.sensor)))
+    columns = ("sensor", *(term.replace("-", " ") for term in terms), "all", "of a page")
     caption = f"{what.capitalize()} error of dead reckoning ({unit}, root mean square over a scan)"
     return Table(caption, columns, tuple(rows), NOTE)
 
 
-def _with_missing(budget: SensorBudget, term: str, value: float) -> str:
-    lacking = {v.triad for v in budget.sensor.values if v.value is None and _term_of(v) == term}
+def _of_a_page(sensor: CataloguedSensor) -> str:
+    stated = len(sensor.values) - len(sensor.missing)
+    return f"{len(sensor.standing('sheet'))} of {stated}"
+
+
+def _marked(budget: SensorBudget, term: str, value: float) -> str:
+    stated = [v for v in budget.sensor.values if _term_of(v) == term]
+    lacking = {v.triad for v in stated if v.standing == "missing"}
     there = {t for t in KEYS if any(field in TERMS.get(term, ()) for field, _ in KEYS[t].values())}
     if lacking and lacking == there:
         return UNKNOWN
-    return size(value) + (f" {UNKNOWN}" if lacking else "")
+    unverified = any(v.standing == "unverified" for v in stated)
+    marks = UNVERIFIED * unverified + UNKNOWN * bool(lacking)
+    return f"{size(value)} {marks}".rstrip()
 
 
 def _term_of(value: DataSheetValue) -> str | None:
-    field = KEYS[value.triad].get(value.key, ("", 1.0))[0]
+    field = field_of(value)
     return next((term for term, fields in TERMS.items() if field in fields), None)
 
 
@@ -92,17 +102,34 @@ def _cells(error: PoseError) -> tuple[str, ...]:
 
 def values_table(sensor: CataloguedSensor) -> Table:
     """Every number of a sensor's file with its source, or why there is none."""
-    rows = [
-        (
-            f"{value.triad}.{value.key}",
-            UNKNOWN if value.value is None else f"{value.value:g}",
-            value.source,
-        )
-        for value in sensor.values
-    ]
+    rows = [(f"{v.triad}.{v.key}", _number(v), v.source) for v in sensor.values]
     return Table(
         f"{sensor.maker} {sensor.name}: {sensor.about}", ("key", "value", "source"), tuple(rows)
     )
+
+
+def _number(value: DataSheetValue) -> str:
+    if value.value is None:
+        return UNKNOWN
+    return f"{value.value:g}" + (f" {UNVERIFIED}" if value.standing == "unverified" else "")
+
+
+def standing_sentence(sensor: CataloguedSensor) -> str:
+    """Counts what the numbers of a sensor's file rest on."""
+    found = [
+        f"{len(sensor.standing(standing))} {words}"
+        for standing, words in _STANDINGS.items()
+        if sensor.standing(standing)
+    ]
+    return f"Of {len(sensor.values)} numbers: {', '.join(found)}."
+
+
+_STANDINGS: dict[Standing, str] = {
+    "sheet": "on a page of the data sheet",
+    "secondary": "in a secondary source that quotes it",
+    "unverified": f"unverified ({UNVERIFIED}), from memory of the data sheet, page not checked",
+    "missing": f"missing ({UNKNOWN}), not in the sum",
+}
 
 
 def records(budgets: Sequence[SensorBudget]) -> list[dict[str, str | float]]:

@@ -16,6 +16,17 @@ from legsim.imu.signals import ImuSignals
 from legsim.imu.tables import SensorColumns, TableLayout
 from legsim.kinematics.skeleton import SEGMENTS
 
+_OF_COLUMNS = (
+    "time",
+    "time_unit",
+    "counter",
+    "counter_period",
+    "counts_per_g",
+    "counts_per_deg_per_s",
+    "angular_velocity_file",
+)
+"""settings of tables whose columns are named"""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class WornSensor:
@@ -94,11 +105,7 @@ def load_configured(settings: ImuFileConfig, folder: Path) -> tuple[WornSensor, 
 
 def _recordings(path: Path, settings: ImuFileConfig) -> tuple[ImuRecording, ...]:
     if not settings.has_columns:
-        foreign = [
-            name
-            for name in ("time", "counter", "counter_period")
-            if getattr(settings, name) is not None
-        ]
+        foreign = [name for name in _OF_COLUMNS if getattr(settings, name)]
         if foreign:
             raise file_error(
                 path,
@@ -126,7 +133,10 @@ def _recordings(path: Path, settings: ImuFileConfig) -> tuple[ImuRecording, ...]
             rate_hz=settings.rate_hz,
             counter=settings.counter,
             counter_period=settings.counter_period,
+            counts_per_g=settings.counts_per_g,
+            counts_per_deg_per_s=settings.counts_per_deg_per_s,
         )
     except LegsimError as error:
         raise LegsimError(f"{path}: {error}") from error
-    return tables.load(path, layout)
+    other = settings.angular_velocity_file
+    return tables.load(path, layout, angular_velocity_file=path.parent / other if other else None)

@@ -19,7 +19,7 @@ from legsim.correction.method import Scan
 from legsim.correction.standing_start import standing_start
 from legsim.geometry.cone_beam import ConeBeamGeometry, Projections
 from legsim.geometry.volume import VolumeGrid
-from legsim.imu import plausibility, recording, strapdown, tables
+from legsim.imu import plausibility, recording, strapdown, table_rows
 from legsim.imu.recording import JoinedSignals
 from legsim.imu.signals import ImuSignals, SensorStart
 from legsim.imu.strapdown import Scheme
@@ -177,9 +177,9 @@ def _joined(sensors: Sequence[WornSensor], geometry: ConeBeamGeometry) -> Joined
     if views[0] < times[0] - 1e-9 or views[-1] > times[-1] + 1e-9:
         names = ", ".join(joined.signals.sensor_names)
         raise LegsimError(
-            f"the views are from {views[0]:g} to {views[-1]:g} s, sensors {names} recorded "
-            f"{times[0]:g} to {times[-1]:g} s by the views' clock; give clock_offset_s (sensors' "
-            "clock minus the views')"
+            f"the views are from {views[0]:.13g} to {views[-1]:.13g} s, sensors {names} recorded "
+            f"{times[0]:.13g} to {times[-1]:.13g} s by the views' clock; give clock_offset_s "
+            "(sensors' clock minus the views')"
         )
     return joined
 
@@ -306,7 +306,7 @@ def load_fiducials(path: Path) -> np.ndarray:
     Raises:
         LegsimError: missing columns, points or views.
     """
-    rows = tables.read_rows(path, ("view", "point", "u", "v"))
+    rows = table_rows.read_rows(path, ("view", "point", "u", "v")).rows
     seen: dict[tuple[int, str], tuple[float, float]] = {}
     for number, (view, point, u, v) in rows:
         try:

@@ -18,7 +18,7 @@ from legsim.correction.method import Scan
 from legsim.correction.rough_start import StartErrors
 from legsim.correction.smoother import BeadShadows, FiducialShadows, triangulated
 from legsim.geometry.cone_beam import ConeBeamGeometry
-from legsim.imu import tables
+from legsim.imu import table_rows
 from legsim.imu.catalogue import load_sensor
 from legsim.imu.signals import SensorStart
 from legsim.run import measured, methods
@@ -170,7 +170,7 @@ def _shadows(
     """Pixels by view and number of a CSV ``view,<what>,u,v``."""
     views, (rows, columns) = len(geometry), geometry.shape_vu
     seen: dict[tuple[int, int], tuple[float, float]] = {}
-    for line, (view, name, u, v) in tables.read_rows(path, ("view", what, "u", "v")):
+    for line, (view, name, u, v) in table_rows.read_rows(path, ("view", what, "u", "v")).rows:
         place = f"line {line}"
         try:
             number, pixel = int(view), (float(u), float(v))

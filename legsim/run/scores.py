@@ -18,7 +18,7 @@ from legsim.evaluation.regions import Region
 from legsim.evaluation.registration import RegistrationError
 from legsim.evaluation.residual_motion import Residual, Structure
 from legsim.evaluation.scores import MethodResult, result_from
-from legsim.evaluation.similarity import RegionScores
+from legsim.evaluation.similarity import PreparedReference, RegionScores
 from legsim.geometry.volume import Volume, VolumeGrid
 from legsim.run import code, methods
 from legsim.run.corrected import Reconstructed
@@ -54,8 +54,7 @@ def score_methods(
     shown = cache(lambda: structures(scan.setup, grid))
     # a folder of an older version has fewer
     measures = [f.name for kind in (RegionScores, Residual) for f in fields(kind)]
-    reference = cache(corrected[0].load)
-    true = cache(lambda: true_volume(scan.setup, reference().grid, stage.device, regions()))
+    prepared = cache(lambda: _prepared(stage, scan.setup, corrected[0].load(), regions()))
     results = []
     for k, one in enumerate(corrected):
         stage.on_progress("comparing", k, len(corrected))
@@ -75,14 +74,14 @@ def score_methods(
         )
 
         def write(one: Reconstructed = one, path: Path = path) -> tuple[str, ...]:
-            result = _scored(stage, scan.setup, one, reference, regions(), true(), shown())
+            result = _scored(stage, scan.setup, one, prepared(), shown())
             files.write_text(path, json.dumps(asdict(result), indent=1) + "\n")
             return (path.name,)
 
         folder.cached(path.stem, key, write)
         results.append(result_from(json.loads(path.read_text("utf-8"))))
     stage.on_progress("comparing", len(corrected), len(corrected))
-    _write_all(stage, results, _registration_error(stage, reference, regions))
+    _write_all(stage, results, _registration_error(stage, corrected[0].load, regions))
     return tuple(results)
 
 
@@ -137,27 +136,31 @@ def _files(one: Reconstructed) -> tuple[str, ...]:
     return f"volume-{label}.mha", f"motion-{label}.npz", f"warp-{label}.npz"
 
 
+def _prepared(
+    stage: StageContext, setup: ScanSetup, reference: Volume, regions: tuple[Region, ...]
+) -> PreparedReference:
+    """The motion-free volume and the phantom, as all methods are scored against them."""
+    evaluation = stage.settings.evaluation
+    return similarity.prepare(
+        reference,
+        regions,
+        scaling=evaluation.scaling,
+        window=evaluation.window,
+        phantom=true_volume(setup, reference.grid, stage.device, regions),
+        device=stage.device,
+    )
+
+
 def _scored(
     stage: StageContext,
     setup: ScanSetup,
     one: Reconstructed,
-    reference: Callable[[], Volume],
-    regions: tuple[Region, ...],
-    true: Volume,
+    prepared: PreparedReference,
     seen: tuple[Structure, ...],
 ) -> MethodResult:
     name = one.name
-    evaluation, at_rest = stage.settings.evaluation, name == methods.REFERENCE
-    metrics = similarity.evaluate(
-        reference() if at_rest else one.load(),
-        reference(),
-        regions,
-        register=evaluation.register_volumes,
-        scaling=evaluation.scaling,
-        window=evaluation.window,
-        phantom=true,
-        device=stage.device,
-    )
+    at_rest = name == methods.REFERENCE
+    metrics = prepared.scores(one.load(), register=stage.settings.evaluation.register_volumes)
     if at_rest:
         # its leg rests: nothing is left
         left = residual_motion.of_motion(None, tuple(s.at_rest() for s in seen), setup.geometry)

@@ -14,7 +14,7 @@ from legsim.core.errors import LegsimError
 from legsim.core.values import FloatArray
 from legsim.imu import catalogue, clock, readout, simulation
 from legsim.imu.calibration import Calibration
-from legsim.imu.errors import SensorErrors, TemperatureCourse, TriadErrors
+from legsim.imu.errors import TERMS, SensorErrors, TemperatureCourse, TriadErrors
 from legsim.imu.noise import ImuNoise, add_noise
 from legsim.imu.sensors import Sensor
 from legsim.imu.signals import ImuSignals
@@ -382,7 +382,29 @@ def _sensor_sentence(settings: ImuConfig, errors: SensorErrors) -> str:
         f"IMU signals carry {named}{off}: white noise of {force:.3g} m/s^2 and {turn:.3g} deg/s "
         f"RMS per sample, biases of {errors.accelerometer.turn_on_bias:.3g} m/s^2 and "
         f"{np.degrees(errors.gyroscope.turn_on_bias):.3g} deg/s at the start. {calibrated}"
+        f"{_standing_sentence(noise)}"
     )
+
+
+def _standing_sentence(noise: NoiseConfig) -> str:
+    """Counts the sensor's numbers in use that no page of its data sheet confirms."""
+    if noise.kind == "custom":
+        return ""
+    off = {field for term in noise.off for field in TERMS[term]}
+    own: dict[catalogue.Triad, dict[str, object]] = {
+        "accelerometer": noise.accelerometer.model_dump(exclude_none=True),
+        "gyroscope": noise.gyroscope.model_dump(exclude_none=True),
+    }
+    used = [
+        value.standing
+        for value in catalogue.load_sensor(noise.kind).values
+        if value.key not in own[value.triad] and catalogue.field_of(value) not in off
+    ]
+    counted = (("unverified", "unverified"), ("secondary", "from secondary sources"))
+    found = [f"{n} {words}" for standing, words in counted if (n := used.count(standing))]
+    if not found:
+        return ""
+    return f" Of its numbers {' and '.join(found)}: `legsim sensors {noise.kind}` lists them."
 
 
 def _recorder_sentences(settings: ImuConfig, view_rate_hz: float) -> list[str]:

@@ -8,7 +8,7 @@ from typing import NamedTuple
 from legsim.core.errors import LegsimError
 from legsim.correction.method import CorrectionMethod, checked
 from legsim.evaluation.scaling import Scaling
-from legsim.evaluation.similarity import Scores, evaluate
+from legsim.evaluation.similarity import Scores, prepare
 from legsim.evaluation.ssim import Window
 from legsim.geometry.volume import Volume, VolumeGrid
 from legsim.reconstruction.fdk import fdk
@@ -113,17 +113,12 @@ def compare(
     chosen = scan.grid() if grid is None else grid
     regions = scan.regions(chosen)
     volumes = {REFERENCE: fdk(scan.at_rest, chosen, device=scan.device)}
+    prepared = prepare(
+        volumes[REFERENCE], regions, scaling=scaling, window=window, device=scan.device
+    )
     scores = {}
     for name, method in methods.items():
         corrected = checked(name, method)(scan.seen)
         volumes[name] = fdk(corrected, chosen, device=scan.device)
-        scores[name] = evaluate(
-            volumes[name],
-            volumes[REFERENCE],
-            regions,
-            register=register,
-            scaling=scaling,
-            window=window,
-            device=scan.device,
-        )
+        scores[name] = prepared.scores(volumes[name], register=register)
     return Comparison(volumes, ScoreTable(scores))

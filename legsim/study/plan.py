@@ -64,12 +64,12 @@ class Plan:
         )
 
     def memory(self) -> int:
-        """Bytes that one run holds at most: every method's volume and those that are compared,
-        projections as images and filtered.
+        """Bytes that one run holds at most: the volumes that are compared, projections as images
+        and filtered.
         """
         return max(
             _BASE_BYTES
-            + (1 + _volumes(job.settings) + _WORKING_VOLUMES) * _volume_bytes(job.settings)
+            + _WORKING_VOLUMES * _volume_bytes(job.settings)
             + _EXPOSURES_HELD * _exposures_bytes(job.settings)
             + _field_bytes(job.settings)
             for job in self.scans
@@ -82,17 +82,16 @@ def _needs(name: str, first: str) -> tuple[str, ...]:
 
 # measured on a CPU, where the device's memory is the process's own: the greatest peak_mib of
 # manifest.json, and du; the estimate behind it, in MiB
-# quick, clean run of 6 methods: 1340 held, 1478 estimated
-# quick, noisy run of 1 method: 1195 held, 1297 estimated
-# table1, clean run of 7 methods: 1978 held, 2073 estimated
-# table1_paper, the same larger: 8916 held, 9114 estimated
+# table1_one_leg, in a fresh process: 1398 held, 1728 estimated
+# table1_paper, in a fresh process: 3747 held, 4812 estimated; by a worker's sixth scan 4280, of the
+# version before, whose comparison alone took 1200 more
 # a study of 2 clean and 4 noisy runs: 823 of disk, 817 estimated
-_BASE_BYTES = 640 * 2**20
-"""interpreter, libraries, OpenCL runtime, phantom"""
+_BASE_BYTES = 1024 * 2**20
+"""interpreter, libraries, OpenCL runtime, phantom, and what an allocator keeps between scans"""
 
-_WORKING_VOLUMES = 4
+_WORKING_VOLUMES = 5
 
-_EXPOSURES_HELD = 4
+_EXPOSURES_HELD = 2
 
 _TABLES_BYTES = 25 * 2**20
 """recording, reports, poses and signals of a clean run"""

@@ -29,9 +29,27 @@ def test_it_lists_every_sensor_of_the_catalogue(capsys):
 
 def test_one_sensor_comes_with_its_numbers_and_their_sources(capsys):
     shown = printed(capsys, "adxl355_adxrs453", "--seconds", 2, "--calibration", "rest")
-    assert "ADXRS453, revision B, 2011, page 1" in shown
+    assert "ADXRS453, Rev. B, 2011, page 1" in shown
     assert "levels the start" in shown
     assert "start-tilt" not in shown
+
+
+def test_every_number_and_source_of_a_sensor_is_shown_whole(capsys):
+    shown = printed(capsys, "bmi160", "--seconds", 1)
+    for value in catalogue.load_sensor("bmi160").values:
+        line = next(x for x in shown.splitlines() if f" {value.triad}.{value.key} " in x)
+        assert value.source in line
+        assert ("?" if value.value is None else f" {value.value:g} ") in line
+
+
+def test_unverified_numbers_are_marked(capsys):
+    alone = printed(capsys, "bmi160", "--seconds", 1)
+    assert " 0.1 * " in alone  # g-sensitivity
+    assert "unverified (*), from memory of the data sheet, page not checked" in alone
+    beside = printed(capsys, "--seconds", 1)
+    assert "*: a number in it is unverified" in beside
+    marked = [x.split()[0] for x in beside.splitlines() if "*" in x and "unverified" not in x]
+    assert set(marked) == {"adis16505", "bmi160", "bmi323"}
 
 
 def test_a_file_of_ones_own_is_listed_beside_others(capsys, tmp_path):

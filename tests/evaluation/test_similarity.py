@@ -1,3 +1,4 @@
+import weakref
 from typing import get_args
 
 import numpy as np
@@ -20,6 +21,30 @@ def test_a_volume_agrees_with_itself():
     metrics = similarity.evaluate(blob(GRID), blob(GRID), regions(GRID))
     assert metrics.registration is None
     assert all(m.ssim == pytest.approx(1) and m.rmse == 0 for m in metrics.regions)
+
+
+def test_a_prepared_reference_scores_each_volume_as_if_it_were_the_first(rng):
+    first, second, true = (noisy(rng) for _ in range(3))
+    moved = Volume(GRID, np.roll(second.attenuation, 1, 2))
+    prepared = similarity.prepare(blob(GRID), regions(GRID), phantom=true)
+    found = [prepared.scores(volume) for volume in (first, moved, first)]
+    alone = [
+        similarity.evaluate(volume, blob(GRID), regions(GRID), phantom=true)
+        for volume in (first, moved)
+    ]
+    assert found == [*alone, alone[0]]
+
+
+def test_a_prepared_reference_keeps_no_whole_volume():
+    reference, true = blob(GRID), blob(GRID)
+    gone = weakref.ref(reference.attenuation), weakref.ref(true.attenuation)
+    prepared = similarity.prepare(reference, regions(GRID)[1:], phantom=true)
+    assert prepared.fixed.size < reference.attenuation.size
+    assert prepared.fixed.base is None
+    assert prepared.true is not None
+    assert prepared.true.base is None
+    del reference, true
+    assert [kept() for kept in gone] == [None, None]
 
 
 def scores(volume: Volume, reference: Volume, scaling: Scaling, **options) -> RegionScores:

@@ -182,3 +182,21 @@ def test_a_table_of_vectors_without_rows_is_refused(tmp_path):
     (tmp_path / "a.sto").write_text(head + "0.1\t1,2,1e300\t1,2,3\n")
     with pytest.raises(LegsimError, match=r"\(line 4\): is no row of vectors"):
         load_recordings(tmp_path / "a.sto")
+
+
+def test_a_dot_of_xsens_has_degrees_per_second_and_a_counter_of_32_bits(tmp_path):
+    one = still(count=60, rate_hz=60.0)
+    head = ["sep=,", "DeviceTag:,D1", "FirmwareVersion:,3.0.0", "OutputRate:,60Hz", ""]
+    head.append("PacketCounter,SampleTimeFine,Acc_X,Acc_Y,Acc_Z,Gyr_X,Gyr_Y,Gyr_Z,")
+    rows = [
+        [70000 + k, 16667 * k, *force, *np.degrees(rate), ""]
+        for k, (force, rate) in enumerate(
+            zip(one.specific_force, one.angular_velocity, strict=True)
+        )
+    ]
+    path = tmp_path / "shank.csv"
+    path.write_text("\n".join(head + [",".join(map(str, row)) for row in rows]) + "\n")
+    (read,) = load_recordings(path)
+    np.testing.assert_allclose(read.times, one.times, atol=1e-12)
+    np.testing.assert_allclose(read.angular_velocity, one.angular_velocity, rtol=1e-12)
+    np.testing.assert_array_equal(read.specific_force, one.specific_force)

@@ -5,7 +5,7 @@ import pytest
 
 from legsim.core.errors import LegsimError
 from legsim.imu.tables import SensorColumns, TableLayout, load
-from tests.examples.sensors import still
+from tests.examples.sensors import still, swaying
 
 SENSOR = SensorColumns("shank", ("ax", "ay", "az"), ("gx", "gy", "gz"))
 NAMES = ("t", "ax", "ay", "az", "gx", "gy", "gz")
@@ -108,3 +108,94 @@ def test_a_layout_has_one_clock():
         TableLayout((SENSOR,))
     with pytest.raises(LegsimError, match=r"needs rate_hz"):
         TableLayout((SENSOR,), time="t", counter="n")
+
+
+def table_of(path, one, names, rows, below=()):
+    """A table of a recording under other names."""
+    text = [",".join(names), *(",".join(line) for line in below)]
+    text += [",".join(map(str, row)) for row in rows]
+    path.write_text("\n".join(text) + "\n", "utf-8")
+    return path
+
+
+FORCES, RATES = ("ax (g)", "ay (g)", "az (g)"), ("gx [dps]", "gy [dps]", "gz [dps]")
+
+
+def test_units_that_the_table_states_are_taken(tmp_path):
+    one = still(count=20)
+    rows = np.column_stack(
+        [1e3 * one.times, one.specific_force / 9.80665, np.degrees(one.angular_velocity)]
+    ).tolist()
+    sensor = SensorColumns("shank", FORCES, RATES)
+    path = table_of(tmp_path / "a.csv", one, ("t (ms)", *FORCES, *RATES), rows)
+    below = table_of(
+        tmp_path / "b.csv", one, NAMES, rows, [("ms", "g", "g", "g", "deg/s", "deg/s", "deg/s")]
+    )
+    for found in (
+        load(path, TableLayout((sensor,), time="t (ms)")),
+        load(below, TableLayout((SENSOR,), time="t")),
+    ):
+        np.testing.assert_allclose(found[0].times, one.times, atol=1e-15)
+        np.testing.assert_allclose(found[0].specific_force, one.specific_force, rtol=1e-14)
+        np.testing.assert_allclose(found[0].angular_velocity, one.angular_velocity, rtol=1e-14)
+    with pytest.raises(LegsimError, match=r"'gx \[dps\]' is stated to be in deg/s, but .*rad/s"):
+        load(path, TableLayout((sensor,), None, "rad/s", time="t (ms)"))
+    swapped = SensorColumns("shank", RATES, FORCES)
+    with pytest.raises(LegsimError, match=r"of the acceleration are stated to be in deg/s"):
+        load(path, TableLayout((swapped,), time="t (ms)"))
+
+
+def test_counts_become_si_by_the_data_sheet(tmp_path):
+    one = still(count=20)
+    rows = np.column_stack(
+        [
+            one.times,
+            one.specific_force / 9.80665 * 16384,
+            np.degrees(one.angular_velocity) * 131.2,
+        ]
+    )
+    layout = TableLayout((SENSOR,), time="t", counts_per_g=16384, counts_per_deg_per_s=131.2)
+    (read,) = load(write(tmp_path / "a.csv", rows.tolist()), layout)
+    np.testing.assert_allclose(read.specific_force, one.specific_force, rtol=1e-13)
+    np.testing.assert_allclose(read.angular_velocity, one.angular_velocity, rtol=1e-13)
+    with pytest.raises(LegsimError, match=r"counts_per_g is given beside the unit g"):
+        TableLayout((SENSOR,), "g", time="t", counts_per_g=16384)
+
+
+@pytest.mark.parametrize(
+    "stamp", ["2025-03-01 23:59:59.{:03d}", "2025/03/01T23:59:59.{:03d}Z", "23:59:59,{:03d}"]
+)
+def test_dates_and_times_of_the_day_are_a_clock(tmp_path, stamp):
+    one = still(count=20)
+    rows = rows_of(one)
+    for k, row in enumerate(rows):
+        row[0] = stamp.format(10 * k)
+    (read,) = load(write(tmp_path / "a.csv", rows, ";"), TableLayout((SENSOR,), time="t"))
+    np.testing.assert_allclose(read.times - read.times[0], one.times, atol=1e-6)
+    rows[3][0] = "yesterday"
+    with pytest.raises(LegsimError, match=r"line 7.*'yesterday' in column 't' is no date and time"):
+        load(write(tmp_path / "a.csv", rows, ";"), TableLayout((SENSOR,), time="t"))
+
+
+def test_the_two_instruments_may_lie_in_two_tables(tmp_path):
+    """Of one clock; equal times are kept to the bit, others meet on the faster one's."""
+    one = swaying(seconds=4.0, rate_hz=100.0)
+    force = np.column_stack([one.times, one.specific_force]).tolist()
+    rate = np.column_stack([one.times, one.angular_velocity]).tolist()
+    first = table_of(tmp_path / "a.csv", one, ("t", "x", "y", "z"), force)
+    second = table_of(tmp_path / "g.csv", one, ("t", "x", "y", "z"), rate)
+    layout = TableLayout((SensorColumns("shank", ("x", "y", "z"), ("x", "y", "z")),), time="t")
+    (read,) = load(first, layout, angular_velocity_file=second)
+    np.testing.assert_array_equal(read.specific_force, one.specific_force)
+    np.testing.assert_array_equal(read.angular_velocity, one.angular_velocity)
+    assert not read.notes
+    table_of(tmp_path / "g.csv", one, ("t", "x", "y", "z"), rate[1::2])
+    (read,) = load(first, layout, angular_velocity_file=second)
+    inside = (one.times >= 0.01) & (one.times <= one.times[-1])
+    np.testing.assert_array_equal(read.times, one.times[inside])
+    np.testing.assert_allclose(read.angular_velocity, one.angular_velocity[inside], atol=1e-4)
+    assert "on those of the faster" in read.notes[0]
+    late = [[t + 100, *values] for t, *values in rate]
+    table_of(tmp_path / "g.csv", one, ("t", "x", "y", "z"), late)
+    with pytest.raises(LegsimError, match=r"hardly overlap in time: .*files of one recording"):
+        load(first, layout, angular_velocity_file=second)

@@ -5,7 +5,7 @@ import pytest
 
 from legsim.imu.budget import BudgetConditions, NominalMotion, PoseError, sensor_budget
 from legsim.imu.calibration import Calibration
-from legsim.imu.catalogue import load_sensor
+from legsim.imu.catalogue import CataloguedSensor, DataSheetValue, load_sensor
 from legsim.report import sensor_tables
 from legsim.report.sensor_tables import SensorBudget
 
@@ -33,11 +33,13 @@ def test_a_row_per_sensor_marks_what_its_file_lacks():
     assert rows["bmi160"]["instability"] == "?"
     assert rows["adis16505"]["misalignment"].endswith(" ?")
     assert rows["adis16505"]["g sensitivity"] == "?"
+    assert rows["bmi160"]["g sensitivity"].endswith(" *")
+    assert rows["bmi160"]["of a page"] == "2 of 19"
     noise = 1e3 * budgets[0].of("white-noise").translation
     assert float(rows["bmi160"]["white noise"]) == pytest.approx(noise, rel=5e-3)
     assert float(rows["bmi160"]["start tilt"]) > float(rows["bmi160"]["white noise"])
     turned = sensor_tables.catalogue_table(budgets, "rotation")
-    assert float(turned.rows[0][-1]) == pytest.approx(
+    assert float(turned.rows[0][-2]) == pytest.approx(
         np.degrees(budgets[0].total.rotation), rel=5e-3
     )
 
@@ -60,6 +62,39 @@ def test_every_number_of_a_file_is_shown_with_its_source():
         "MTi-300 product sheet, Movella, May 2023, page 1; calibrated",
     )
     assert shown["gyroscope.bits"][0] == "?"
+
+
+@pytest.mark.parametrize(
+    ("changed", "cell"),
+    [
+        ({}, "0 *?"),
+        ({"accelerometer": "sheet"}, "0 *"),
+        ({"gyroscope": "secondary"}, "0 ?"),
+        ({"gyroscope": "missing"}, "?"),
+        ({"accelerometer": "unverified", "gyroscope": "sheet"}, "0 *"),
+        ({"accelerometer": "sheet", "gyroscope": "sheet"}, "0"),
+    ],
+)
+def test_marks_are_those_of_either_triad(changed: dict, cell: str):
+    standings = {"accelerometer": "missing", "gyroscope": "unverified"} | changed
+    values = tuple(
+        DataSheetValue(triad, "bits", None if standing == "missing" else 16, "a sheet", standing)
+        for triad, standing in standings.items()
+    )
+    sensor = CataloguedSensor("A", "B", "C", values)
+    table = sensor_tables.catalogue_table([SensorBudget("a", sensor, ())], "translation")
+    row = dict(zip(table.columns, table.rows[0], strict=True))
+    assert row["quantisation"] == cell
+    assert row["white noise"] == "0"
+
+
+def test_the_standing_of_all_numbers_is_counted():
+    said = sensor_tables.standing_sentence(load_sensor("bmi160"))
+    assert said.startswith("Of 23 numbers: 2 on a page of the data sheet, 10 in a secondary source")
+    assert (
+        "7 unverified (*), from memory of the data sheet, page not checked, 4 missing (?)" in said
+    )
+    assert "unverified" not in sensor_tables.standing_sentence(load_sensor("lsm6dsv"))
 
 
 def test_records_hold_every_line_in_si():

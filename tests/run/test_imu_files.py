@@ -121,3 +121,27 @@ def test_known_biases_are_taken_off(tmp_path):
     np.testing.assert_allclose(
         one.specific_force - force, np.tile([0.0980665, 0, -0.04903325], (60, 1)), atol=1e-14
     )
+
+
+def test_a_toml_gives_counts_numbers_of_columns_and_a_second_file(tmp_path):
+    one = still(count=60)
+    path = tmp_path / "acc.csv"
+    for name, values in (
+        ("acc.csv", one.specific_force / 9.80665 * 2048),
+        ("gyr.csv", np.degrees(one.angular_velocity) * 16.4),
+    ):
+        rows = np.column_stack([1e9 * one.times, values])
+        path = tmp_path / name
+        path.write_text("\n".join(",".join(map(repr, row)) for row in rows.tolist()) + "\n")
+    toml = tmp_path / "shank.toml"
+    toml.write_text(
+        'file = "acc.csv"\nangular_velocity_file = "gyr.csv"\ntime = 1\ntime_unit = "ns"\n'
+        "counts_per_g = 2048\ncounts_per_deg_per_s = 16.4\n[[sensors]]\n"
+        'name = "shank_l"\nacceleration = [2, 3, 4]\nangular_velocity = [2, 3, 4]\n'
+    )
+    rate, force = ls.read_imu(toml).sensor("shank_l")
+    np.testing.assert_allclose(force, one.specific_force, rtol=1e-12)
+    np.testing.assert_allclose(rate, one.angular_velocity, rtol=1e-12)
+    toml.write_text('file = "acc.csv"\ncounts_per_g = 2048\n')
+    with pytest.raises(LegsimError, match=r"counts_per_g is given, but no columns"):
+        imu_files.load(toml)

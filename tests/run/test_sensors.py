@@ -239,6 +239,27 @@ def test_the_sentence_says_which_errors_and_calibration(overrides: tuple, words:
     assert words in sensors.noise_sentence(imu(*overrides), view_rate_hz=31.0)
 
 
+@pytest.mark.parametrize(
+    ("overrides", "words"),
+    [
+        (("noise.kind=bmi160",), " Of its numbers 7 unverified and 10 from secondary sources: "),
+        (("noise.kind=bmi160", "noise.off=['temperature', 'g-sensitivity']"), "4 unverified and 8"),
+        (("noise.kind=bmi160", "noise.gyroscope.misalignment_percent=1"), "6 unverified and 10"),
+        (("noise.kind=adis16505",), "1 unverified and 2 from secondary sources: `legsim sensors "),
+    ],
+)
+def test_the_sentence_counts_what_no_page_of_the_data_sheet_confirms(overrides: tuple, words: str):
+    said = sensors.noise_sentence(imu(*overrides), view_rate_hz=31.0)
+    assert words in said
+    assert said.endswith(f"`legsim sensors {imu(*overrides).noise.kind}` lists them.")
+
+
+@pytest.mark.parametrize("kind", ["lsm6dsv", "custom", "none", "rms"])
+def test_the_sentence_leaves_out_what_there_is_nothing_to_say_of(kind: str):
+    said = sensors.noise_sentence(imu(f"noise.kind={kind}"), view_rate_hz=31.0)
+    assert "Of its numbers" not in said
+
+
 def test_a_changed_file_changes_the_fingerprint(tmp_path):
     own = tmp_path / "own.toml"
     text = resources.model_file("sensors/bmi160.toml").read_text("utf-8")

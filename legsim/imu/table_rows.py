@@ -1,0 +1,178 @@
+"""Rows of a table of text, of the columns that are asked for by name or by number."""
+
+import csv
+import math
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from legsim.core import files
+from legsim.core.errors import LegsimError, file_error
+from legsim.core.values import LARGEST
+from legsim.imu import units
+
+Column = str | int
+"""its name, or its number from 1 on"""
+
+_DELIMITERS = (",", ";", "\t", " ")
+
+_HEADER_WITHIN = 200
+"""lines among which the names, or the first numbers, are searched"""
+
+
+@dataclass(frozen=True, slots=True)
+class Rows:
+    """Cells of the columns that were asked for."""
+
+    rows: tuple[tuple[int, tuple[str, ...]], ...]
+    """line number, and a cell per column"""
+    units: tuple[str | None, ...]
+    """unit that the file states per column, in its name or in the line below; None where none"""
+
+
+def read_rows(path: Path, wanted: Sequence[Column]) -> Rows:
+    """Reads the columns ``wanted`` (n,) of each row of a table.
+
+    Columns are parted by comma, semicolon, tab or blanks. Lines above their names are passed over,
+    and so is a line of units below them. Where all columns are asked for by number, the first line
+    with a number in each of them is the first row.
+
+    Raises:
+        LegsimError: a file that cannot be read, missing columns, rows that break off.
+    """
+    lines = files.read(path, "table")
+    named = [column for column in wanted if isinstance(column, str)]
+    start, delimiter, names = (
+        _names(path, lines, named) if named else _numbered(path, lines, wanted)
+    )
+    at = [c - 1 if isinstance(c, int) else names.index(c) for c in wanted]
+    if min(at) < 0:
+        raise file_error(path, "has no column 0", "count columns from 1")
+    titles = names + [""] * (1 + max(at) - len(names))
+    stated = [units.in_name(titles[k]) for k in at]
+    rows: list[tuple[int, tuple[str, ...]]] = []
+    for number, line in enumerate(lines[start:], start + 1):
+        if not line.strip():
+            continue
+        cells = cells_of(line, delimiter)
+        if not rows and named and (below := _unit_line(cells, at)):
+            stated = [unit or own for unit, own in zip(below, stated, strict=True)]
+            continue
+        if len(cells) <= max(at):
+            raise file_error(
+                path,
+                f"the row has {len(cells)} cells, the header {len(names)}"
+                if named
+                else f"the row has {len(cells)} cells, column {max(at) + 1} is asked for",
+                "complete the row, or delete it where the recording broke off",
+                place=f"line {number}",
+            )
+        rows.append((number, tuple(cells[k] for k in at)))
+    if len(rows) < 2:
+        raise file_error(path, "holds no samples below its names", "export it again")
+    return Rows(tuple(rows), tuple(stated))
+
+
+def cells_of(line: str, delimiter: str) -> list[str]:
+    """Cells of a line, without blanks and quotes around them."""
+    if delimiter == " ":
+        return line.split()
+    return [cell.strip() for cell in next(csv.reader([line], delimiter=delimiter), [])]
+
+
+def number_in(path: Path, line: int, text: str, column: Column) -> float:
+    """The number in a cell; NaN where it is empty.
+
+    Raises:
+        LegsimError: other text, or a number beyond any signal.
+    """
+    value = _number(text)
+    if value is None:
+        raise file_error(
+            path,
+            f"{text[:40]!r} in column {column!r} is not a number",
+            "correct the cell, or leave it empty where the packet was lost",
+            place=f"line {line}",
+        )
+    return value
+
+
+def _number(text: str) -> float | None:
+    if not text or re.fullmatch(r"(?i)[-+]?nan|n/a|null", text):
+        return math.nan
+    try:
+        value = float(text.replace(",", "."))  # a decimal comma: commas between columns are gone
+    except ValueError:
+        return None
+    return None if abs(value) > LARGEST or "_" in text else value
+
+
+def _names(path: Path, lines: Sequence[str], wanted: Sequence[str]) -> tuple[int, str, list[str]]:
+    """Number of lines down to the names, delimiter, and all names."""
+    for k, line in enumerate(lines[:_HEADER_WITHIN]):
+        for delimiter in _DELIMITERS:
+            names = cells_of(line, delimiter)
+            if set(wanted) <= set(names):
+                doubled = [name for name in wanted if names.count(name) > 1]
+                if doubled:
+                    raise file_error(
+                        path,
+                        f"column {doubled[0]!r} is there twice",
+                        "rename one, or give the numbers of the columns (the first is 1)",
+                        place=f"line {k + 1}",
+                    )
+                return k + 1, delimiter, names
+    raise _missing(path, lines, wanted)
+
+
+def _numbered(
+    path: Path, lines: Sequence[str], wanted: Sequence[Column]
+) -> tuple[int, str, list[str]]:
+    """Number of lines above the first numbers, delimiter, and the names in the line above."""
+    last = max(int(column) for column in wanted)
+    for k, line in enumerate(lines[:_HEADER_WITHIN]):
+        for delimiter in _DELIMITERS:
+            cells = cells_of(line, delimiter)
+            asked = [cells[int(c) - 1] for c in wanted] if len(cells) >= last else [""]
+            if all(_is_value(cell) for cell in asked):
+                above = cells_of(lines[k - 1], delimiter) if k else []
+                return k, delimiter, above if len(above) >= last else []
+    raise file_error(
+        path,
+        f"has no line with numbers in columns {', '.join(map(str, wanted))}",
+        "correct the numbers of the columns (the first is 1)",
+        place=f"first {_HEADER_WITHIN} lines",
+    )
+
+
+def _is_value(cell: str) -> bool:
+    """Whether a cell holds a number, a time of the day or a date."""
+    return bool(cell) and (_number(cell) is not None or re.search(r"\d[-/:T]\d", cell) is not None)
+
+
+def _unit_line(cells: Sequence[str], at: Sequence[int]) -> list[str | None]:
+    """Units of the columns where a line holds nothing else for them; else nothing."""
+    if len(cells) <= max(at):
+        return []
+    found = [units.known(cells[k]) or units.in_name(cells[k]) for k in at]
+    numbers = any(cells[k] and _number(cells[k]) is not None for k in at)
+    return found if any(found) and not numbers else []
+
+
+def _missing(path: Path, lines: Sequence[str], wanted: Sequence[str]) -> LegsimError:
+    best: set[str] = set()
+    place, names = 0, [""]
+    for k, line in enumerate(lines[:_HEADER_WITHIN]):
+        for delimiter in _DELIMITERS:
+            cells = cells_of(line, delimiter)
+            if len(set(wanted) & set(cells)) > len(best):
+                best, place, names = set(wanted) & set(cells), k, cells
+    missing = ", ".join(repr(name) for name in wanted if name not in best)
+    known = f"; the line has {', '.join(n for n in names if n)}" if best else ""
+    return file_error(
+        path,
+        f"has no line with the column{'s' * (len(wanted) - len(best) > 1)} {missing}{known}",
+        "correct the names of the columns",
+        place=f"line {place + 1}" if best else f"first {_HEADER_WITHIN} lines",
+    )

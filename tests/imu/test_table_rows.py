@@ -1,0 +1,46 @@
+"""Rows of tables as loggers write them."""
+
+import pytest
+
+from legsim.core.errors import LegsimError
+from legsim.imu.table_rows import read_rows
+
+
+def table(tmp_path, text):
+    path = tmp_path / "a.csv"
+    path.write_text(text, "utf-8")
+    return path
+
+
+def test_columns_are_asked_for_by_name_or_number(tmp_path):
+    path = table(tmp_path, "X [s],A,X [s],A\n0,1,2,3\n4,5,6,7\n")
+    found = read_rows(path, (3, 4))
+    assert found.rows == ((2, ("2", "3")), (3, ("6", "7")))
+    assert found.units == ("s", None)
+    with pytest.raises(LegsimError, match=r"column 'A' is there twice; .*numbers of the columns"):
+        read_rows(path, ("A",))
+
+
+def test_a_table_without_names_is_read_by_numbers(tmp_path):
+    path = table(tmp_path, "# logger\n\n0.00;1,5;-2\n0.01;1,6;-3\n")
+    assert read_rows(path, (1, 2)).rows == ((3, ("0.00", "1,5")), (4, ("0.01", "1,6")))
+    with pytest.raises(LegsimError, match="no line with numbers in columns 1, 4"):
+        read_rows(path, (1, 4))
+
+
+def test_a_line_of_units_is_no_row(tmp_path):
+    path = table(tmp_path, "T\tA\tG\nms\tm/(s^2)\tdeg/s\n0\t1\t2\n10\t3\t4\n")
+    found = read_rows(path, ("T", "A", "G"))
+    assert found.units == ("ms", "m/s2", "deg/s")
+    assert len(found.rows) == 2
+
+
+def test_other_text_below_the_names_stays_a_row(tmp_path):
+    """It is refused where a number is wanted, not passed over."""
+    path = table(tmp_path, "T,A\nlost,packet\n0,1\n")
+    assert read_rows(path, ("T", "A")).rows[0] == (2, ("lost", "packet"))
+
+
+def test_rows_that_break_off_are_named(tmp_path):
+    with pytest.raises(LegsimError, match=r"line 3.* the row has 1 cells, column 2"):
+        read_rows(table(tmp_path, "0,1\n1,2\n2\n"), (1, 2))

@@ -1,0 +1,49 @@
+"""How loggers spell their units."""
+
+import pytest
+
+from legsim.imu import units
+
+
+@pytest.mark.parametrize(
+    ("text", "unit"),
+    [
+        ("m/s^2", "m/s2"),
+        ("m/(s^2)", "m/s2"),
+        ("m/s²", "m/s2"),
+        ("m s^-2", "m/s2"),
+        ("G", "g"),
+        ("mg", "mg"),
+        ("rad/s", "rad/s"),
+        ("°/s", "deg/s"),
+        ("dps", "deg/s"),
+        ("Deg/Sec", "deg/s"),
+        ("mdps", "mdeg/s"),
+        ("msec", "ms"),
+        ("µs", "us"),
+        ("no_units", None),
+        ("", None),
+        ("m/s", None),
+        ("a.u.", None),
+    ],
+)
+def test_common_spellings_are_one_unit(text, unit):
+    assert units.known(text) == unit
+
+
+@pytest.mark.parametrize(
+    ("column", "unit"),
+    [
+        ("Acceleration x (m/s^2)", "m/s2"),
+        ("Gyroscope y (rad/s)", "rad/s"),
+        ("ACC.X 1[g]", "g"),
+        ("Gyro X (m/(s^2))", "m/s2"),
+        ("elapsed (s)", "s"),
+        ("x-axis (g)", "g"),
+        ("Time (13:00)", None),
+        ("ax", None),
+        ("g", None),
+    ],
+)
+def test_a_unit_stands_in_the_brackets_at_the_end_of_a_name(column, unit):
+    assert units.in_name(column) == unit
