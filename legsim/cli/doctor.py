@@ -12,6 +12,7 @@ from packaging.requirements import Requirement
 
 from legsim.core import resources
 from legsim.core.errors import LegsimError
+from legsim.core.memory import in_words
 from legsim.opencl import discovery, runtimes
 
 _NEEDED_MEMORY = 8 * 2**30
@@ -126,7 +127,7 @@ def _disk(folder: Path) -> Finding:
     writable = os.access(place, os.W_OK)
     access = "" if writable else ", not writable"
     detail = (
-        f"{free / 2**30:.0f} GiB free at {place}{access}; a run at paper size writes "
+        f"{in_words(free)} free at {place}{access}; a run at paper size writes "
         f"{_NEEDED_DISK / 2**30:.0f} GiB"
     )
     return Finding(

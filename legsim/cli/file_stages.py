@@ -16,6 +16,7 @@ from legsim import config, view
 from legsim.cli import volume_stages
 from legsim.core.errors import LegsimError, file_error
 from legsim.core.files import write_text
+from legsim.core.memory import in_words
 from legsim.core.progress import OnProgress
 from legsim.deformation.files import load_motion
 from legsim.evaluation import regions as evaluation_regions
@@ -45,7 +46,7 @@ from legsim.opencl.device import open_device
 from legsim.phantom import files as phantom_files
 from legsim.phantom.files import PhantomFile
 from legsim.reconstruction import fdk
-from legsim.run import c_arm, grids
+from legsim.run import c_arm
 from legsim.run import reconstruction as run_reconstruction
 from legsim.run.grids import WantedGrid
 from legsim.scan import acquisition, coverage
@@ -234,13 +235,11 @@ def reconstruct(
     )
     by_slabs = settings.algorithm == "fdk" and out.suffix.lower() == ".mha"
     volume_bytes = 4 * math.prod(grid.shape_zyx)
-    memory = f"{grids.size(need)} of memory" + (
-        "" if by_slabs else f" and {grids.size(volume_bytes)} for the volume"
-    )
-    progress = partial(
-        on_progress, f"reconstructing ({memory}; {grids.size(volume_bytes)} of disk)"
+    memory = f"{in_words(need)} of memory" + (
+        "" if by_slabs else f" and {in_words(volume_bytes)} for the volume"
     )
     found = AttenuationRange()
+    progress = partial(on_progress, f"reconstructing ({memory}; {in_words(volume_bytes)} of disk)")
     if by_slabs:
         with image_files.volume_writer(out, grid) as writer:
             for first, slab in fdk.fdk_slabs(

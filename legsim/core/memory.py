@@ -1,6 +1,6 @@
-"""Available memory, and the peak memory of this process.
+"""Available memory, the peak memory of this process, and sizes in words.
 
-Works on Linux; elsewhere both are unknown.
+Both memories are known on Linux alone.
 """
 
 import contextlib
@@ -34,6 +34,11 @@ def available() -> int | None:
     """Bytes that could be used now without swapping, None where unknown."""
     found = _kibibytes(_SYSTEM, "MemAvailable")
     return None if found is None else 1024 * found
+
+
+def in_words(count: float) -> str:
+    """Bytes as GiB, or as MiB where they are fewer than 1 GiB."""
+    return f"{count / 2**30:.1f} GiB" if count >= 2**30 else f"{count / 2**20:.1f} MiB"
 
 
 def _kibibytes(path: Path, name: str) -> int | None:

@@ -11,6 +11,8 @@ whole or not at all.
 
 from __future__ import annotations
 
+import errno
+import gzip
 import math
 import os
 import shutil
@@ -27,6 +29,7 @@ from numpy.typing import NDArray
 
 from legsim.core import files
 from legsim.core.errors import LegsimError, file_error
+from legsim.core.memory import in_words
 from legsim.core.values import LARGEST, Float32Array, FloatArray, within
 from legsim.geometry import _meta_header, _nifti_header
 from legsim.geometry.cone_beam import ConeBeamGeometry, Projections
@@ -201,7 +204,7 @@ def volume_writer(path: Path | str, grid: VolumeGrid) -> Iterator[VolumeWriter]:
         if free < needed:
             raise file_error(
                 path,
-                f"needs {needed / 2**30:.1f} GiB, the disk has {free / 2**30:.1f} GiB",
+                f"needs {in_words(needed)}, the disk has {in_words(free)}",
                 "make room or take another disk",
             )
         stream.write(
@@ -441,7 +444,32 @@ def _write(path: Path, image: sitk.Image) -> None:
     try:
         with files.whole(path) as partial:
             sitk.WriteImage(image, str(partial), ending == ".nii.gz")
+            _check_whole(partial, ending, sitk.GetArrayViewFromImage(image).nbytes)
     except RuntimeError as error:
         raise file_error(
             path, f"cannot be written ({_last_line(error)})", "check the folder and the space left"
         ) from error
+
+
+_BEFORE_VALUES = {".mha": b"ElementDataFile = LOCAL\n", ".nrrd": b"\n\n"}
+"""how the header ends; NIfTI's has a fixed size"""
+
+_NIFTI_HEADER = 352
+"""bytes"""
+
+
+def _check_whole(path: Path, ending: str, values: int) -> None:
+    """Checks that all bytes were written: the writers of NIfTI and NRRD do not notice a full disk.
+
+    Raises:
+        OSError: some are missing.
+    """
+    end = _BEFORE_VALUES.get(ending)
+    with gzip.open(path) if ending == ".nii.gz" else path.open("rb") as stream:
+        try:
+            start = stream.read(4096).find(end) + len(end) if end else _NIFTI_HEADER
+            there = stream.seek(0, os.SEEK_END)
+        except EOFError:  # a compressed file without its end
+            start, there = 0, 0
+    if there < max(start, 1) + values:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))

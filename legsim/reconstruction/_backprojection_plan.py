@@ -6,6 +6,7 @@ from typing import Literal
 import numpy as np
 
 from legsim.core.errors import LegsimError
+from legsim.core.memory import in_words
 from legsim.core.values import FloatArray
 from legsim.deformation.models import Motion
 from legsim.geometry.cone_beam import ConeBeamGeometry
@@ -115,8 +116,8 @@ def plan(
     if found.device_bytes > device.candidate.memory_bytes:
         raise LegsimError(
             f"{len(geometry)} views of {columns} x {rows} pixels and a slab need "
-            f"{found.device_bytes / 2**30:.1f} GiB, "
-            f"but {device.label} has {device.candidate.memory_bytes / 2**30:.1f} GiB; take fewer "
+            f"{in_words(found.device_bytes)}, "
+            f"but {device.label} has {in_words(device.candidate.memory_bytes)}; take fewer "
             "views or bin the pixels"
         )
     return found

@@ -4,6 +4,7 @@ import math
 from dataclasses import dataclass
 from pathlib import Path
 
+from legsim.core import memory
 from legsim.core.errors import LegsimError
 from legsim.geometry import image_files
 from legsim.geometry.cone_beam import ConeBeamGeometry
@@ -67,11 +68,6 @@ class WantedGrid:
         return key if self.where else f"--{key.replace('_', '-')}"
 
 
-def size(count: float) -> str:
-    """Bytes, as people read them."""
-    return f"{count / 2**30:.1f} GiB" if count >= 2**30 else f"{count / 2**20:.1f} MiB"
-
-
 def _in_meters(lengths_mm: Triple) -> Triple:
     x, y, z = lengths_mm
     return 1e-3 * x, 1e-3 * y, 1e-3 * z
@@ -85,5 +81,5 @@ def _in_words(geometry: ConeBeamGeometry, grid: VolumeGrid) -> str:
     return (
         f"grid: the field of view, {x:.0f} x {y:.0f} x {z:.0f} mm (x, y, z), in voxels of "
         f"{spacing} mm (a pixel at the isocenter: {pixel:.4g} mm), "
-        f"{size(4 * math.prod(grid.shape_zyx))}"
+        f"{memory.in_words(4 * math.prod(grid.shape_zyx))}"
     )

@@ -50,8 +50,8 @@ class StageCache:
         if (place / _ENTRY).exists():
             return
         partial = place.with_name(f".partial-{uuid.uuid4().hex}")
-        partial.mkdir(parents=True)
         try:
+            partial.mkdir(parents=True)
             for name in entry["files"]:
                 _link(folder / name, partial / name)
             (partial / _ENTRY).write_text(json.dumps(entry), "utf-8")
@@ -59,6 +59,12 @@ class StageCache:
                 OSError
             ):  # another process was faster: the same content is already there
                 os.rename(partial, place)
+        except OSError as error:
+            if error.errno not in (errno.ENOSPC, errno.EDQUOT):
+                raise
+            raise file_error(
+                place, "the disk is full", "free some space or choose another folder"
+            ) from error
         finally:
             shutil.rmtree(partial, ignore_errors=True)
 
@@ -122,7 +128,11 @@ def _link(source: Path, target: Path) -> None:
     try:
         os.link(source, partial)
     except OSError:
-        shutil.copy2(source, partial)
+        try:
+            shutil.copy2(source, partial)
+        except OSError:  # half a copy where the disk is full
+            partial.unlink(missing_ok=True)
+            raise
     os.replace(partial, target)
     # rename leaves both names where they are already one file
     partial.unlink(missing_ok=True)

@@ -11,6 +11,7 @@ import numpy as np
 from legsim.config import RunConfig
 from legsim.core import memory as core_memory
 from legsim.core.errors import LegsimError, file_error
+from legsim.core.memory import in_words
 from legsim.report.published_tables import counted
 from legsim.run import c_arm, methods, sensors, volumes
 from legsim.run import motion as run_motion
@@ -22,8 +23,6 @@ from legsim.study.jobs import AidedJob, LadderJob, ScanJob, SensorJob, seed_of
 from legsim.study.results import NoiseLevel
 
 _FLOAT = 4
-
-_GIB = 2.0**30
 
 
 @dataclass(frozen=True, slots=True)
@@ -289,17 +288,17 @@ def needs(planned: Plan, out: Path, workers: int = 0) -> str:
     disk, held, there = planned.disk(), planned.memory(), core_memory.available()
     if disk > taken + free:
         raise LegsimError(
-            f"{out}: the study takes {disk / _GIB:.1f} GiB, {free / _GIB:.1f} GiB are free there; "
+            f"{out}: the study takes {in_words(disk)}, {in_words(free)} are free there; "
             "choose another folder with --out, fewer scans, or a smaller --preset"
         )
     if there is not None and workers * held > there:
         raise LegsimError(
-            f"{workers} at once, the study's runs hold {workers * held / _GIB:.1f} GiB of memory, "
-            f"{there / _GIB:.1f} GiB are free; "
+            f"{workers} at once, the study's runs hold {in_words(workers * held)} of memory, "
+            f"{in_words(there)} are free; "
             + (f"use --workers {there // held}" if there >= held else "use a smaller --preset")
         )
     return (
         f"{counted(len(planned.scans), 'run')}, {_without_images(planned)}; "
-        f"{disk / _GIB:.1f} GiB of disk, "
-        f"{held / _GIB:.1f} GiB of memory a worker"
+        f"{in_words(disk)} of disk, "
+        f"{in_words(held)} of memory a worker"
     )

@@ -5,19 +5,15 @@ It is written as a whole or not at all.
 
 import dataclasses
 import hashlib
-import shutil
 from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
-from legsim.core.errors import printable
-from legsim.core.files import whole
+from legsim.core.files import write_bytes
 from legsim.scene.values import MeasuredScene, ReplayScene, ScanScene
 from legsim.view import curves, layout, motion
 from legsim.view.scan import log_c_arm, log_slices, log_surface
@@ -98,28 +94,23 @@ def _record_replay(recorder: Recorder, scene: ReplayScene) -> None:
 
 
 def _write(path: Path, scene: AnyScene) -> None:
-    with whole(path) as partial, _encodable(partial) as target:
-        stream = new_stream(scene)
-        try:
-            stream.save(target, default_blueprint=blueprint(scene))
-            record(stream, scene)
-        finally:
-            stream.disconnect()  # writes pending data and the footer
+    write_bytes(path, _encoded(scene))
 
 
-@contextmanager
-def _encodable(path: Path) -> Iterator[Path]:
-    """Yields a path that rerun can open.
+def _encoded(scene: AnyScene) -> bytes:
+    """Content of the recording's file.
 
-    It is ``path``, or, where its name is not UTF-8, one in a temporary folder whose file is moved
-    there at the end.
+    It is collected in memory: where rerun itself writes a file and its disk is full, it leaves half
+    of it without an error, and the process never ends.
     """
-    if printable(path) == str(path):
-        yield path
-        return
-    with TemporaryDirectory() as folder:
-        yield (target := Path(folder) / "recording.rrd")
-        shutil.move(target, path)
+    stream = new_stream(scene)
+    try:
+        collected = stream.memory_recording()
+        stream.send_blueprint(blueprint(scene), make_active=False, make_default=True)
+        record(stream, scene)
+        return collected.drain_as_bytes()
+    finally:
+        stream.disconnect()
 
 
 def content_id(value: Any) -> str:

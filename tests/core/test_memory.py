@@ -47,3 +47,8 @@ def test_available_memory_is_part_of_the_machines():
     found = memory.available()
     assert found is not None
     assert 2**20 < found < 2**50
+
+
+def test_sizes_are_in_the_unit_that_fits():
+    assert memory.in_words(3 * 2**20) == "3.0 MiB"
+    assert memory.in_words(1.5 * 2**30) == "1.5 GiB"

@@ -128,3 +128,10 @@ def test_what_cannot_be_set_up_is_refused():
     late = error_state(signals(), "shank_l", START, VIEWS + 2, SensorErrors(), EXACT)
     with pytest.raises(LegsimError, match="recorded"):
         late.path(np.zeros(late.size))
+
+
+def test_errors_are_carried_through_every_sample_between_the_views():
+    found = state(load_sensor("bmi160").errors)
+    sampled = np.asarray(signals().times)
+    between = sampled[(sampled > VIEWS[0]) & (sampled < VIEWS[-1])]
+    np.testing.assert_array_equal(found.nodes, np.unique(np.concatenate([VIEWS, between])))

@@ -222,3 +222,10 @@ def test_projections_print_as_one_short_line():
     assert text == (
         "Projections(10 views over 180 deg of 5x4 pixels, dimensionless line integrals)"
     )
+
+
+def test_rows_that_are_higher_than_wide_have_a_pitch_of_their_own():
+    geometry = scan()
+    assert geometry.row_pitch() == geometry.pixel_pitch
+    twice = replace(geometry, matrices=np.array([1, 0.5, 1])[:, None] * geometry.matrices)
+    assert twice.row_pitch() == pytest.approx(2 * geometry.pixel_pitch, rel=1e-12)

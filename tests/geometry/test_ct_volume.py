@@ -150,3 +150,12 @@ def test_what_makes_no_volume_is_refused(tmp_path, rng, spoil, said):
 def test_water_must_be_positive(tmp_path):
     with pytest.raises(LegsimError, match="must be positive"):
         ct_volume.load(tmp_path, water=0.0)
+
+
+def test_slices_may_be_uneven_by_less_than_a_hundredth_of_their_distance(tmp_path, rng):
+    _, paths = saved(tmp_path / "ct", rng)
+    for k, path in enumerate(paths):
+        x, y, _ = pydicom.dcmread(path).ImagePositionPatient
+        changed(path, ImagePositionPatient=[x, y, 4.0 * k + (0.02 if k == 2 else 0.0)])
+    found = ct_volume.load(tmp_path / "ct", water=WATER).volume
+    assert found.grid.spacing_xyz[1] == pytest.approx(4e-3, rel=3e-3)

@@ -294,3 +294,24 @@ def test_voxels_too_large_for_an_attenuation_are_refused(tmp_path: Path) -> None
     sitk.WriteImage(sitk.GetImageFromArray(values), str(tmp_path / "a.mha"))
     with pytest.raises(LegsimError, match="1 voxels are not finite numbers, or too large"):
         image_files.load_volume(tmp_path / "a.mha")
+
+
+@pytest.mark.parametrize("ending", image_files.WRITABLE)
+@pytest.mark.parametrize("missing", [1, 3000, 30_000])
+def test_half_a_file_is_never_left(tmp_path: Path, ending: str, missing: int, rng) -> None:
+    resource = pytest.importorskip("resource")
+    grid = VolumeGrid.cubic(20, 0.01, [0.0, 0.0, 0.0])
+    volume = Volume(grid, rng.normal(size=grid.shape_zyx).astype(np.float32))
+    path = tmp_path / f"v{ending}"
+    image_files.save_volume(path, volume)
+    size = path.stat().st_size
+    path.unlink()
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    # no file may grow further, as on a full disk
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size - missing, before[1]))
+    try:
+        with pytest.raises(LegsimError, match=r"v\..* (is full|cannot be written)"):
+            image_files.save_volume(path, volume)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    assert not list(tmp_path.iterdir())

@@ -8,7 +8,7 @@ from legsim.core.errors import LegsimError
 from legsim.geometry import image_files
 from legsim.geometry.volume import Volume, VolumeGrid
 from legsim.reconstruction import field_of_view
-from legsim.run.grids import WantedGrid, size
+from legsim.run.grids import WantedGrid
 from tests.examples import measured
 
 
@@ -48,8 +48,3 @@ def test_contradictions_are_named_as_they_were_given(where, said):
         WantedGrid(like=Path("v.mha"), spacing_mm=(1, 1, 1), where=where).of(measured.geometry())
     with pytest.raises(LegsimError, match=r"without .*spacing.mm; give both"):
         WantedGrid(shape_zyx=(4, 4, 4), where=where).of(measured.geometry())
-
-
-def test_sizes():
-    assert size(3 * 2**20) == "3.0 MiB"
-    assert size(1.5 * 2**30) == "1.5 GiB"

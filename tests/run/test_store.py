@@ -144,3 +144,24 @@ def test_a_studys_folder_is_no_store_and_a_file_neither(tmp_path):
     (tmp_path / "file").touch()
     with pytest.raises(LegsimError, match="cannot be shared with"):
         check_shared(tmp_path / "file", tmp_path / "b")
+
+
+def test_a_full_disk_is_named_and_leaves_nothing_half_kept(tmp_path, monkeypatch):
+    first, second = folders(tmp_path)
+
+    def half(source: Path, target: Path) -> None:
+        target.write_text(source.read_text()[:2])
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    def no_link(*_: object) -> None:
+        raise OSError(errno.EMLINK, "Too many links")
+
+    with monkeypatch.context() as patched:
+        patched.setattr("os.link", no_link)
+        patched.setattr("shutil.copy2", half)
+        with pytest.raises(LegsimError, match=r"store.*: the disk is full; free some space"):
+            finish(first, key_of(1), "one")
+    assert not list((tmp_path / "store").glob("**/.partial-*"))
+    assert not second.done("count", key_of(1))
+    # what was computed is still there, and is kept the next time
+    assert first.done("count", key_of(1))

@@ -168,7 +168,7 @@ def test_a_disk_that_is_too_small_is_told_before_anything_runs(through, monkeypa
         str(through.parent / "STUDY.toml"), preset="paper", overrides=("grid.voxels=512",)
     )
     monkeypatch.setattr("shutil.disk_usage", lambda _: type("Usage", (), {"free": 10**6})())
-    with pytest.raises(LegsimError, match="GiB are free there"):
+    with pytest.raises(LegsimError, match=r"takes .* GiB, 1\.0 MiB are free there"):
         study_plan.needs(study_plan.plan(asked, base, through), through, 1)
 
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from legsim import view
+from legsim.core.errors import LegsimError
 from legsim.mocap.trajectories import MarkerTrajectories
 from legsim.view import recording
 from tests.examples import scene as example_scene
@@ -85,3 +86,16 @@ def test_nothing_is_left_behind_when_writing_fails(scene, tmp_path, monkeypatch)
     with pytest.raises(ZeroDivisionError):
         view.write_replay(tmp_path / "recording.rrd", scene.replay)
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_full_disk_leaves_no_half_recording(scene, tmp_path):
+    resource = pytest.importorskip("resource")
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    # no file may grow further, as on a full disk
+    resource.setrlimit(resource.RLIMIT_FSIZE, (8192, before[1]))
+    try:
+        with pytest.raises(LegsimError, match=r"recording\.rrd: cannot be written"):
+            view.write_replay(tmp_path / "recording.rrd", scene.replay)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    assert not list(tmp_path.iterdir())

@@ -51,6 +51,9 @@ register_volumes = false
 
 _DISK_MIB = 400
 
+FIT = ("whole", "refused: the disk is full", "refused before it began")
+"""how a study may end whose disk is full"""
+
 _KEPT = "filler"
 """what takes the room of the disk"""
 
@@ -119,9 +122,11 @@ def killed(study: Path, out: Path, said: Path, after: float) -> bool:
 
 
 def ending(code: int | None, said: str) -> str:
-    """How a study ends whose disk is full: "whole", "refused", or what it says."""
+    """How a study ends whose disk is full: one of :data:`FIT`, or what it says."""
     if code == 0:
         return "whole"
+    if code == 1 and "are free there; choose another folder" in said and "Traceback" not in said:
+        return "refused before it began"
     lines = [line for line in said.splitlines() if "the disk is full" in line]
     if code == 1 and lines and "Traceback" not in said:
         return "refused: the disk is full"
@@ -141,14 +146,15 @@ def disk(place: Path) -> Iterator[bool]:
             subprocess.run(["umount", "-l", str(place)], check=True)
 
 
-def filled(place: Path) -> None:
-    """Takes all room of a disk."""
+def filled(place: Path, left: int = 0) -> None:
+    """Takes the room of a disk, but for ``left`` bytes in which small files still fit."""
     with (place / _KEPT).open("wb", buffering=0) as stream, contextlib.suppress(OSError):
         while True:
             stream.write(bytes(1 << 20))
     with (place / _KEPT).open("ab", buffering=0) as stream, contextlib.suppress(OSError):
         while True:
             stream.write(bytes(1 << 9))
+    os.truncate(place / _KEPT, max(0, (place / _KEPT).stat().st_size - left))
 
 
 def emptied(folder: Path) -> None:
@@ -228,7 +234,7 @@ def _fill(
         process = child(study, out, said)
         code = waited(process, rng.uniform(0, seconds))
         if code is None:
-            filled(place)
+            filled(place, int(rng.integers(64) * rng.integers(2)) << 12)
             code = waited(process)
         (place / _KEPT).unlink(missing_ok=True)
         ends[ending(code, said.read_text())] += 1
@@ -241,7 +247,7 @@ def _fill(
     rounds, wrong = rounds + 1, wrong + (table(out) != calm)
     for end, count in ends.most_common():
         typer.echo(f"disk filled at a random moment: {count} x {end}")
-        wrong += 0 if end in ("whole", "refused: the disk is full") else count
+        wrong += 0 if end in FIT else count
     typer.echo(f"{rounds} studies ended with room, {wrong} in other scores or not in a line")
     return wrong
 

@@ -32,13 +32,13 @@ def person(number: int) -> Any:
 
 
 def scan(folder: Path, number: int) -> str:
-    """Makes scan ``number`` and leaves its hash in a file."""
+    """Makes scan ``number``; leaves its hash, its process and that one's memory in a file."""
     angles = np.radians(np.arange(0, 200, 25.0) + number % 7)
     carm = ls.CArm.half(angles=angles, shape_vu=(12, 16), pixel_pitch=24e-3)
     made = ls.simulate_scan(person(1 + number % 2), carm)
     volume = ls.fdk(made.seen.projections, made.grid(12, 16e-3))
     digest = hashlib.sha256(volume.attenuation.tobytes()).hexdigest()
-    (folder / f"{number:05d}").write_text(f"{digest} {os.getpid()}\n")
+    (folder / f"{number:05d}").write_text(f"{digest} {os.getpid()} {resident(os.getpid()):.0f}\n")
     return digest
 
 
@@ -85,6 +85,21 @@ def watch(client: Any, ended: threading.Event, seen: list[tuple[float, float, fl
             continue
         largest = max((resident(process) for process in workers), default=0.0)
         seen.append((time.monotonic() - begun, resident(os.getpid()), largest))
+
+
+def growth(folder: Path) -> list[str]:
+    """A line for each process that made four scans or more: its memory after some of them."""
+    of_process: dict[str, list[float]] = {}
+    for path in sorted(folder.iterdir(), key=lambda path: path.stat().st_mtime_ns):
+        _, process, mebibytes = path.read_text().split()
+        of_process.setdefault(process, []).append(float(mebibytes))
+    lines = []
+    for process, held in of_process.items():
+        if len(held) >= 4:
+            after = sorted({1, 2, 4, 8, 16, 32, 64, len(held)} & set(range(1, len(held) + 1)))
+            shown = ", ".join(f"{held[k - 1]:.0f} ({k})" for k in after)
+            lines.append(f"worker {process}: MiB after so many scans: {shown}")
+    return lines
 
 
 def _cluster(workers: int) -> Any:
@@ -134,15 +149,17 @@ def main(
         )
         ended.set()
         took = time.monotonic() - begun
+        lines = growth(folder)
         left = {path.name: path.read_text().split() for path in folder.iterdir()}
         sample = rng.choice(scans, min(5, scans), replace=False).tolist()
         other_here = [k for k in sample if scan(Path(place), k) != left[f"{k:05d}"][0]]
-    processes = len({process for _, process in left.values()})
+    processes = len({process for _, process, _ in left.values()})
     typer.echo(
         f"{len(outcome.results)} of {scans} scans in {took:.0f} s, {len(outcome.failures)} failed, "
         f"{processes} processes made them; {len(sample) - len(other_here)} of {len(sample)} are "
         "the same as here"
     )
+    typer.echo("\n".join(lines))
     for name, column in (("this process", 1), ("the largest worker", 2)):
         values = np.array(seen)[:, column] if seen else np.zeros(4)
         first, last = values[: len(values) // 4 + 1], values[-len(values) // 4 :]
