@@ -25,9 +25,17 @@ from legsim.evaluation.regions import Region
 from legsim.evaluation.scaling import Scaling
 from legsim.evaluation.similarity import Scores
 from legsim.evaluation.ssim import Window
+from legsim.geometry import (
+    attenuation_range,
+    image_files,
+    plausibility,
+    projection_images,
+    scan_files,
+)
 from legsim.geometry import files as geometry_files
-from legsim.geometry import image_files, projection_images, scan_files
+from legsim.geometry.attenuation_range import AttenuationRange
 from legsim.geometry.cone_beam import ConeBeamGeometry
+from legsim.geometry.counts import THICKEST
 from legsim.geometry.files import GeometryFile
 from legsim.geometry.projection_images import RawLayout
 from legsim.geometry.scan_files import ScanFiles
@@ -149,7 +157,7 @@ def project(
     return [
         *described.notes,
         *read.remarks,
-        *_remarks(read, geometry, seen=values.max() > 0),
+        *_remarks(read, geometry, largest=float(values.max())),
         f"{len(geometry)} views of {geometry.shape_vu[1]}x{geometry.shape_vu[0]} pixels, "
         f"{len(phantom.parts)} parts, on {opened.label}",
         f"line integrals from {values.min():.4g} to {values.max():.4g}",
@@ -157,7 +165,7 @@ def project(
     ]
 
 
-def _remarks(read: PhantomFile, geometry: ConeBeamGeometry, seen: bool) -> list[str]:
+def _remarks(read: PhantomFile, geometry: ConeBeamGeometry, largest: float) -> list[str]:
     """What a user may not expect of a projected phantom."""
     carried = [
         part.name
@@ -172,7 +180,12 @@ def _remarks(read: PhantomFile, geometry: ConeBeamGeometry, seen: bool) -> list[
         if carried
         else []
     )
-    if not seen:
+    if largest > THICKEST:
+        lines.append(
+            f"In doubt: line integrals go up to {largest:.4g}, but no body reaches {THICKEST:g}: "
+            "check the unit of the meshes, and attenuation_per_mm"
+        )
+    if largest <= 0:
         points = np.concatenate([part.vertices for part in read.phantom.parts])
         middle, center = (
             np.round(1e3 * p, 1).tolist()
@@ -225,6 +238,7 @@ def reconstruct(
     memory = f"{in_words(need)} of memory" + (
         "" if by_slabs else f" and {in_words(volume_bytes)} for the volume"
     )
+    found = AttenuationRange()
     progress = partial(on_progress, f"reconstructing ({memory}; {in_words(volume_bytes)} of disk)")
     if by_slabs:
         with image_files.volume_writer(out, grid) as writer:
@@ -236,17 +250,20 @@ def reconstruct(
                 device=opened,
                 progress=progress,
             ):
+                found.add(slab)
                 writer.write(first, slab)
     else:
         volume = run_reconstruction.reconstruct(
             settings, projections, grid, motion=moved, device=opened, progress=progress
         )
+        found.add(volume.attenuation)
         image_files.save_volume(out, volume)
     voxels = "x".join(str(n) for n in grid.shape_zyx)
     return [
         *read.notes,
         *chosen,
         *run_reconstruction.remarks(settings, projections),
+        *(f"In doubt: {line}" for line in [found.objection()] if line),
         f"{voxels} voxels (z, y, x) from {len(geometry)} views by {settings.algorithm} on "
         f"{opened.label}",
         f"took {memory}" + (", the volume went to disk slab by slab" if by_slabs else ""),
@@ -275,6 +292,9 @@ def evaluate(
         for path in (volume_file, reference_file)
     )
     chosen = _whole(reference.grid) if regions is None else _labelled(regions, reference)
+    apart = attenuation_range.other_unit(volume.attenuation, reference.attenuation)
+    if apart is not None:
+        raise file_error(volume_file, apart, "give both in one unit, 1/mm")
     if resample:
         brought = regridding.onto(volume, reference.grid)
         volume, chosen = brought.volume, tuple(brought.clipped(region) for region in chosen)
@@ -316,24 +336,42 @@ def describe_geometry(path: Path, *, reading: GeometryOptions, phantom: Path | N
     scanned = None if phantom is None else phantom_files.load_phantom(phantom)
     read = reading.read(path)
     summary = coverage.summarize(read.geometry, scanned).lines()
-    return [*read.notes, f"format             {read.format}", *summary]
+    known = reading.pixel_mm is not None or not read.pixel_open
+    found = plausibility.objections(read.geometry, pixel_known=known)
+    doubts = [f"In doubt: {line}" for line in found]
+    return [*read.notes, *doubts, f"format             {read.format}", *summary]
 
 
 _WITHOUT_MIRROR = ("rtk", "tigre")
 
 
 def convert_geometry(
-    path: Path, out: Path, *, reading: GeometryOptions, to: str | None = None
+    path: Path,
+    out: Path,
+    *,
+    reading: GeometryOptions,
+    to: str | None = None,
+    turn_rows: bool = False,
 ) -> list[str]:
     """Writes a geometry in the format ``to``, or that of the ending of ``out``; returns lines to
     print.
 
-    Where the format has no mirror and all views are mirrored, their rows are turned.
+    ``turn_rows`` counts the detector's rows from the other edge, for images whose rows are turned.
+    Where the format has no mirror and all views are mirrored, they are turned without it.
     """
     read = reading.read(path)
     geometry, notes = read.geometry, list(read.notes)
     writes = to or ("rtk" if out.suffix.lower() == ".xml" else "")
-    if writes in _WITHOUT_MIRROR and geometry.mirrored().all():
+    if turn_rows:
+        geometry = geometry.rows_turned()
+        notes.append("rows are counted from the other edge: turn those of the projections too")
+        if writes in _WITHOUT_MIRROR and geometry.mirrored().any():
+            raise file_error(
+                path,
+                f"with its rows turned it is mirrored, which {writes} cannot say",
+                "leave out --turn-rows here and turn those of the projections, or write matrices",
+            )
+    elif writes in _WITHOUT_MIRROR and geometry.mirrored().all():
         geometry = geometry.rows_turned()
         notes.append(
             f"the rows of {path.name} run the other way than {writes} has them: they are turned "

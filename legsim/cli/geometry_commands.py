@@ -62,6 +62,13 @@ def convert(
     pixel_mm: PixelOption = None,
     format: GeometryFormatOption = None,
     up: UpOption = Vertical.y,
+    turn_rows: Annotated[
+        bool,
+        typer.Option(
+            "--turn-rows",
+            help="Count the detector's rows from the other edge, for images whose rows are turned.",
+        ),
+    ] = False,
 ) -> None:
     """Write the same geometry in another format."""
     from legsim.cli import file_stages
@@ -69,4 +76,8 @@ def convert(
     reading = file_stages.GeometryOptions(
         columns, rows, pixel_sizes(pixel_mm), format and format.value, up.value
     )
-    print_lines(file_stages.convert_geometry(file, out, reading=reading, to=to and to.value))
+    print_lines(
+        file_stages.convert_geometry(
+            file, out, reading=reading, to=to and to.value, turn_rows=turn_rows
+        )
+    )

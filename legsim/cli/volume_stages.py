@@ -3,10 +3,18 @@
 from pathlib import Path
 from typing import Literal
 
+import numpy as np
+
 from legsim.core.errors import LegsimError, file_error
-from legsim.geometry import ct_series, ct_volume, image_files
+from legsim.geometry import attenuation_range, ct_series, ct_volume, image_files
 from legsim.geometry.volume import Volume
 from legsim.phantom import materials
+
+_WATER_PER_MM = (0.005, 0.6)
+"""1/mm, from 1 MeV to 10 keV"""
+
+_SPACING_MM = (1e-3, 50.0)
+"""mm between voxels of any image of a body"""
 
 
 def is_volume(path: Path) -> bool:
@@ -48,6 +56,22 @@ def convert_volume(
             f"{', '.join(image_files.WRITABLE)}, or name a folder for a DICOM series"
         )
     volume, notes = read_volume(path, axes=axes, water_per_mm=water_per_mm, energy_kev=energy_kev)
+    if not attenuation_range.is_attenuation(volume.attenuation):
+        low, high = 1e-3 * np.percentile(volume.attenuation, [1, 99])
+        raise file_error(
+            path,
+            f"holds values from {low:.4g} to {high:.4g} (98 % of them), which are no attenuation "
+            "in 1/mm",
+            "of Hounsfield units H make (H / 1000 + 1) times that of water, 0.0206 at 60 keV, of "
+            "1/m a thousandth",
+        )
+    spacing = 1e3 * np.array(volume.grid.spacing_xyz)
+    if not (_SPACING_MM[0] <= spacing.min() and spacing.max() <= _SPACING_MM[1]):
+        notes = [
+            *notes,
+            f"In doubt: voxels of {'x'.join(f'{x:.3g}' for x in spacing)} mm: is the spacing in "
+            "another unit? headers hold mm",
+        ]
     voxels = "x".join(map(str, volume.grid.shape_zyx[::-1]))
     if to_image:
         image_files.save_volume(out, volume)
@@ -94,6 +118,11 @@ def read_volume(
 def _water(per_mm: float | None, energy_kev: float | None) -> tuple[float, str]:
     """(attenuation in 1/m, how it is known)."""
     if per_mm is not None:
+        if not _WATER_PER_MM[0] <= per_mm <= _WATER_PER_MM[1]:
+            raise LegsimError(
+                f"--water-per-mm {per_mm:g}: water attenuates by {_WATER_PER_MM[0]:g} to "
+                f"{_WATER_PER_MM[1]:g} in 1/mm; give as much, as in 0.0206 for 60 keV"
+            )
         return 1e3 * per_mm, "as given"
     assert energy_kev is not None  # one of both is given
     return materials.attenuation("water", energy_kev), f"at {energy_kev:g} keV"

@@ -64,6 +64,17 @@ class MeasuredBeadsConfig(ConfigSection):
     """standard deviation of a shadow along u and v, of its detection and of skin that slides"""
 
 
+class MeasuredFiducialsConfig(ConfigSection):
+    """Four metal points in the followed sensor: its origin and one on each of its axes."""
+
+    file: str
+    """CSV of view,point,u,v: pixels of origin, x, y and z, in as many views as show them"""
+    axis_length_mm: float = Field(default=10.0, gt=0)
+    """from the origin to each of the others"""
+    error_px: float = Field(default=0.3, gt=0)
+    """standard deviation along u and v"""
+
+
 class MeasuredMethodsConfig(ConfigSection):
     """Options of the methods, as in a run."""
 
@@ -111,6 +122,7 @@ class MeasuredScanConfig(ConfigSection):
     """files of sensors, or the names of TOML files about them"""
     joints: tuple[JointConfig, ...] = ()
     beads: MeasuredBeadsConfig | None = None
+    fiducials: MeasuredFiducialsConfig | None = None
     grid: MeasuredGridConfig = MeasuredGridConfig()
     reconstruction: ReconstructionConfig = ReconstructionConfig()
     methods: MeasuredMethodsConfig = MeasuredMethodsConfig()

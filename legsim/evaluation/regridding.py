@@ -46,9 +46,17 @@ def onto(volume: Volume, grid: VolumeGrid) -> Resampled:
 
     Voxels finer than those of the grid are averaged first (a Gaussian of half the ratio), so that
     detail which the grid cannot hold does not become noise.
+
+    Raises:
+        LegsimError: the volume is smaller than a voxel of the grid.
     """
     own, wanted = np.array(volume.grid.spacing_xyz[::-1]), np.array(grid.spacing_xyz[::-1])
     coarser = np.maximum(wanted / own, 1.0)
+    if (coarser > volume.grid.shape_zyx).any():
+        raise LegsimError(
+            "a voxel of the reference is larger than the whole volume, whose voxels are of "
+            f"{volume.grid!r}; correct the spacing in its header (mm)"
+        )
     values = np.asarray(volume.attenuation)
     if (coarser > 1.001).any():
         values = ndimage.gaussian_filter(values, 0.5 * np.sqrt(coarser**2 - 1), mode="nearest")

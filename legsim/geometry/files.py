@@ -55,6 +55,11 @@ class GeometryFile:
     notes: tuple[str, ...] = ()
     """what a user may not expect"""
 
+    @property
+    def pixel_open(self) -> bool:
+        """Whether the format leaves the pixel's size open, and with it the detector's distance."""
+        return self.format in ("matrices", "projtable")
+
 
 def read_geometry(
     path: Path | str,

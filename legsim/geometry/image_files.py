@@ -31,7 +31,7 @@ from legsim.core import files
 from legsim.core.errors import LegsimError, file_error
 from legsim.core.memory import in_words
 from legsim.core.values import LARGEST, Float32Array, FloatArray, within
-from legsim.geometry import _meta_header
+from legsim.geometry import _meta_header, _nifti_header
 from legsim.geometry.cone_beam import ConeBeamGeometry, Projections
 from legsim.geometry.volume import Volume, VolumeGrid
 
@@ -358,6 +358,9 @@ def _open(path: Path, dimensions: tuple[int, ...] = (3,)) -> sitk.ImageFileReade
             f"has {reader.GetDimension()} dimensions and {reader.GetNumberOfComponents()} channels",
             "expected 3 dimensions and 1 channel; extract those first",
         )
+    if path.suffix.lower() == ".nii" or path.name.lower().endswith(".nii.gz"):
+        fields = {key: reader.GetMetaData(key) for key in reader.GetMetaDataKeys()}
+        _nifti_header.check(path, fields)
     return reader
 
 

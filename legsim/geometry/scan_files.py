@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from legsim.core.errors import LegsimError
-from legsim.geometry import files, projection_images
+from legsim.geometry import files, odd_views, opposite_rays, plausibility, projection_images
 from legsim.geometry.cone_beam import ConeBeamGeometry, Projections
 from legsim.geometry.counts import Counts
 from legsim.geometry.projection_images import ProjectionImages, RawLayout
@@ -85,7 +85,14 @@ def read_scan(
         turn_rows=turn_rows,
         line_integrals=line_integrals,
     )
-    return ScanFiles(made, (*notes, *more))
+    by_reading = counts is not None and counts.air is None
+    doubts = odd_views.objections(made.line_integrals, by_reading=by_reading)
+    doubts += () if counts is None else odd_views.coarse(images.values)
+    known = pixel_mm is not None or images.pixel_mm is not None or not described.pixel_open
+    wrong = plausibility.objections(placed, pixel_known=known)
+    # where the geometry itself is doubted, that its rays do not fit is no news
+    doubts += wrong or tuple(line for line in [opposite_rays.objection(made)] if line)
+    return ScanFiles(made, (*notes, *more, *(f"In doubt: {line}" for line in doubts)))
 
 
 def _placed(

@@ -187,6 +187,11 @@ def _check_rate(where: str, recording: ImuRecording) -> None:
             "2000 deg/s of such sensors; state its unit as deg/s, or check its columns"
         )
     scale, correlation = gyroscope_scale(recording)
+    if correlation < -_CLEARLY:
+        raise LegsimError(
+            f"{where}: gravity turns the other way in the accelerometer than by the gyroscope; "
+            "turn the sign of one of them: at rest the acceleration points upwards"
+        )
     if correlation > _CLEARLY and not 0.1 < scale < 10:
         unit = "rad/s" if scale > 10 else "deg/s"
         raise LegsimError(

@@ -19,7 +19,7 @@ from legsim.core.values import FloatArray
 from legsim.phantom import landmarks, materials, mesh_files, surfaces
 from legsim.phantom.meshes import Part, Phantom
 
-UNITS = {"mm": 1e-3, "m": 1.0}
+UNITS = {"mm": 1e-3, "m": 1.0, "cm": 1e-2, "in": 25.4e-3}
 
 SMALLEST, LARGEST = 0.5e-3, 5.0
 """m: extents of a part below or above which its unit is taken for mistaken"""
@@ -205,7 +205,7 @@ def _check_table(path: Path, place: str, table: dict[str, Any]) -> None:
         raise file_error(
             path,
             f"lacks {', '.join(missing)}",
-            'expected name, file, unit = "mm" or "m", and material or attenuation_per_mm',
+            'expected name, file, unit ("mm", "m", "cm", "in"), and material or attenuation_per_mm',
             place=place,
         )
     if table["unit"] not in UNITS:

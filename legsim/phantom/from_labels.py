@@ -18,7 +18,7 @@ from scipy import ndimage
 from legsim.core import files, transforms
 from legsim.core.errors import LegsimError, file_error
 from legsim.core.values import FloatArray
-from legsim.phantom import _label_surfaces, label_maps, landmarks
+from legsim.phantom import _label_surfaces, _stance, label_maps, landmarks
 from legsim.phantom.label_structures import Structure, StructureGrid
 from legsim.phantom.landmarks import BoneSurface
 
@@ -136,6 +136,7 @@ def mesh_labels(grid: StructureGrid, layers: Layers) -> MeshedLabels:
             "no structure encloses the others: what is not labeled is air; add a segmentation of "
             "the body or skin"
         )
+    remarks += _stance.objections({outer.structure.name: outer.vertices for outer in bony})
     found = _landmarks(bony, remarks)
     return MeshedLabels(tuple(parts), volumes, found, tuple(remarks))
 

@@ -31,6 +31,12 @@ from legsim.phantom.meshes import Phantom
 _FLEXION_DEG = (-15.0, 45.0)
 """knee angles of an imaged leg that its soft tissue can be straightened from"""
 
+_KNEE_DEG = (-20.0, 120.0)
+"""where the model's knee goes while its flexion is sought"""
+
+_FLEXION_STEPS = 5
+"""steps to the flexion; each leaves about a fiftieth of what was missing"""
+
 _LENGTH_APART = 0.015
 """m by which thigh or shank may differ from the leg model's without a warning"""
 
@@ -133,8 +139,7 @@ def image_pose(path: Path, read: PhantomFile, scales: SegmentScales) -> FloatArr
             imaged = _landmarks(read, bones, side)
         except LegsimError as error:
             raise LegsimError(f"{path}: {error}") from error
-        placed, flexion = _registered(path, imaged, _of_model(model, imaged, side), side)
-        flexed = _at_flexion(model, scales, side, flexion)
+        placed, flexed = _registered(path, imaged, model, scales, side)
         for k, name in enumerate(SEGMENTS):
             if name.endswith(f"_{side}"):
                 poses[k] = placed @ flexed[k]
@@ -213,16 +218,25 @@ def _length(a: FloatArray, b: FloatArray) -> float:
 
 
 def _registered(
-    path: Path, imaged: Mapping[str, FloatArray], model: Mapping[str, FloatArray], side: str
-) -> tuple[FloatArray, float]:
-    """(image world from the model's world (4, 4), flexion of the imaged knee in rad)."""
+    path: Path,
+    imaged: Mapping[str, FloatArray],
+    legs: LegPhantom,
+    scales: SegmentScales,
+    side: str,
+) -> tuple[FloatArray, FloatArray]:
+    """(image world from the model's world (4, 4), poses (13, 4, 4) of the model as the knee is
+    flexed in the image).
+    """
+    model = _of_model(legs, imaged, side)
     frames = [landmarks.femur_frame(points, side) for points in (imaged, model)]
-    angles = []
-    for frame, points in zip(frames, (imaged, model), strict=True):
-        low = points["ankle"] if "ankle" in points else points["shank"]
-        x, y, _ = frame[:3, :3].T @ (low - middle_of_knee(points))
-        angles.append(np.arctan2(x, -y))
-    flexion = float(angles[1] - angles[0])
+    wanted = _shank_angle(imaged, frames[0])
+    tibia = SEGMENTS.index(f"tibia_{side}")
+    flexion, flexed = 0.0, legs.reference_world_from_segment
+    for _ in range(_FLEXION_STEPS):
+        # the knee does not turn about the middle of its condyles, nor by just this angle
+        carried = flexed[tibia] @ transforms.inverse(legs.reference_world_from_segment[tibia])
+        flexion += _shank_angle(model, frames[1], carried) - wanted
+        flexed = _at_flexion(legs, scales, side, float(np.clip(flexion, *np.radians(_KNEE_DEG))))
     if not _FLEXION_DEG[0] <= np.degrees(flexion) <= _FLEXION_DEG[1]:
         raise file_error(
             path,
@@ -241,7 +255,17 @@ def _registered(
                     ImagedLegWarning,
                     stacklevel=4,
                 )
-    return frames[0] @ transforms.inverse(frames[1]), flexion
+    return frames[0] @ transforms.inverse(frames[1]), flexed
+
+
+def _shank_angle(
+    points: Mapping[str, FloatArray], frame: FloatArray, carried: FloatArray | None = None
+) -> float:
+    """Angle (rad) in the thigh's sagittal plane of the shank's lower end, carried by (4, 4)."""
+    low = points["ankle"] if "ankle" in points else points["shank"]
+    low = low if carried is None else transforms.apply(carried, low[None])[0]
+    x, y, _ = frame[:3, :3].T @ (low - middle_of_knee(points))
+    return float(np.arctan2(x, -y))
 
 
 def _at_flexion(model: LegPhantom, scales: SegmentScales, side: str, flexion: float) -> FloatArray:

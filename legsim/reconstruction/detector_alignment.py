@@ -130,7 +130,8 @@ def _missing_columns(geometry: ConeBeamGeometry, arc: SourceArc) -> tuple[int, i
     if nearer.min() <= 0:
         raise LegsimError(
             f"view {int(np.argmin(nearer))}: the detector ends before the axis of rotation, so "
-            "nothing near it is measured; check the offsets of detector and source"
+            "nothing near it is measured; check the offsets of detector and source, and "
+            "the sense of rotation"
         )
     longer = (after - before) / columns
     if np.abs(longer).min() <= _LEAST_OFFSET or np.ptp(np.sign(longer)) > 0:

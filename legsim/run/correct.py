@@ -21,6 +21,7 @@ from legsim.correction.method import CorrectionMethod
 from legsim.correction.rigid import sensor_path
 from legsim.evaluation import similarity
 from legsim.evaluation.regions import cylinder
+from legsim.geometry import attenuation_range
 from legsim.geometry.volume import NamedVolume, VolumeGrid
 from legsim.kinematics.skeleton import SegmentPoses
 from legsim.opencl import failures
@@ -38,6 +39,9 @@ from legsim.scene.values import MeasuredScene
 
 _OF_THE_GRID = ("like", "shape_zyx", "spacing_mm", "center_mm")
 _OF_THE_COUNTS = ("i0", "air", "flat", "dark", "bad_pixels")
+
+_FARTHEST_MM = 100.0
+"""mm by which a knee of a person who stands does not move within a scan"""
 
 BASELINE = "uncorrected"
 """method that always runs, with which the others are compared"""
@@ -126,6 +130,7 @@ def correct(
         sharpness = _sharpness(made, read, corrected)
         notes = (*read.notes, *(note for one in corrected for note in one.notes))
         notes = (*notes, *measured_aids.doubts(read, names))
+        notes = (*notes, *_implausible(sharpness, corrected))
         _present(given, key, read, corrected, sharpness, notes)
         return CorrectResult(out, sharpness, notes)
 
@@ -190,6 +195,7 @@ def _build(names: Sequence[str], scan: MeasuredScan, device: Device) -> dict[str
         beads=None,
         priors=measured_aids.priors(scan),
         fused_beads=measured_aids.beads(scan),
+        fused_fiducials=measured_aids.fiducials(scan),
     )
     built: dict[str, CorrectionMethod] = {}
     missing = []
@@ -336,6 +342,21 @@ def _measure(one: Reconstructed, seen: np.ndarray, grid: VolumeGrid, seconds: fl
         turned = measured_page.largest_turn(motion.rigid_part(_field_points(grid)))
     entropy = similarity.gradient_entropy(one.load().attenuation, seen)
     return Sharpness(one.name, entropy, far, turned, seconds)
+
+
+def _implausible(
+    sharpness: Sequence[Sharpness], corrected: Sequence[Reconstructed]
+) -> tuple[str, ...]:
+    """Doubts motions that no person who stands makes, and volumes whose values are no body's."""
+    lines = [
+        f"In doubt: {one.method} moves the rotation center by {one.farthest_mm:.0f} mm, as nobody "
+        "who stands does: check the sensor's start, clock, units and columns."
+        for one in sharpness
+        if one.farthest_mm is not None and one.farthest_mm > _FARTHEST_MM
+    ]
+    # one volume stands for all: they are of the same images
+    values = attenuation_range.objection(corrected[0].load().attenuation)
+    return (*lines, *([f"In doubt: {values}."] if values else []))
 
 
 def _present(

@@ -14,6 +14,7 @@ from legsim.imu import files, recording, tables
 from legsim.imu.recording import ImuRecording
 from legsim.imu.signals import ImuSignals
 from legsim.imu.tables import SensorColumns, TableLayout
+from legsim.kinematics.skeleton import SEGMENTS
 
 _OF_COLUMNS = (
     "time",
@@ -77,6 +78,12 @@ def load_configured(settings: ImuFileConfig, folder: Path) -> tuple[WornSensor, 
     worn = settings.sensors or tuple(WornSensorConfig(name=one.name) for one in found)
     sensors = []
     for sensor in worn:
+        if sensor.segment not in ("", *SEGMENTS):
+            raise file_error(
+                path,
+                f"sensor {sensor.name!r} is on {sensor.segment!r}, which no leg has",
+                f"give one of {', '.join(SEGMENTS)}, or leave the segment out",
+            )
         name = sensor.recorded_as or sensor.name
         match = [one for one in found if one.name == name]
         if not match and len(found) == 1 and len(worn) == 1 and not sensor.recorded_as:

@@ -29,6 +29,18 @@ from legsim.run.imu_files import WornSensor
 
 _JOINTS = ("hip", "knee", "ankle")
 
+_METERS = 5.0
+"""mm from the world's origin, within which a place was meant in meters"""
+
+_FAR = 900.0
+"""mm between a sensor of a leg and the middle of what is scanned"""
+
+_TILTED_DEG = 30.0
+"""by which a hand is not off"""
+
+_LEFT_MG = 60.0
+"""offset that no accelerometer has"""
+
 _CLOCK_ERROR = 0.01
 """s, an error of a clock's offset whose cost is reported"""
 
@@ -97,6 +109,7 @@ def assemble(
         if s.worn.start is not None and s.worn.start.fiducials
     ]
     more += [folder / settings.beads.file] if settings.beads else []
+    more += [folder / settings.fiducials.file] if settings.fiducials else []
     more += [described_by] if described_by else []
     return MeasuredScan(
         settings,
@@ -222,17 +235,50 @@ def _start(
             )
             return found.start, (initialization.conditioning(name, found),)
         pose = stated_pose(given)
+        doubts = _doubtful_place(name, given, geometry)
         if given.known == "exactly":
-            return SensorStart(pose, 1e-3 * np.array(given.velocity_mm_s)), ()
+            return SensorStart(pose, 1e-3 * np.array(given.velocity_mm_s)), doubts
         stands = standing_start(signals, name, pose, geometry.times, scheme=scheme)
     except LegsimError as error:
         raise LegsimError(f"start of sensor {name}: {error}") from error
-    return stands.start, _on_standing(name, given, stands.tilted, stands.vertical_acceleration)
+    said = _on_standing(name, given, stands.tilted, stands.vertical_acceleration)
+    return stands.start, (*said, *doubts)
+
+
+def _doubtful_place(name: str, given: StartConfig, geometry: ConeBeamGeometry) -> tuple[str, ...]:
+    """Doubts a stated place in meters, or far from what is scanned."""
+    place = np.array(given.position_mm)
+    if 0 < np.linalg.norm(place) < _METERS:
+        return (
+            f"In doubt: sensor {name} starts at {place.tolist()} mm, within a fingernail of the "
+            "world's origin: position_mm is in mm, these look like meters.",
+        )
+    far = 1e3 * float(np.linalg.norm(1e-3 * place - geometry.rotation_center()))
+    if far < _FAR:
+        return ()
+    center = np.round(1e3 * geometry.rotation_center()).astype(int).tolist()
+    return (
+        f"In doubt: sensor {name} starts {far:.0f} mm from the rotation center, which is at "
+        f"{center} mm, farther than any of a scanned leg: check position_mm.",
+    )
 
 
 def _on_standing(name: str, given: StartConfig, tilted: float, vertical: float) -> tuple[str, ...]:
     heading = np.radians(given.heading_sd_deg)
+    doubts = []
+    if np.degrees(tilted) > _TILTED_DEG:
+        doubts.append(
+            f"In doubt: gravity in sensor {name} is {np.degrees(tilted):.0f} deg from where the "
+            "given pose has it: check the rotation (of world from sensor, in degrees), the order "
+            "and signs of the acceleration's columns, and that at rest it points upwards."
+        )
+    if abs(vertical) > _LEFT_MG * 9.80665e-3:
+        doubts.append(
+            f"In doubt: {vertical / 9.80665e-3:.0f} mg along the vertical are more than the error "
+            f"of any accelerometer: check unit and columns of the acceleration of {name}."
+        )
     return (
+        *doubts,
         f"Sensor {name} starts such that its person stays in place over the scan: turned by "
         f"{np.degrees(tilted):.2f} deg against the given pose; {vertical / 9.80665e-3:.1f} mg are "
         "left along the vertical, an error of the accelerometer.",

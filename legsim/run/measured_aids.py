@@ -1,6 +1,6 @@
-"""What aids the sensors of a measured scan: what is known of them, how they were worn, beads."""
+"""What aids the sensors of a measured scan: what is known of them, how worn, metal points."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,10 +12,12 @@ from legsim.core.errors import file_error
 from legsim.core.files import key_of, sha256
 from legsim.core.values import FloatArray
 from legsim.correction.bead_scan import BeadScan
+from legsim.correction.fiducials import FIDUCIAL_NAMES, Fiducials
 from legsim.correction.fused import SensorPriors
 from legsim.correction.method import Scan
 from legsim.correction.rough_start import StartErrors
-from legsim.correction.smoother import BeadShadows, triangulated
+from legsim.correction.smoother import BeadShadows, FiducialShadows, triangulated
+from legsim.geometry.cone_beam import ConeBeamGeometry
 from legsim.imu import table_rows
 from legsim.imu.catalogue import load_sensor
 from legsim.imu.signals import SensorStart
@@ -88,10 +90,11 @@ def doubts(scan: MeasuredScan, names: Sequence[str]) -> tuple[str, ...]:
 
 def fingerprint(scan: MeasuredScan) -> str:
     """Part of the keys that changes with how sensors were worn and with the beads."""
-    given, model = scan.settings.beads, scan.folder / scan.settings.methods.sensor_model
+    settings, model = scan.settings, scan.folder / scan.settings.methods.sensor_model
+    pixels = [one for one in (settings.beads, settings.fiducials) if one is not None]
     return key_of(
         {name: start.model_dump() for name, start in scan.worn.items()},
-        None if given is None else (given.model_dump(), sha256(scan.folder / given.file)),
+        [(one.model_dump(), sha256(scan.folder / one.file)) for one in pixels],
         sha256(model) if model.is_file() else None,
     )
 
@@ -106,7 +109,7 @@ def beads(scan: MeasuredScan) -> Callable[[], BeadShadows | BeadScan] | None:
     if given is None:
         return None
     path = scan.folder / given.file
-    pixels = load_beads(path, len(geometry))
+    pixels = load_beads(path, geometry)
     if not given.track:
         return lambda: BeadShadows(pixels, given.error_px).enough()
     counts = np.isfinite(pixels).all(-1).sum(0)
@@ -120,39 +123,89 @@ def beads(scan: MeasuredScan) -> Callable[[], BeadShadows | BeadScan] | None:
     return lambda: BeadScan(scan.seen.projections, guesses, 0.5e-3 * given.diameter_mm)
 
 
-def load_beads(path: Path, views: int) -> FloatArray:
+def fiducials(scan: MeasuredScan) -> Callable[[], FiducialShadows] | None:
+    """Shadows of the points in the followed sensor; None where the scan has none.
+
+    Raises:
+        LegsimError: a file that cannot be used.
+    """
+    given = scan.settings.fiducials
+    if given is None:
+        return None
+    pixels = load_fiducials(scan.folder / given.file, scan.seen.projections.geometry)
+    places = Fiducials(1e-3 * given.axis_length_mm).points_sensor
+    return lambda: FiducialShadows(pixels, places, given.error_px).enough()
+
+
+def load_beads(path: Path, geometry: ConeBeamGeometry) -> FloatArray:
     """Reads pixels (v, b, 2) of a CSV ``view,bead,u,v``; NaN where a bead is not named.
 
     Views and beads count from 0.
 
     Raises:
         LegsimError: missing columns, what is no number, a view or bead that is not there or there
-            twice.
+            twice, or a pixel beyond the detector.
     """
-    seen: dict[tuple[int, int], tuple[float, float]] = {}
-    for number, (view, bead, u, v) in table_rows.read_rows(path, ("view", "bead", "u", "v")).rows:
-        place = f"line {number}"
-        try:
-            key, pixel = (int(view), int(bead)), (float(u), float(v))
-        except ValueError:
-            problem = f"{view}, {bead}, {u} or {v} is not a number"
-            raise file_error(path, problem, "correct it", place=place) from None
-        if not (0 <= key[0] < views and 0 <= key[1] < _MOST_BEADS and np.isfinite(pixel).all()):
-            raise file_error(
-                path,
-                f"view {view}, bead {bead} at {u}, {v} is none of this scan",
-                f"count views from 0 to {views - 1}, beads from 0 to {_MOST_BEADS - 1}, and leave "
-                "out what is not seen",
-                place=place,
-            )
-        if key in seen:
-            problem = f"bead {bead} of view {view} is there twice"
-            raise file_error(path, problem, "keep one of the lines", place=place)
-        seen[key] = pixel
+    known = {str(number): number for number in range(_MOST_BEADS)}
+    fix = f"beads from 0 to {_MOST_BEADS - 1}"
+    seen = _shadows(path, "bead", known, fix, geometry)
     named = sorted({bead for _, bead in seen})
     if named != list(range(len(named))):
         raise file_error(path, f"has beads {named}", "count beads from 0 without gaps")
-    pixels = np.full((views, len(named), 2), np.nan)
-    for (view, bead), pixel in seen.items():
-        pixels[view, bead] = pixel
+    return _table(seen, len(geometry), len(named))
+
+
+def load_fiducials(path: Path, geometry: ConeBeamGeometry) -> FloatArray:
+    """Reads pixels (v, 4, 2) of a CSV ``view,point,u,v``, as :func:`load_beads`; the points are
+    origin, x, y and z.
+    """
+    known = {name: number for number, name in enumerate(FIDUCIAL_NAMES)}
+    fix = f"name the points {', '.join(FIDUCIAL_NAMES)}"
+    return _table(_shadows(path, "point", known, fix, geometry), len(geometry), len(known))
+
+
+def _shadows(
+    path: Path, what: str, known: Mapping[str, int], fix: str, geometry: ConeBeamGeometry
+) -> dict[tuple[int, int], tuple[float, float]]:
+    """Pixels by view and number of a CSV ``view,<what>,u,v``."""
+    views, (rows, columns) = len(geometry), geometry.shape_vu
+    seen: dict[tuple[int, int], tuple[float, float]] = {}
+    for line, (view, name, u, v) in table_rows.read_rows(path, ("view", what, "u", "v")).rows:
+        place = f"line {line}"
+        try:
+            number, pixel = int(view), (float(u), float(v))
+        except ValueError:
+            problem = f"{view}, {name}, {u} or {v} is not a number"
+            raise file_error(path, problem, "correct it", place=place) from None
+        one = known.get(name.strip().lower())
+        if one is None or not 0 <= number < views or not np.isfinite(pixel).all():
+            raise file_error(
+                path,
+                f"view {view}, {what} {name} at {u}, {v} is none of this scan",
+                f"count views from 0 to {views - 1}, {fix}, and leave out what is not seen",
+                place=place,
+            )
+        if not (-0.5 <= pixel[0] <= columns - 0.5 and -0.5 <= pixel[1] <= rows - 0.5):
+            raise file_error(
+                path,
+                f"{what} {name} of view {view} at {u}, {v} is beyond the {columns} columns and "
+                f"{rows} rows",
+                "give pixels of these images, (column, row) counted from 0, in the order of the "
+                "geometry's rows, and leave out what is not seen",
+                place=place,
+            )
+        if (number, one) in seen:
+            problem = f"{what} {name} of view {view} is there twice"
+            raise file_error(path, problem, "keep one of the lines", place=place)
+        seen[number, one] = pixel
+    return seen
+
+
+def _table(
+    seen: Mapping[tuple[int, int], tuple[float, float]], views: int, count: int
+) -> FloatArray:
+    """(views, count, 2) pixels; NaN where nothing was seen."""
+    pixels = np.full((views, count, 2), np.nan)
+    for (view, one), pixel in seen.items():
+        pixels[view, one] = pixel
     return pixels

@@ -146,8 +146,8 @@ def _fused_beads(given: MethodInputs) -> CorrectionMethod:
 def _fused_fiducials(given: MethodInputs) -> CorrectionMethod:
     if given.fused_fiducials is None:
         raise LegsimError(
-            "fused-fiducials follows points in the sensor, which only a simulated scan has here; "
-            "leave it out, or call legsim.FusedFiducials with the shadows that you found"
+            "fused-fiducials follows points in the sensor: give the pixels of their shadows as "
+            "[fiducials] in SCAN.toml"
         )
     return FusedFiducials(given.fused_fiducials, given.sensor, given.priors)
 

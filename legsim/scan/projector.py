@@ -4,6 +4,7 @@ There are no voxels and there is no sampling along the ray.
 """
 
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -11,13 +12,13 @@ from legsim.core.errors import LegsimError
 from legsim.core.values import Float32Array, FloatArray
 from legsim.geometry.cone_beam import ConeBeamGeometry, Projections
 from legsim.opencl.device import Device
-from legsim.phantom import materials
+from legsim.phantom import clipping, materials
 from legsim.phantom.meshes import Part, Phantom
 from legsim.phantom.raster import MeshRaster, TileKernel
 from legsim.scan.spectrum import Spectrum
 
 NEAREST_DEPTH = 1e-3
-"""m in front of the source, along the principal ray, that every vertex must keep"""
+"""m in front of the source, along the principal ray, from which on parts are projected"""
 
 
 def project(
@@ -42,8 +43,7 @@ def project(
         progress: called as progress(views done, views).
 
     Raises:
-        LegsimError: a part is not closed, surrounds the source or reaches behind it where rays may
-            meet it, or posed vertices do not fit.
+        LegsimError: a part is not closed or surrounds the source, or posed vertices do not fit.
     """
     images = np.empty((len(geometry), *geometry.shape_vu), np.float32)
     attenuations = np.array([[0.0], *([part.attenuation] for part in phantom.parts)], np.float32)
@@ -114,7 +114,11 @@ def _views(
             for points, part in zip(vertices, phantom.parts, strict=False)
         ]
         raster.move([*met, *vertices[len(met) :]])  # which refuses another number of parts
-        _require_in_front(raster, matrix, sources[view], view)
+        _require_outside(raster, sources[view], view)
+        clipped = _clipped(raster, matrix)
+        if clipped is not None:
+            yield _of_clipped(clipped, geometry, view, device, values)
+            continue
         # (u w, v w, depth, w), depth measured from the phantom's middle so that float32 resolves it
         rows = np.vstack([matrix, matrix[2]])
         rows[2, 3] = -rows[2, :3] @ raster.center
@@ -161,22 +165,41 @@ def _met(
     return np.where(behind[:, None], points[neighbors[0]], points)
 
 
-def _require_in_front(
-    raster: MeshRaster, matrix: FloatArray, source: FloatArray, view: int
-) -> None:
+def _require_outside(raster: MeshRaster, source: FloatArray, view: int) -> None:
     for part, (low, high), points in zip(raster.parts, raster.boxes, raster.vertices, strict=True):
-        if ((low <= source) & (source <= high)).all():
+        near = ((low <= source) & (source <= high)).all()
+        if near and clipping.winds_around(points, part.triangles, source):
             raise LegsimError(
-                f"view {view}: the source is inside the bounding box of part {part.name!r}; move "
-                "the phantom or the source apart"
+                f"view {view}: the source is inside of part {part.name!r}; move the phantom or the "
+                "source apart"
             )
-        nearest = np.where(matrix[2, :3] > 0, low, high) @ matrix[2, :3] + matrix[2, 3]
-        if (
-            nearest < NEAREST_DEPTH
-            and (points @ matrix[2, :3] + matrix[2, 3]).min() < NEAREST_DEPTH
-        ):
-            raise LegsimError(
-                f"view {view}: part {part.name!r} reaches the plane of the source or lies behind "
-                "it; "
-                "only what is in front of the source can be projected"
-            )
+
+
+def _clipped(raster: MeshRaster, matrix: FloatArray) -> Phantom | None:
+    """The phantom as it was moved, cut off right before the source; None if nothing is nearer."""
+    normal, offset = matrix[2, :3], matrix[2, 3]
+    corners = np.where(normal > 0, raster.boxes[:, 0], raster.boxes[:, 1])
+    if (corners @ normal + offset).min() >= NEAREST_DEPTH:
+        return None
+    depths = [points @ normal + offset for points in raster.vertices]
+    if min(one.min() for one in depths) >= NEAREST_DEPTH:
+        return None
+    ahead = np.linalg.solve(matrix[:, :3], [0.0, 0.0, 1.0] - matrix[:, 3])
+    parts = []
+    for part, points, deep in zip(raster.parts, raster.vertices, depths, strict=True):
+        # farther by what rounding cannot bring back
+        cut = clipping.in_front(points, part.triangles, deep, (1 + 1e-6) * NEAREST_DEPTH)
+        # one place in front of the source, where triangles cover nothing, stands for nothing
+        vertices, triangles = cut if len(cut[1]) else (0 * points + ahead, part.triangles)
+        used, renumbered = np.unique(triangles, return_inverse=True)
+        renumbered = renumbered.reshape(-1, 3).astype(np.int32)
+        parts.append(replace(part, vertices=vertices[used], triangles=renumbered))
+    return Phantom(tuple(parts))
+
+
+def _of_clipped(
+    phantom: Phantom, geometry: ConeBeamGeometry, view: int, device: Device, values: np.ndarray
+) -> Float32Array:
+    """Integrals (channels, rows, columns) of one view of what is in front of its source."""
+    (images,) = _views(phantom, geometry[view : view + 1], device, values, None)
+    return images

@@ -59,6 +59,35 @@ def test_rows_that_run_the_other_way_are_turned_where_a_format_has_no_mirror(mat
         np.testing.assert_allclose(converted.matrices, given.matrices, rtol=1e-7, atol=1e-7)
 
 
+def test_rows_are_turned_when_asked_and_back_again(matrices, capsys):
+    given = geometry_files.load_geometry(matrices, columns=62, rows=48, pixel_mm=6.16)
+    once, twice = matrices.with_suffix(".json"), matrices.with_name("twice.json")
+    printed(capsys, "geometry", "convert", matrices, *DETECTOR, "--turn-rows", "--out", once)
+    turned = geometry_files.load_geometry(once)
+    np.testing.assert_allclose(turned.matrices, given.rows_turned().matrices, rtol=1e-12)
+    printed(capsys, "geometry", "convert", once, "--turn-rows", "--out", twice)
+    back = geometry_files.load_geometry(twice)
+    np.testing.assert_allclose(back.matrices, given.matrices, rtol=1e-12, atol=1e-12)
+    # turned, the rows run as RTK has them: they are not turned a second time
+    out = matrices.with_suffix(".xml")
+    printed(capsys, "geometry", "convert", once, "--turn-rows", "--out", out)
+    back = geometry_files.load_geometry(out)
+    np.testing.assert_allclose(back.matrices, given.matrices, rtol=1e-7, atol=1e-7)
+
+
+def test_turned_rows_that_a_format_cannot_say_are_refused(matrices, capsys):
+    out = matrices.with_suffix(".xml")
+    with pytest.raises(SystemExit):
+        cli_main.main(
+            [
+                *("geometry", "convert", str(matrices), *DETECTOR),
+                *("--turn-rows", "--out", str(out)),
+            ]
+        )
+    assert "which rtk cannot say" in " ".join(capsys.readouterr().err.split())
+    assert not out.exists()
+
+
 def test_show_names_the_format_and_what_it_cannot_know(matrices, capsys):
     shown = " ".join(
         printed(capsys, "geometry", "show", matrices, "--columns", "62", "--rows", "48").split()

@@ -113,3 +113,43 @@ def test_slices_are_evaluated_as_the_volume_that_they_are(tmp_path, capsys, rng)
     assert region["rmse"] < 1e-3
     code, shown = run(capsys, *compared)
     assert (code, "Hounsfield units, which do not say" in shown) == (1, True)
+
+
+@pytest.mark.parametrize("values", ["hounsfield", "per_m"])
+def test_values_that_are_no_attenuation_are_refused_by_convert(tmp_path, volume, capsys, values):
+    """As if 1/mm, Hounsfield units would be written as attenuation a thousand times a body's."""
+    wrong = (
+        1e6 * (volume.attenuation / 20 - 1)
+        if values == "hounsfield"
+        else 1e3 * 60 + volume.attenuation
+    )
+    image_files.save_volume(tmp_path / "w.mha", Volume(volume.grid, wrong.astype(np.float32)))
+    code, shown = run(capsys, "convert", tmp_path / "w.mha", "--out", tmp_path / "o.nii.gz")
+    assert code == 1
+    assert "no attenuation in 1/mm" in shown
+    assert not (tmp_path / "o.nii.gz").exists()
+
+
+def test_volumes_of_two_units_are_not_compared(tmp_path, volume, capsys):
+    image_files.save_volume(
+        tmp_path / "w.mha", Volume(volume.grid, (10 * volume.attenuation).astype(np.float32))
+    )
+    code, shown = run(
+        capsys, "evaluate", tmp_path / "w.mha", tmp_path / "v.mha", "--out", tmp_path / "m.json"
+    )
+    assert code == 1
+    assert "give both in one unit, 1/mm" in shown
+
+
+@pytest.mark.parametrize("water", ["20.6", "0.00002"])
+def test_water_in_another_unit_is_refused(tmp_path, volume, water):
+    with pytest.raises(LegsimError, match=r"--water-per-mm .*: water attenuates by 0.005 to 0.6"):
+        volume_stages.convert_volume(tmp_path / "v.mha", tmp_path / "ct", water_per_mm=float(water))
+
+
+def test_voxels_in_another_unit_are_doubted(tmp_path, volume, capsys):
+    grid = VolumeGrid(volume.grid.shape_zyx, (0.7e-6, 0.9e-6, 1.1e-6), (0.0, 0.0, 0.0))
+    image_files.save_volume(tmp_path / "s.mha", Volume(grid, volume.attenuation))
+    code, shown = run(capsys, "convert", tmp_path / "s.mha", "--out", tmp_path / "o.nrrd")
+    assert code == 0
+    assert "In doubt: voxels of 0.0007x0.0009x0.0011 mm" in shown

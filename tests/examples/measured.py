@@ -65,7 +65,10 @@ def write(folder: Path, scan: str = SCAN) -> Path:
     """The files and the SCAN.toml, whose path is returned."""
     views = geometry()
     rng = np.random.default_rng(1)
-    images = rng.random((VIEWS, *views.shape_vu)).astype(np.float32)
+    # of a body that is round about the axis, so that views agree on the rays that they share
+    profile = 1 - np.linspace(-1, 1, views.shape_vu[1]) ** 2
+    noise = 0.02 * rng.random((VIEWS, *views.shape_vu))
+    images = (profile + noise).astype(np.float32)
     folder.mkdir(parents=True, exist_ok=True)
     image_files.save_projections(folder / "projections.mha", Projections(views, images))
     geometry_files.save_geometry(folder / "geometry.xml", views)

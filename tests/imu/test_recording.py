@@ -28,6 +28,12 @@ def test_a_gyroscope_in_the_other_unit_is_refused_by_how_gravity_turns(factor, s
         check_plausible(replace(one, angular_velocity=factor * one.angular_velocity))
 
 
+def test_a_gyroscope_that_turns_the_other_way_is_refused():
+    one = swaying()
+    with pytest.raises(LegsimError, match=r"turns the other way.*turn the sign"):
+        check_plausible(replace(one, angular_velocity=-one.angular_velocity))
+
+
 def test_a_rate_beyond_all_gyroscopes_is_refused():
     one = still()
     with pytest.raises(LegsimError, match=r"2000 deg/s"):

@@ -302,8 +302,8 @@ def test_a_hidden_part_is_reported(tmp_path):
         ("[[part]]\nname = 'a'", r"\(part 1\): lacks file, unit"),
         ("[[part]]\nname = 3", r"name = 3 is of the wrong type"),
         (
-            "[[part]]\nname = 'a'\nfile = 'x.ply'\nunit = 'cm'\nmaterial = 'water'",
-            "unit = 'cm'; known: mm, m",
+            "[[part]]\nname = 'a'\nfile = 'x.ply'\nunit = 'km'\nmaterial = 'water'",
+            "unit = 'km'; known: mm, m, cm, in",
         ),
         (
             "[[part]]\nname = 'a'\nfile = 'x.ply'\nunit = 'mm'",

@@ -2,6 +2,7 @@
 
 import warnings
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -114,6 +115,22 @@ def test_a_knee_alone_imaged_bent_moves_with_the_original(tmp_path, name):
     assert (np.sqrt((found**2).mean(axis=1)) < 0.5).all()
     # landmarks of a short shaft are good to a third of a voxel, which adds to the corners'
     assert found.max() < 1.25
+
+
+@pytest.mark.parametrize("degrees", [-10, 15, 40])
+def test_exact_bones_of_a_bent_leg_give_its_pose(degrees):
+    """Without voxels nothing is left: the model's knee does not turn about its condyles' middle."""
+    pose = flexed(degrees)
+    parts, segments = [], []
+    for k, vertices in enumerate(LEGS.posed(pose.world_from_segment[0], pose.segment_names)):
+        if LEGS.phantom.parts[k].name in ("femur_cortex_l", "tibia_cortex_l"):
+            parts.append(replace(LEGS.phantom.parts[k], vertices=vertices))
+            segments.append(LEGS.segments[k])
+    read = imaged_leg.PhantomFile(imaged_leg.Phantom(tuple(parts)), tuple(segments), ())
+    found = imaged_leg.image_pose(Path("leg.toml"), read, PERSON.leg.scales)
+    for name in ("femur_l", "tibia_l", "talus_l"):
+        k = imaged_leg.SEGMENTS.index(name)
+        np.testing.assert_allclose(found[k], pose.of(name)[0], atol=2e-6)
 
 
 def test_soft_tissue_comes_back_where_it_was_imaged(tmp_path):

@@ -36,6 +36,12 @@ angular_velocity = ["gx", "gy", "gz"]
 """
 
 
+def test_a_segment_that_no_leg_has_is_refused_with_those_there_are(tmp_path):
+    path = write(tmp_path, TABLE.replace("tibia_l", "shank_left"))
+    with pytest.raises(LegsimError, match=r"is on 'shank_left', which no leg has.*tibia_l"):
+        imu_files.load(path)
+
+
 def test_a_table_is_read_through_its_toml(tmp_path):
     one = still(count=60)
     signals = ls.read_imu(write(tmp_path, TABLE, one))

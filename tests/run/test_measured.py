@@ -124,6 +124,37 @@ def test_a_rough_start_is_leveled_by_gravity(tmp_path):
     assert "stays in place over the scan: turned by" in scan.notes[0]
 
 
+def doubts(folder, scan: str) -> list[str]:
+    return [
+        note
+        for note in ls.load_measured_scan(measured.write(folder, scan)).notes
+        if note.startswith("In doubt: ") and "sensor" in note
+    ]
+
+
+ROUGH = SCAN.replace("[imu.sensors.start]", '[imu.sensors.start]\nknown = "roughly"')
+
+
+@pytest.mark.parametrize("scan", [SCAN, ROUGH])
+def test_a_start_that_may_be_is_not_doubted(tmp_path, scan):
+    assert doubts(tmp_path, scan) == []
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("[0.0, -20.0, 20.0]", "[0.0, -0.02, 0.02]", "these look like meters"),
+        ("[0.0, -20.0, 20.0]", "[0.0, -20.0, 20000.0]", "farther than any of a scanned leg"),
+        ("[-90.0, 0.0, 0.0]", "[-1.57, 0.0, 0.0]", "gravity in sensor shank_l is 88 deg from"),
+        ("[-90.0, 0.0, 0.0]", "[90.0, 0.0, 0.0]", "gravity in sensor shank_l is 1"),
+    ],
+    ids=["meters", "far", "radians", "upside down"],
+)
+def test_a_start_in_another_unit_or_sense_is_doubted(tmp_path, old, new, said):
+    (line,) = doubts(tmp_path, ROUGH.replace(old, new))
+    assert said in line
+
+
 def test_joints_are_followed_in_the_order_of_a_leg(tmp_path):
     scan = ls.load_measured_scan(measured.write(tmp_path, SCAN.replace("[grid]", JOINTS)))
     (leg,) = scan.seen.joints

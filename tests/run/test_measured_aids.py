@@ -1,6 +1,7 @@
 """Beads, clocks and rough starts of a measured scan: a consumer sensor is corrected from files."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,7 @@ import legsim as ls
 from legsim.core import transforms
 from legsim.core.errors import LegsimError
 from legsim.correction.bead_scan import BeadScan
+from legsim.correction.fiducials import Fiducials
 from legsim.correction.rough_start import StartErrors, turned
 from legsim.correction.smoother import BeadShadows
 from legsim.deformation.files import load_motion
@@ -22,11 +24,18 @@ from legsim.imu.readout import read_out
 from legsim.imu.signals import ImuSignals
 from legsim.run import measured_aids
 from legsim.run.measured import MeasuredScan, load_measured_scan
-from tests.correction.test_fused import BMI160, GEOMETRY, PLACES, SAMPLES, VIEWS, left_px, motion_of
+from tests.correction.test_fused import BMI160, PLACES, SAMPLES, VIEWS, left_px, motion_of
+from tests.correction.test_fused import GEOMETRY as SMALL
 from tests.references.sway import Sway
 
 SWAY = Sway.standing(4, position_mm=2.5, angle_deg=0.5)
 ALL = range(len(VIEWS))
+GEOMETRY = replace(
+    SMALL,
+    matrices=np.array([[1.0, 0, 60], [0, 1, 200], [0, 0, 1]]) @ SMALL.matrices,
+    shape_vu=(180, 150),
+)
+"""the same rays on a detector that sees all beads, and the sensor"""
 LATE = 0.012
 """s by which the sensor's clock is ahead"""
 
@@ -169,7 +178,7 @@ def test_what_is_wrong_with_a_file_of_beads_is_named_with_its_line(tmp_path, row
     path = tmp_path / "beads.csv"
     path.write_text(f"view,bead,u,v\n{rows}\n")
     with pytest.raises(LegsimError, match=said):
-        measured_aids.load_beads(path, 62)
+        measured_aids.load_beads(path, GEOMETRY)
 
 
 def test_one_click_is_no_place(tmp_path):
@@ -186,6 +195,62 @@ def test_a_moved_bead_file_makes_the_volume_anew(tmp_path):
     (tmp_path / "beads.csv").write_text(table(bead_pixels() + 1))
     keys.append(measured_aids.fingerprint(load_measured_scan(path)))
     assert keys[0] != keys[1]
+
+
+def fiducial_rows(length: float = 0.03, seed: int = 4) -> str:
+    """Shadows of the four points in the sensor that sways, with 0.2 px of noise."""
+    places = Fiducials(length).points_sensor
+    paths = transforms.apply(SWAY.poses(VIEWS), places)
+    pixels = GEOMETRY.project(paths)[0]
+    pixels = pixels + 0.2 * np.random.default_rng(seed).standard_normal(pixels.shape)
+    rows, columns = GEOMETRY.shape_vu
+    seen = ((pixels >= 0) & (pixels <= [columns - 1, rows - 1])).all(-1)
+    names = ("origin", "x", "y", "z")
+    lines = [
+        f"{view},{names[k]},{pixels[view, k, 0]:.3f},{pixels[view, k, 1]:.3f}"
+        for view, k in np.argwhere(seen)
+    ]
+    return "\n".join(["view,point,u,v", *lines]) + "\n"
+
+
+def test_fiducials_in_the_sensor_undo_a_sway_from_files_alone(tmp_path):
+    more = '\n[fiducials]\nfile = "points.csv"\naxis_length_mm = 30\n'
+    path = write(tmp_path, more=more)
+    (tmp_path / "points.csv").write_text(fiducial_rows())
+    result = ls.correct(path, ["fused-fiducials"], tmp_path / "out")
+    found = load_motion(tmp_path / "out/motion-fused-fiducials.npz")
+    assert isinstance(found, ls.RigidMotion)
+    assert left_px(found, SWAY) < 0.15 * left_px(ls.RigidMotion.identity(VIEWS), SWAY)
+    assert any("4 fiducials in the sensor" in note for note in result.notes)
+    # other pixels are another scan: nothing is taken from the folder
+    before = (tmp_path / "out/motion-fused-fiducials.npz").read_bytes()
+    (tmp_path / "points.csv").write_text(fiducial_rows(seed=5))
+    ls.correct(path, ["fused-fiducials"], tmp_path / "out")
+    assert (tmp_path / "out/motion-fused-fiducials.npz").read_bytes() != before
+
+
+@pytest.mark.parametrize(
+    ("rows", "said"),
+    [
+        ("0,a,1,1\n50,x,3,3", r"line 2.: view 0, point a .* name the points origin, x, y, z"),
+        ("62,x,1,1\n50,x,3,3", r"line 2.: view 62, point x .* count views from 0 to 61"),
+        ("0,x,1,1\n0,x,2,2", r"line 3.: point x of view 0 is there twice"),
+        ("0,x,1,-9\n50,x,3,3", r"line 2.: point x of view 0 at 1, -9 is beyond the \d+ columns"),
+        ("0,x,one,1\n50,x,3,3", r"line 2.: 0, x, one or 1 is not a number"),
+    ],
+)
+def test_what_is_wrong_with_a_file_of_fiducials_is_named_with_its_line(tmp_path, rows, said):
+    path = tmp_path / "points.csv"
+    path.write_text(f"view,point,u,v\n{rows}\n")
+    with pytest.raises(LegsimError, match=said):
+        measured_aids.load_fiducials(path, GEOMETRY)
+
+
+def test_a_bead_beyond_the_detector_is_refused(tmp_path):
+    path = tmp_path / "beads.csv"
+    path.write_text("view,bead,u,v\n0,0,12345,3\n5,0,3,3\n")
+    with pytest.raises(LegsimError, match=r"line 2.: bead 0 of view 0 at 12345, 3 is beyond"):
+        measured_aids.load_beads(path, GEOMETRY)
 
 
 def test_a_scan_without_beads_says_where_they_go(tmp_path):

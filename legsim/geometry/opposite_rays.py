@@ -1,0 +1,146 @@
+"""Whether images and geometry belong together, by rays that two views measure.
+
+The line between the sources of two views is a ray of both, from either end, so both views read the
+same along it, whatever was scanned and however it is cut off. Over more than half a turn there are
+many such pairs. Mirrored columns, views in reverse order, a pixel size of the unbinned detector or
+an offset of the wrong sign make their readings differ; so does motion, but by less.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import ndimage
+
+from legsim.core.values import FloatArray
+from legsim.geometry.cone_beam import ConeBeamGeometry, Projections
+
+_MOST_VIEWS = 300
+"""views that are compared with each other; of more, every second or third and so on"""
+
+_FEWEST_PAIRS = 12
+"""pairs of readings that say something"""
+
+_APART = 0.3
+"""difference from which on images and geometry are doubted: a squat that sways by centimeters
+leaves 0.04, readings that have nothing to do with each other are at 1
+"""
+
+_NAMED_APART = 0.08
+"""the same where a mistake explains the difference"""
+
+_EXPLAINS = 0.35
+"""share of the difference that may be left where a mistake is named"""
+
+_THIN = 0.05
+"""spread of the readings, as line integrals, below which the rays met nothing"""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class OppositeRays:
+    """Rays that two views measure: for each the views and where each has it on its detector."""
+
+    views: np.ndarray
+    """(pairs, 2)"""
+    pixels: FloatArray
+    """(pairs, 2, 2) as u, v"""
+
+    @classmethod
+    def of(cls, geometry: ConeBeamGeometry) -> "OppositeRays":
+        """All pairs of views, or of a part of the views, whose sources see each other."""
+        step = -(-len(geometry) // _MOST_VIEWS)
+        numbers = np.arange(0, len(geometry), step)
+        matrices, sources = geometry.matrices[numbers], geometry.sources()[numbers]
+        seen = np.einsum("iab,jb->ija", matrices[:, :, :3], sources) + matrices[:, None, :, 3]
+        first, second = np.triu_indices(len(numbers), 1)
+        both = np.stack([seen[first, second], seen[second, first]], axis=1)
+        ahead = (both[..., 2] > 1e-6).all(axis=1)
+        first, second, both = first[ahead], second[ahead], both[ahead]
+        return cls(
+            np.stack([numbers[first], numbers[second]], axis=1), both[..., :2] / both[..., 2:]
+        )
+
+    def difference(self, projections: Projections, mapped: "_Mistake") -> float | None:
+        """RMS difference of both readings over their spread: 0 where all agree, 1 where they have
+        nothing to do with each other. None where too few rays meet something.
+
+        ``mapped`` moves the pixels to where they would be under a mistake.
+        """
+        rows, columns = projections.geometry.shape_vu
+        pixels = mapped(self.pixels, self.views)
+        inside = ((pixels >= 0) & (pixels <= [columns - 1, rows - 1])).all(axis=(1, 2))
+        if inside.sum() < _FEWEST_PAIRS:
+            return None
+        u, v = np.moveaxis(pixels[inside], -1, 0)
+        places = [self.views[inside].astype(float), v, u]
+        read = ndimage.map_coordinates(
+            projections.line_integrals, places, np.float64, order=1, mode="nearest"
+        )
+        spread = float(read.std())
+        if spread < _THIN:
+            return None
+        return float(np.sqrt(np.mean((read[:, 0] - read[:, 1]) ** 2) / 2)) / spread
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Mistake:
+    """A mistake that one may make with images, as pixels (u) that it exchanges."""
+
+    said: str
+    scale: float
+    """of the columns, about the detector's middle"""
+    middle: float
+    """column in the detector's middle"""
+    shift: FloatArray
+    """(v,) columns"""
+
+    def __call__(self, pixels: FloatArray, views: np.ndarray) -> FloatArray:
+        moved = pixels.copy()
+        moved[..., 0] = self.middle + self.scale * (pixels[..., 0] - self.middle)
+        moved[..., 0] += self.shift[views]
+        return moved
+
+
+def _mistakes(geometry: ConeBeamGeometry) -> list[_Mistake]:
+    """No mistake first, then those that are usual."""
+    middle, still = 0.5 * (geometry.shape_vu[1] - 1), np.zeros(len(geometry))
+    found = [
+        _Mistake("", 1.0, middle, still),
+        _Mistake(
+            "if the columns are mirrored, the views in reverse order or source and detector "
+            "exchanged; turn the images, or correct the geometry (its sense of rotation)",
+            -1.0,
+            middle,
+            still,
+        ),
+        _Mistake("if pixels are half as large; correct the pixel size", 2.0, middle, still),
+        _Mistake("if pixels are twice as large; correct the pixel size", 0.5, middle, still),
+    ]
+    normal = geometry.matrices[:, 2, :3]
+    off = (geometry.matrices[:, 0, :3] * normal).sum(-1) - middle
+    if np.abs(off).mean() > 1:
+        said = "if the detector's offset along its columns has the other sign; correct it"
+        found.append(_Mistake(said, 1.0, middle, -2 * off))
+    return found
+
+
+def objection(projections: Projections) -> str | None:
+    """A line where images and geometry do not seem to belong together; None where they do, or
+    where no two views measure the same ray.
+    """
+    geometry = projections.geometry
+    rays = OppositeRays.of(geometry)
+    plain, *others = _mistakes(geometry)
+    apart = rays.difference(projections, plain)
+    if apart is None or apart < _NAMED_APART:
+        return None
+    differences = [(rays.difference(projections, other), other.said) for other in others]
+    left, said = min((d, said) for d, said in [*differences, (apart, "")] if d is not None)
+    begin = (
+        "images and geometry do not fit: rays that two views measure from either end differ by "
+        f"{100 * apart:.0f} % of their spread"
+    )
+    if left < _EXPLAINS * apart:
+        return f"{begin}, by {100 * left:.0f} % only {said}"
+    if apart < _APART:
+        return None
+    return f"{begin}; check the order of the views, the angles, the pixel size and the offsets"

@@ -1,0 +1,68 @@
+"""NIfTI files whose two statements of place contradict each other are refused."""
+
+import struct
+
+import numpy as np
+import pytest
+import SimpleITK as sitk
+
+from legsim.core.errors import LegsimError
+from legsim.geometry import image_files
+from legsim.geometry.label_images import load_label_image
+
+SROW, CODES = 280, 252
+"""bytes at which the header has the matrix of sform, and both codes"""
+
+
+@pytest.fixture
+def written(tmp_path):
+    """Writes an image along directions, with both forms; optionally another sform."""
+
+    def write(direction=(1, 0, 0, 0, 1, 0, 0, 0, 1), sform=None, codes=(1, 1)):
+        image = sitk.GetImageFromArray(np.ones((4, 5, 6), np.uint8))
+        image.SetSpacing((2.0, 2.0, 3.0))
+        image.SetDirection([float(x) for x in direction])
+        path = tmp_path / "labels.nii"
+        sitk.WriteImage(image, str(path))
+        raw = bytearray(path.read_bytes())
+        struct.pack_into("<hh", raw, CODES, *codes)
+        if sform is not None:
+            struct.pack_into("<12f", raw, SROW, *np.asarray(sform, float).ravel())
+        path.write_bytes(raw)
+        return path
+
+    return write
+
+
+@pytest.mark.parametrize(
+    "direction",
+    [
+        (1, 0, 0, 0, 1, 0, 0, 0, 1),
+        (0, 0, -1, -1, 0, 0, 0, 1, 0),
+        (-1, 0, 0, 0, -1, 0, 0, 0, 1),
+        (1, 0, 0, 0, 1, 0, 0, 0, -1),  # left-handed
+        (0.8, 0.6, 0, -0.6, 0.8, 0, 0, 0, 1),
+    ],
+)
+def test_what_itk_writes_is_not_doubted(written, direction):
+    assert load_label_image(written(direction)).labels.shape == (4, 5, 6)
+
+
+@pytest.mark.parametrize(
+    "sform",
+    [
+        [[-2, 0, 0, 0], [0, -2, 0, 0], [0, 0, 6, 0]],  # another spacing
+        [[2, 0, 0, 0], [0, -2, 0, 0], [0, 0, 3, 0]],  # left and right exchanged
+        [[0, -2, 0, 0], [-2, 0, 0, 0], [0, 0, 3, 0]],  # two axes exchanged
+    ],
+)
+def test_forms_that_contradict_each_other_are_refused(written, sform):
+    path = written(sform=sform)
+    with pytest.raises(LegsimError, match=r"labels.nii: its qform and its sform"):
+        load_label_image(path)
+    with pytest.raises(LegsimError, match=r"qform and its sform"):
+        image_files.load_volume(path)
+
+
+def test_a_form_that_is_not_set_contradicts_nothing(written):
+    assert load_label_image(written(sform=np.zeros((3, 4)), codes=(1, 0))).labels.all()

@@ -1,0 +1,123 @@
+"""Rays that two views measure: alike for a scan that is right, apart by any of the usual mistakes."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from legsim.geometry.cone_beam import ConeBeamGeometry, Projections
+from legsim.geometry.opposite_rays import OppositeRays, objection
+
+COLUMNS, ROWS = 96, 32
+
+BALLS = (((0.05, 0.0, 0.02), 0.03), ((-0.06, 0.01, 0.03), 0.02), ((0.0, 0.0, -0.07), 0.015))
+"""middles and radii in m, no two alike, so that no mirror maps them onto themselves"""
+
+
+def geometry(
+    *, turn_deg: float = 215.0, pixel: float = 4e-3, offset: float = 0.0, sense: float = 1.0
+) -> ConeBeamGeometry:
+    angles = sense * np.radians(np.arange(0.0, turn_deg, 2.5) + 20.0)
+    plain = ConeBeamGeometry.circular(
+        times=np.arange(len(angles)) / 30,
+        angles=angles,
+        source_isocenter=0.8,
+        source_detector=1.2,
+        shape_vu=(ROWS, COLUMNS),
+        pixel_pitch=pixel,
+    )
+    shift = np.eye(3)
+    shift[0, 2] = offset
+    return replace(plain, matrices=shift @ plain.matrices)
+
+
+def scanned(views: ConeBeamGeometry, sway: float = 0.0) -> np.ndarray:
+    """Exact line integrals (v, rows, columns) of the balls, which sway by m along x."""
+    v, u = np.mgrid[: views.shape_vu[0], : views.shape_vu[1]]
+    rays = views.ray_directions(u, v)
+    rays /= np.linalg.norm(rays, axis=-1, keepdims=True)
+    moved = sway * np.sin(2 * np.pi * np.linspace(0, 1.3, len(views)))
+    images = np.zeros(rays.shape[:3])
+    for center, radius in BALLS:
+        to = np.array(center) + moved[:, None] * np.eye(3)[0] - views.sources()
+        along = (rays * to[:, None, None]).sum(-1)
+        inside = radius**2 - (to**2).sum(-1)[:, None, None] + along**2
+        images += 40 * 2 * np.sqrt(np.maximum(inside, 0))
+    return images.astype(np.float32)
+
+
+def test_the_ray_between_two_sources_is_the_same_line_in_both_views():
+    views = geometry(offset=3.0)
+    rays = OppositeRays.of(views)
+    assert len(rays.views) > 100
+    sources = views.sources()
+    for k in range(2):
+        view, other = rays.views[:, k], rays.views[:, 1 - k]
+        u, v = rays.pixels[:, k].T
+        along = np.stack(
+            [views.ray_directions(u[i : i + 1], v[i : i + 1])[view[i], 0] for i in range(len(u))]
+        )
+        to = sources[other] - sources[view]
+        assert np.abs(np.cross(along, to)).max() < 1e-9
+
+
+@pytest.mark.parametrize("offset", [0.0, 6.0])
+def test_a_scan_that_is_right_is_not_doubted(offset):
+    views = geometry(offset=offset)
+    assert objection(Projections(views, scanned(views))) is None
+
+
+def test_nor_is_one_of_a_person_who_sways(rng):
+    views = geometry()
+    images = scanned(views, sway=5e-3) + rng.normal(0, 0.03, (len(views), ROWS, COLUMNS))
+    assert objection(Projections(views, images.astype(np.float32))) is None
+
+
+def test_images_cut_off_at_both_sides_are_not_doubted():
+    whole = geometry()
+    cut = 30
+    shift = np.eye(3)
+    shift[0, 2] = -cut
+    part = ConeBeamGeometry(whole.times, shift @ whole.matrices, (ROWS, COLUMNS - 2 * cut), 4e-3)
+    images = scanned(whole)[:, :, cut:-cut]
+    assert images[:, ROWS // 2, 0].max() > 0.5  # something is cut off
+    assert objection(Projections(part, images)) is None
+
+
+@pytest.mark.parametrize(
+    ("mistake", "said"),
+    [
+        (lambda images: images[:, :, ::-1], "columns are mirrored"),
+        (lambda images: images[::-1], "in reverse order"),
+        (lambda images: np.roll(images, len(images) // 3, axis=0), "check the order of the views"),
+    ],
+)
+def test_images_in_another_order_are_doubted(mistake, said):
+    views = geometry()
+    images = np.ascontiguousarray(mistake(scanned(views)))
+    assert said in str(objection(Projections(views, images)))
+
+
+@pytest.mark.parametrize(
+    ("stated", "said"),
+    [
+        (geometry(sense=-1.0), "sense of rotation"),
+        (geometry(pixel=2e-3), "pixels are twice as large"),
+        (geometry(pixel=8e-3), "pixels are half as large"),
+    ],
+)
+def test_a_geometry_of_another_scan_is_doubted_with_its_cure(stated, said):
+    images = scanned(geometry())
+    assert said in str(objection(Projections(stated, images)))
+
+
+def test_an_offset_of_the_wrong_sign_is_doubted():
+    images = scanned(geometry(offset=7.0))
+    line = str(objection(Projections(geometry(offset=-7.0), images)))
+    assert "the detector's offset along its columns has the other sign" in line
+
+
+@pytest.mark.parametrize("turn_deg", [30.0, 150.0])
+def test_a_short_arc_measures_nothing_twice_and_says_nothing(turn_deg):
+    views = geometry(turn_deg=turn_deg)
+    assert objection(Projections(views, scanned(views)[:, :, ::-1])) is None
