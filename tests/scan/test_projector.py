@@ -19,55 +19,11 @@ from legsim.phantom import materials
 from legsim.phantom.meshes import Part, Phantom
 from legsim.scan import projector
 from legsim.scan.spectrum import Spectrum
+from tests.examples.bodies import circular, looking_along_z, part, sphere
 from tests.references import projector as reference_projector
 
 MEAN, WORST = 1e-6, 2e-5
 """m of path length: what the project promises"""
-
-
-def circular(
-    views: int = 3, shape_vu: tuple[int, int] = (48, 62), pitch: float = 6.16e-3, **options
-) -> ConeBeamGeometry:
-    return ConeBeamGeometry.circular(
-        times=np.arange(views) / 31.0,
-        angles=np.deg2rad(37.0 * np.arange(views) + 5.0),
-        source_isocenter=0.78,
-        source_detector=1.198,
-        shape_vu=shape_vu,
-        pixel_pitch=pitch,
-        **options,
-    )
-
-
-def looking_along_z(shape_vu: tuple[int, int], focal: float = 64.0) -> ConeBeamGeometry:
-    """Source at the origin, u = focal x / z + middle: powers of two hit pixel centers exactly."""
-    rows, columns = shape_vu
-    matrix = [[focal, 0, columns // 2, 0], [0, focal, rows // 2, 0], [0, 0, 1, 0]]
-    return ConeBeamGeometry(np.zeros(1), np.array([matrix], float), shape_vu)
-
-
-def part(
-    name: str, mesh: trimesh.Trimesh, attenuation: float = 1.0, moved: np.ndarray | None = None
-) -> Part:
-    vertices = np.asarray(mesh.vertices)
-    return Part(
-        name,
-        "water",
-        attenuation,
-        vertices if moved is None else transforms.apply(moved, vertices),
-        np.asarray(mesh.faces),
-    )
-
-
-def sphere(
-    name: str,
-    radius: float,
-    center=(0.0, 0.0, 0.0),
-    attenuation: float = 1.0,
-    subdivisions: int = 3,
-) -> Part:
-    mesh = trimesh.creation.icosphere(subdivisions=subdivisions, radius=radius)
-    return part(name, mesh, attenuation, transforms.translation(center))
 
 
 def errors(
@@ -289,102 +245,6 @@ def test_a_phantom_outside_the_field_leaves_the_image_empty(device):
         Phantom((sphere("a", 0.02, (0, 1.5, 0)),)), circular(), device
     ).line_integrals
     assert not image.any()
-
-
-def test_source_inside_the_phantom_is_refused(device):
-    geometry = circular()[1:2]
-    with pytest.raises(LegsimError, match=r"view 0: the source is inside of part 'a'"):
-        projector.project(Phantom((sphere("a", 0.3, geometry.sources()[0]),)), geometry, device)
-
-
-def test_a_source_in_the_hollow_of_a_part_is_no_obstacle(device):
-    """A shell about the source: its bounding box holds the source, its wall does not."""
-    geometry = looking_along_z((32, 32))
-    outer, inner = (trimesh.creation.icosphere(4, radius) for radius in (0.5, 0.3))
-    inner.invert()
-    shell = part("a", trimesh.util.concatenate([outer, inner]), 10.0)
-    image = projector.project(Phantom((shell,)), geometry, device).line_integrals
-    np.testing.assert_allclose(image, 10 * 0.2, rtol=5e-3)  # the faces of the spheres are flat
-
-
-def chords(geometry: ConeBeamGeometry, view: int, low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    """Lengths (rows, columns) m of the rays within a box, from the source on."""
-    v, u = np.mgrid[: geometry.shape_vu[0], : geometry.shape_vu[1]]
-    rays = geometry.ray_directions(u, v)[view]
-    rays /= np.linalg.norm(rays, axis=-1, keepdims=True)
-    source = geometry.sources()[view]
-    with np.errstate(divide="ignore"):
-        ends = np.sort(np.stack([(low - source) / rays, (high - source) / rays]), axis=0)
-    return np.maximum(ends[1].min(-1) - np.maximum(ends[0].max(-1), 0), 0)
-
-
-@pytest.mark.parametrize(
-    ("views", "size", "middle"),
-    [
-        (1, (1.0, 1.0, 2.5), (0.6, 0.0, 0.0)),  # a wall beside the source
-        (1, (0.2, 0.2, 5.0), (-0.2, 0.05, 0.5)),  # a bar past it
-        (3, (3.0, 1.0, 3.0), (0.0, -0.6, 0.0)),  # the floor
-    ],
-)
-def test_of_what_reaches_behind_the_source_the_part_in_front_is_projected(
-    device, views, size, middle
-):
-    """Two triangles a side, so that those that rays meet reach behind the source too."""
-    geometry = circular(views, pitch=1.5e-2)
-    box = part("a", trimesh.creation.box(size), 10.0, transforms.translation(middle))
-    ball = sphere("b", 0.05, (0.0, 0.15, 0.0), attenuation=25.0)
-    images, alone = (
-        projector.project(Phantom(parts), geometry, device).line_integrals
-        for parts in ((ball, box), (ball,))
-    )
-    low, high = np.array(middle) - np.array(size) / 2, np.array(middle) + np.array(size) / 2
-    assert (geometry.project(trimesh.creation.box(bounds=[low, high]).vertices)[1] < 0).any()
-    for view, image in enumerate(images):
-        lengths = chords(geometry, view, low, high)
-        aside = alone[view] == 0
-        np.testing.assert_allclose(image[aside], 10 * lengths[aside], atol=10 * WORST)
-        assert (lengths > 0).mean() > 0.02
-
-
-@pytest.mark.parametrize("place", [(0.0, 0.0, 1.5), (0.0, 1.4, 0.0)], ids=["behind", "above"])
-def test_parts_behind_the_source_that_no_ray_meets_are_no_obstacle(device, place):
-    """A part behind the source of the first view alone, and one that reaches behind all, above."""
-    size = (0.2, 0.2, 0.2) if place[2] else (2.0, 0.2, 2.0)
-    other = part("b", trimesh.creation.box(size), 10.0, transforms.rigid(np.eye(3), place))
-    ball = sphere("a", 0.05, (0, 0, 0))
-    geometry = circular()[:2] if place[2] else circular()
-    together = projector.project(Phantom((ball, other)), geometry, device).line_integrals
-    alone = projector.project(Phantom((ball,)), geometry, device).line_integrals
-    np.testing.assert_allclose(together, alone, atol=1e-5)
-    assert together.max() > 0
-
-
-def bar(end: float) -> trimesh.Trimesh:
-    """Of fine triangles, from beyond the middle ray aslant to the left, ``end`` m towards -x, -z.
-
-    Beyond 1.1 m it is behind the source of :func:`looking_along_z`.
-    """
-    mesh = trimesh.creation.box((0.05, 0.05, 0.3 + end))
-    mesh.apply_translation([0, 0, 0.5 * (0.3 - end)])
-    for _ in range(6):
-        mesh = mesh.subdivide()
-    turned = transforms.rotation_from_vector([0, np.pi / 4, 0])
-    mesh.apply_transform(transforms.rigid(turned, [0.0, 0.1, 0.8]))
-    return mesh
-
-
-def test_what_of_a_part_is_behind_the_source_where_no_ray_meets_it_is_no_obstacle(device):
-    """The bar reaches behind beside the rays: the image is that of a bar which ends before."""
-    geometry = looking_along_z((48, 64))
-    whole, short = bar(1.7), bar(1.0)
-    assert whole.vertices[:, 2].min() < -0.3
-    assert short.vertices[:, 2].min() > 0.05
-    found, expected = (
-        projector.project(Phantom((part("bar", mesh, 10.0),)), geometry, device).line_integrals
-        for mesh in (whole, short)
-    )
-    np.testing.assert_allclose(found, expected, atol=10 * WORST)
-    assert (expected > 0).mean() > 0.05
 
 
 def test_an_open_surface_is_refused_with_the_number_of_open_edges(device):
