@@ -137,7 +137,7 @@ def test_a_marker_set_is_put_on_a_model_as_opensim_does_it(
     """By Model::updateMarkerSet: some replace, some are added, some were there before. And what
     is written of the scaled model opens to the same.
     """
-    import opensim
+    import opensim  # pyright: ignore[reportMissingImports]
 
     path = shared_data / f"opensim/{name}.osim"
     given = tmp_path / "set.xml"

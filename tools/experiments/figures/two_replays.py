@@ -100,7 +100,7 @@ def main() -> None:
     heading /= np.linalg.norm(heading)
 
     figure = new_figure(11, 7.5)
-    top, bottom = figure.subfigures(2, 1, height_ratios=(1.0, 1.1))
+    top, bottom = figure.subfigures(2, 1, height_ratios=(1.0, 1.1), squeeze=False).ravel()
     for ax, (which, at) in zip(
         top.subplots(1, 4, sharey=True), [(r, f) for r in (0, 1) for f in (0, 1)], strict=True
     ):
