@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from legsim.core.errors import LegsimError
+from legsim.correction.articulated_beads import BeadedLeg
 from legsim.correction.bead_tracking import Reference
 from legsim.correction.marker_based import MarkerBased
 from legsim.deformation.models import RigidMotion
@@ -42,6 +43,7 @@ INPUTS = methods.MethodInputs(
     beads=unwanted,
     fused_beads=unwanted,
     fused_fiducials=unwanted,
+    beaded_leg=BeadedLeg(unwanted, np.zeros(3)),
 )
 
 
