@@ -55,6 +55,9 @@ def _sense(path: Path) -> float:
     not report.
     """
     with gzip.open(path) if path.suffix.lower() == ".gz" else path.open("rb") as stream:
-        head = stream.read(80)
+        head = stream.read(112)
     order = "<" if struct.unpack_from("<i", head)[0] in (348, 540) else ">"
-    return -1.0 if struct.unpack_from(f"{order}f", head, 76)[0] < 0 else 1.0
+    second = struct.unpack_from(f"{order}i", head)[0] == 540
+    # pixdim[0]: a float at byte 76 of NIfTI-1, a double at byte 104 of NIfTI-2
+    sense = struct.unpack_from(f"{order}{'d' if second else 'f'}", head, 104 if second else 76)[0]
+    return -1.0 if sense < 0 else 1.0

@@ -7,7 +7,7 @@ import pytest
 import SimpleITK as sitk
 
 from legsim.core.errors import LegsimError
-from legsim.geometry import image_files
+from legsim.geometry import _nifti_header, image_files
 from legsim.geometry.label_images import load_label_image
 
 SROW, CODES = 280, 252
@@ -66,3 +66,16 @@ def test_forms_that_contradict_each_other_are_refused(written, sform):
 
 def test_a_form_that_is_not_set_contradicts_nothing(written):
     assert load_label_image(written(sform=np.zeros((3, 4)), codes=(1, 0))).labels.all()
+
+
+@pytest.mark.parametrize("order", ["<", ">"])
+@pytest.mark.parametrize("sense", [-1.0, 1.0])
+def test_the_sense_of_the_third_axis_is_read_of_both_versions(tmp_path, order, sense):
+    """pixdim[0]: a float at byte 76 of NIfTI-1, a double at byte 104 of NIfTI-2."""
+    for size, place, kind in ((348, 76, "f"), (540, 104, "d")):
+        head = bytearray(size)
+        struct.pack_into(f"{order}i", head, 0, size)
+        struct.pack_into(f"{order}{kind}", head, place, sense)
+        path = tmp_path / "a.nii"
+        path.write_bytes(head)
+        assert _nifti_header._sense(path) == sense
