@@ -78,6 +78,8 @@ def test_too_few_views_are_refused():
     signals, truth = swaying()
     with pytest.raises(LegsimError, match="three views"):
         standing_start(signals, "s", truth[0], VIEWS[:2])
+    found = standing_start(signals, "s", truth[0], VIEWS[:3])
+    np.testing.assert_array_equal(found.start.world_from_sensor[:3, 3], truth[0, :3, 3])
 
 
 def test_the_start_is_a_start():

@@ -35,3 +35,15 @@ def test_a_region_is_bool_and_cannot_be_written():
         LegsimError, match=r"region 'all' is float64 of shape \(3, 3\); expected bool"
     ):
         Region("all", np.ones((3, 3)))
+
+
+def test_a_bounding_box_has_its_margin_and_ends_at_the_grid():
+    mask = np.zeros((12, 12, 12), bool)
+    mask[5, 6, 7:9] = True
+    box = evaluation_regions.bounding_box(mask, (1, 2, 3))
+    assert box == (slice(4, 7), slice(4, 9), slice(4, 12))
+    assert evaluation_regions.bounding_box(mask, (0, 0, 20)) == (
+        slice(5, 6),
+        slice(6, 7),
+        slice(0, 12),
+    )

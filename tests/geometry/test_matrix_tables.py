@@ -50,7 +50,15 @@ def test_all_shapes_of_arrays_are_the_same_views(tmp_path, values):
     np.testing.assert_array_equal(matrix_tables.load(tmp_path / "m.npy"), ROWS)
 
 
-@pytest.mark.parametrize("values", [ROWS, ROWS.reshape(-1, 3, 4).transpose(1, 2, 0)])
+@pytest.mark.parametrize(
+    "values",
+    [
+        ROWS,
+        ROWS.reshape(-1, 3, 4).transpose(1, 2, 0),
+        SQUARE.reshape(-1, 4, 4).transpose(1, 2, 0),
+    ],
+    ids=lambda v: str(v.shape),
+)
 def test_matlabs_files_hold_one_table(tmp_path, values):
     savemat(tmp_path / "m.mat", {"P": values, "comment": "scan", "sdd": 1198.0})
     np.testing.assert_array_equal(matrix_tables.load(tmp_path / "m.mat"), ROWS)
