@@ -154,6 +154,9 @@ def test_a_limb_is_where_its_joints_are_and_rests_where_it_rests():
     (limb,) = limbs_of(resting())
     np.testing.assert_allclose(limb.joints, knee.JOINTS, atol=1e-12)
     np.testing.assert_allclose(limb.motions(), np.tile(np.eye(4), (124, 2, 1, 1)), atol=1e-9)
+    between = AttachedPoint("shank_l", np.zeros(3))  # further points of a segment come last
+    (same,) = limbs_of(replace(resting(), joints=((*resting().joints[0], between),)))
+    np.testing.assert_array_equal(same.joints, limb.joints)
 
 
 def test_nodes_lie_around_the_center_where_none_are_given(device, monkeypatch):

@@ -320,6 +320,21 @@ def test_the_axis_that_is_up_becomes_worlds_vertical(tmp_path):
     np.testing.assert_allclose(turned.geometry.matrices, upright.matrices, atol=1e-9)
 
 
+@pytest.mark.parametrize(("up", "axis"), [("x", 0), ("y", 1), ("z", 2)])
+def test_whichever_axis_is_up_becomes_worlds_y_and_nothing_is_mirrored(tmp_path, up, axis):
+    geometry = circular(7)
+    np.save(tmp_path / "g.npy", geometry.matrices * [1, 1, 1, 1e3])
+    detector = {"columns": 62, "rows": 48, "pixel_mm": 0.616}
+    turned = files.read_geometry(tmp_path / "g.npy", **detector, up=up).geometry
+    np.testing.assert_allclose(turned.sources()[:, 1], geometry.sources()[:, axis], atol=1e-9)
+
+    def sense(sources: np.ndarray, upwards: int) -> float:
+        steps = sources[1:3] - sources[0]
+        return float(np.linalg.det([*steps, np.eye(3)[upwards]]))
+
+    assert sense(turned.sources(), 1) == pytest.approx(sense(geometry.sources(), axis), abs=1e-9)
+
+
 def test_a_detector_that_contradicts_the_file_is_refused(tmp_path):
     files.save_geometry(tmp_path / "g.json", circular())
     with pytest.raises(LegsimError, match="says 62 columns and 48 rows, not 60 and 48"):
