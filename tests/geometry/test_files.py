@@ -322,7 +322,8 @@ def test_the_axis_that_is_up_becomes_worlds_vertical(tmp_path):
 
 @pytest.mark.parametrize(("up", "axis"), [("x", 0), ("y", 1), ("z", 2)])
 def test_whichever_axis_is_up_becomes_worlds_y_and_nothing_is_mirrored(tmp_path, up, axis):
-    geometry = circular(7)
+    tilted = transforms.rotation_from_vector(np.array([0.3, 0.5, -0.4]))
+    geometry = circular(7).moved(transforms.rigid(tilted, [0.1, 0.2, 0.3]))
     np.save(tmp_path / "g.npy", geometry.matrices * [1, 1, 1, 1e3])
     detector = {"columns": 62, "rows": 48, "pixel_mm": 0.616}
     turned = files.read_geometry(tmp_path / "g.npy", **detector, up=up).geometry
