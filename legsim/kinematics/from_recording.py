@@ -175,6 +175,14 @@ def solve_kinematics(
         return moving_leg(found, path, leg, low_pass_hz=low_pass_hz)
     mocap_files.refuse_options(path, {"angles": in_degrees}, "markers, not joint coordinates")
     if own is not None:
+        if str(marker_map) != "auto":
+            raise file_error(
+                path,
+                "motion.marker_map says which markers play the roles of legsim's own leg, and a "
+                "model's markers are found by their names",
+                "leave it out, or give --marker-set with the recording's labels",
+                place="settings",
+            )
         source = find_recording(scale_from) if scale_from else path
         return _markers_on_model(reading, path, own, tasks, source if scale_model else None)
     return _markers_on_own_leg(

@@ -131,6 +131,12 @@ def test_too_few_markers_and_a_wrong_size_are_refused_or_told(tmp_path, model, l
         from_recording.solve_kinematics(small, model=model)
 
 
+def test_roles_of_the_own_leg_say_nothing_of_a_models_markers(tmp_path, model, leg):
+    path = recorded(leg, tmp_path / "m.trc")
+    with pytest.raises(LegsimError, match=r"settings.*found by their names; .*--marker-set"):
+        from_recording.solve_kinematics(path, model=model, marker_map="cast")
+
+
 def test_a_size_given_twice_is_refused(tmp_path, model):
     with pytest.raises(LegsimError, match="size is given twice"):
         from_recording.solve_kinematics(
