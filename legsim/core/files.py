@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from legsim.core.errors import file_error
+from legsim.core.errors import LegsimError, file_error
 
 
 def sha256(path: Path) -> str:
@@ -156,6 +156,13 @@ def _identity(path: Path) -> tuple[int, int] | None:
     return None if stat.S_ISDIR(status.st_mode) else (status.st_dev, status.st_ino)
 
 
+def full_disk(path: Path, error: OSError) -> LegsimError | None:
+    """The error that no space is left for ``path``; None where something else failed."""
+    if error.errno not in (errno.ENOSPC, errno.EDQUOT):
+        return None
+    return file_error(path, "the disk is full", "free some space or choose another folder")
+
+
 @contextmanager
 def whole(path: Path | str) -> Iterator[Path]:
     """Yields a partial name next to ``path`` that is renamed to it at the end.
@@ -176,16 +183,10 @@ def whole(path: Path | str) -> Iterator[Path]:
         # a write that fails halfway names no file; errors of other files are passed on
         if error.filename not in (None, str(partial), partial):
             raise
-        full = error.errno in (errno.ENOSPC, errno.EDQUOT)
-        fix = (
-            "free some space or choose another folder"
-            if full
-            else "check that its folder exists and is writable"
-        )
-        raise file_error(
+        raise full_disk(path, error) or file_error(
             path,
-            "the disk is full" if full else f"cannot be written ({error.strerror or error})",
-            fix,
+            f"cannot be written ({error.strerror or error})",
+            "check that its folder exists and is writable",
         ) from error
     finally:
         with suppress(NotADirectoryError):  # nothing was written there

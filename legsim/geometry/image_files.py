@@ -358,7 +358,7 @@ def _open(path: Path, dimensions: tuple[int, ...] = (3,)) -> sitk.ImageFileReade
             f"has {reader.GetDimension()} dimensions and {reader.GetNumberOfComponents()} channels",
             "expected 3 dimensions and 1 channel; extract those first",
         )
-    if path.suffix.lower() == ".nii" or path.name.lower().endswith(".nii.gz"):
+    if path.name.lower().endswith((".nii", ".nii.gz")):
         fields = {key: reader.GetMetaData(key) for key in reader.GetMetaDataKeys()}
         _nifti_header.check(path, fields)
     return reader

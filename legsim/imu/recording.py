@@ -13,6 +13,9 @@ from legsim.core.errors import LegsimError
 from legsim.core.values import FloatArray, frozen, increasing_times
 from legsim.imu.signals import ImuSignals
 
+_FEWEST = 16
+"""samples that say something"""
+
 _RATES_HZ = (10.0, 20e3)
 """sampling rates that sensors on a body have"""
 
@@ -106,22 +109,20 @@ def merged(
         for times, values in (force, rate)
         for known in (np.isfinite(values).all(-1),)
     ]
-    if any(len(times) < 16 for times, _ in seen):
-        raise LegsimError(f"sensor {name!r} has fewer than 16 samples; record longer")
+    if any(len(times) < _FEWEST for times, _ in seen):
+        raise LegsimError(f"sensor {name!r} has fewer than {_FEWEST} samples; record longer")
     for times, _ in seen:
         increasing_times(f"times of sensor {name!r}", times)
     notes = tuple(note for times, _ in seen for note in gap_note(name, times))
     if not np.array_equal(seen[0][0], seen[1][0]):
-        first, last = max(t[0] for t, _ in seen), min(t[-1] for t, _ in seen)
-        fastest = min(seen, key=lambda one: float(np.median(np.diff(one[0]))))[0]
-        times = fastest[(fastest >= first) & (fastest <= last)]
-        if len(times) < 16:
+        times = _shared_times([times for times, _ in seen])
+        if len(times) < _FEWEST:
             spans = " and ".join(f"{t[0]:.10g} to {t[-1]:.10g} s" for t, _ in seen)
             raise LegsimError(
                 f"accelerations and angular velocities of sensor {name!r} hardly overlap in time: "
                 f"{spans}; give files of one recording, by one clock"
             )
-        seen = [(times, make_interp_spline(t, values, k=3)(times)) for t, values in seen]
+        seen = [(times, _at(own, values, times)) for own, values in seen]
         notes += (
             f"Sensor {name}: accelerations and angular velocities have times of their own; both "
             "are put on those of the faster by cubic splines.",
@@ -136,9 +137,10 @@ def check_plausible(recording: ImuRecording) -> None:
         LegsimError: the line names the quantity, what it reads and the fix.
     """
     where = f"sensor {recording.name!r}"
-    if len(recording.times) < 16:
+    if len(recording.times) < _FEWEST:
         raise LegsimError(
-            f"{where} has {len(recording.times)} samples; at least 16 are needed, record longer"
+            f"{where} has {len(recording.times)} samples; at least {_FEWEST} are needed, record "
+            "longer"
         )
     if not _RATES_HZ[0] <= recording.rate_hz <= _RATES_HZ[1]:
         raise LegsimError(
@@ -246,9 +248,15 @@ def join(recordings: Sequence[ImuRecording]) -> JoinedSignals:
         times, notes = fastest.times, ()
         sampled = [(r.angular_velocity, r.specific_force) for r in recordings]
     else:
-        times = _shared_times(recordings, fastest)
+        times = _shared_times([r.times for r in recordings])
+        if len(times) < _FEWEST:
+            spans = [f"{r.name} {r.times[0]:.13g} to {r.times[-1]:.13g} s" for r in recordings]
+            raise LegsimError(
+                f"the sensors do not overlap in time: {', '.join(spans)}; give each clock's offset "
+                "(clock_offset_s)"
+            )
         sampled = [
-            tuple(_at(r, values, times) for values in (r.angular_velocity, r.specific_force))
+            tuple(_at(r.times, values, times) for values in (r.angular_velocity, r.specific_force))
             for r in recordings
         ]
         notes = (
@@ -260,20 +268,16 @@ def join(recordings: Sequence[ImuRecording]) -> JoinedSignals:
     return JoinedSignals(signals, (*(n for r in recordings for n in r.notes), *notes))
 
 
-def _shared_times(recordings: Sequence[ImuRecording], fastest: ImuRecording) -> FloatArray:
-    first, last = max(r.times[0] for r in recordings), min(r.times[-1] for r in recordings)
-    times = fastest.times[(fastest.times >= first) & (fastest.times <= last)]
-    if len(times) < 16:
-        spans = ", ".join(f"{r.name} {r.times[0]:.13g} to {r.times[-1]:.13g} s" for r in recordings)
-        raise LegsimError(
-            f"the sensors do not overlap in time: {spans}; give each clock's offset "
-            "(clock_offset_s)"
-        )
-    return times
+def _shared_times(clocks: Sequence[FloatArray]) -> FloatArray:
+    """Times (n,) of the fastest of the ``clocks``, within what all of them cover."""
+    first, last = max(times[0] for times in clocks), min(times[-1] for times in clocks)
+    fastest = min(clocks, key=lambda times: float(np.median(np.diff(times))))
+    return fastest[(fastest >= first) & (fastest <= last)]
 
 
-def _at(recording: ImuRecording, values: FloatArray, times: FloatArray) -> FloatArray:
-    return make_interp_spline(recording.times, values, k=3)(times)
+def _at(own: FloatArray, values: FloatArray, times: FloatArray) -> FloatArray:
+    """Values (n, 3) at the times (n,) ``own``, by cubic splines at other times (m,)."""
+    return make_interp_spline(own, values, k=3)(times)
 
 
 def gap_note(name: str, times: FloatArray) -> tuple[str, ...]:

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from legsim.core.errors import file_error
+from legsim.core.files import full_disk
 
 _ENTRY = "entry.json"
 
@@ -60,11 +61,9 @@ class StageCache:
             ):  # another process was faster: the same content is already there
                 os.rename(partial, place)
         except OSError as error:
-            if error.errno not in (errno.ENOSPC, errno.EDQUOT):
+            if (full := full_disk(place, error)) is None:
                 raise
-            raise file_error(
-                place, "the disk is full", "free some space or choose another folder"
-            ) from error
+            raise full from error
         finally:
             shutil.rmtree(partial, ignore_errors=True)
 

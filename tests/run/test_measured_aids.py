@@ -171,6 +171,7 @@ def test_a_view_that_hides_a_bead_has_no_row(tmp_path):
         ("0,0,nan,1\n50,0,3,3", r"none of this scan; .* leave out what is not seen"),
         ("0,0,1,1\n0,0,1,2", r"line 3.: bead 0 of view 0 is there twice; keep one"),
         ("0,1,1,1\n50,1,3,3", r"has beads \[1\]; count beads from 0"),
+        ("0,0,12345,3\n5,0,3,3", r"line 2.: bead 0 of view 0 at 12345, 3 is beyond"),
         ("", "holds no samples"),
     ],
 )
@@ -244,13 +245,6 @@ def test_what_is_wrong_with_a_file_of_fiducials_is_named_with_its_line(tmp_path,
     path.write_text(f"view,point,u,v\n{rows}\n")
     with pytest.raises(LegsimError, match=said):
         measured_aids.load_fiducials(path, GEOMETRY)
-
-
-def test_a_bead_beyond_the_detector_is_refused(tmp_path):
-    path = tmp_path / "beads.csv"
-    path.write_text("view,bead,u,v\n0,0,12345,3\n5,0,3,3\n")
-    with pytest.raises(LegsimError, match=r"line 2.: bead 0 of view 0 at 12345, 3 is beyond"):
-        measured_aids.load_beads(path, GEOMETRY)
 
 
 def test_a_scan_without_beads_says_where_they_go(tmp_path):
