@@ -110,6 +110,7 @@ def main(
     data: Annotated[Path | None, typer.Option(help="Folder of the real recordings.")] = None,
     files: Annotated[str, typer.Option(help="These alone, separated by spaces.")] = "",
     methods: str = "nonrigid-3d articulated oracle-nonrigid",
+    settings: Annotated[Path | None, typer.Option(help="A run's TOML, below --set.")] = None,
     preset: str = "demo",
     small: bool = True,
     change: Annotated[list[str] | None, typer.Option("--set")] = None,
@@ -123,8 +124,8 @@ def main(
         given = (f"motion.file={file}", asked, *(_SMALL if small else ()), *own, *(change or ()))
         with TemporaryDirectory() as folder:
             try:
-                settings = config.load_settings(preset=preset, overrides=given)
-                found = pipeline.run_scan(settings, folder, presented=False)
+                wanted = config.load_settings(settings, preset=preset, overrides=given)
+                found = pipeline.run_scan(wanted, folder, presented=False)
             except LegsimError as error:
                 typer.echo(f"| {name} | {error} |")
                 continue
