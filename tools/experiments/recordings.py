@@ -101,9 +101,9 @@ def missed(results: Mapping[str, MethodResult]) -> Iterator[str]:
 
 def recordings(data: Path | None, files: str) -> Iterator[tuple[str, str, tuple[str, ...]]]:
     """Name, file and what it needs, of each recording to scan."""
-    for name in files.split() or (*SHIPPED, *(() if data is None else REAL)):
-        beside = data is not None and name in REAL
-        yield name, str(data / name) if beside else name, REAL.get(name, ())
+    for name in files.split() or (*SHIPPED, *(REAL if data else ())):
+        file = str(data / name) if data and name in REAL else name
+        yield name, file, REAL.get(name, ())
 
 
 def main(
