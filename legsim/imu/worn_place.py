@@ -79,7 +79,8 @@ def find_place(predicted: ImuRecording, measured: ImuRecording, *, step: float) 
 
 def _solved(known: FloatArray, sought: FloatArray) -> FloatArray:
     """Least squares over all times and axes."""
-    return np.linalg.lstsq(known.reshape(-1, known.shape[-1]), sought.ravel(), rcond=None)[0]
+    flat = known.reshape(-1, known.shape[-1])
+    return np.asarray(np.linalg.lstsq(flat, sought.ravel(), rcond=None)[0], float)
 
 
 def _rms(vectors: FloatArray) -> float:
