@@ -10,6 +10,7 @@ import numpy as np
 from legsim.core import resources
 from legsim.core.errors import LegsimError, file_error, printable
 from legsim.kinematics import (
+    _stance,
     from_coordinates,
     ik_tasks,
     inverse_kinematics,
@@ -285,7 +286,10 @@ def _solved(
         options=how.options,
         registration=how.registration,
         spread=uncertainty.coordinate_spread(
-            Problem(leg, held, how.options), how.registration, solution.trajectories.values, seen
+            Problem(leg, held, _stance.with_feet(how.options, shown, placed)),
+            how.registration,
+            solution.trajectories.values,
+            seen,
         ),
         ik=solution.report,
         scaled_from=printable(how.source),

@@ -15,6 +15,7 @@ from legsim.kinematics.ik_options import CoordinatePrior, IkOptions
 from legsim.kinematics.marker_sites import MarkerSites
 from legsim.kinematics.osim_leg import OsimLeg
 from legsim.mocap.labels import MarkerMap
+from legsim.mocap.raw import unit_cure
 from legsim.mocap.trajectories import JointTrajectories, MarkerTrajectories
 
 _WEAK = 1e-7
@@ -175,7 +176,7 @@ def check_unit(sites: MarkerSites, measured: MarkerTrajectories) -> None:
     if not 1 / _UNIT_FACTOR < ratio < _UNIT_FACTOR:
         raise LegsimError(
             f"markers of one segment are {ratio:.3g} times as far apart as on the model: the unit "
-            "of length is wrong; give the unit, as in --set motion.unit=mm (in Python: unit='mm')"
+            f"of length is wrong; {unit_cure(ratio)}"
         )
 
 

@@ -17,6 +17,7 @@ from legsim.mocap.held import find_held
 from legsim.mocap.in_view import note_of, span_in_view
 from legsim.mocap.labels import PAPER_ROLES, MarkerMap, check_covered, check_distinct
 from legsim.mocap.low_pass import low_pass, runs
+from legsim.mocap.raw import unit_cure
 from legsim.mocap.trajectories import MarkerTrajectories
 
 SPLINE_S = 0.25
@@ -29,6 +30,9 @@ _AGAINST = 0.2
 """of the pelvis' width: by more than this its right is not on its left side"""
 
 _OF_PELVIS = ("psis", "iliac_crest")
+
+_PELVIS_WIDTH = 0.25
+"""m between the front spines of an adult"""
 
 _CROSSED = 0.3
 """of the pelvis' width: by more than this nobody's right leg lies left of the other one
@@ -395,7 +399,7 @@ def _check_person(means: dict[str, FloatArray]) -> None:
     if not 0.08 < width < 0.8:
         raise LegsimError(
             f"the front of the pelvis is {width:.3g} m wide: the unit of length is wrong; "
-            "give the unit, as in --set motion.unit=mm (in Python: unit='mm')"
+            f"{unit_cure(width / _PELVIS_WIDTH)}"
         )
     forward = ((right + left) / 2 - back)[together]
     if np.median((_rightward(means, forward, together) * across).sum(1)) < -_AGAINST * width:

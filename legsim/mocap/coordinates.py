@@ -41,8 +41,10 @@ _SMALL = 0.05
 _HALF_TURN, _TURN = np.pi + 0.05, 2 * np.pi + 0.05
 """rad, with room for rounding"""
 
-_HIGHEST, _FARTHEST = 3.0, 30.0
-"""m: a pelvis is not so high over the floor, nor so far from the origin of a laboratory"""
+_LOWEST, _HIGHEST, _FARTHEST = 0.3, 3.0, 30.0
+"""m: a pelvis is seldom lower, never so high over the floor, nor so far from the origin of a
+laboratory
+"""
 
 _SLOWEST_S, _FASTEST_S = 0.5, 1e-5
 """s between two samples of a motion"""
@@ -340,11 +342,13 @@ def _check_meters(raw: RawCoordinates) -> None:
         limit = _HIGHEST if name == "pelvis_ty" else _FARTHEST
         middle = float(np.median(raw.values[:, k]))
         if abs(middle) > limit:
+            heights = {unit: abs(middle) / UNITS_PER_METER[unit] for unit in ("mm", "cm", "in")}
+            unit = next((u for u, h in heights.items() if _LOWEST < h < _HIGHEST), "mm")
             raise file_error(
                 raw.path,
                 f"{name} is {middle:.4g} m in the median, which no pelvis is: its lengths are not "
                 "in meters",
-                "give their unit, as in --set motion.unit=mm (in Python: unit='mm')",
+                f"give their unit, as in --set motion.unit={unit} (in Python: unit={unit!r})",
                 place="coordinates",
             )
 

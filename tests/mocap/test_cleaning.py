@@ -264,7 +264,7 @@ def test_a_further_marker_that_is_never_seen_is_reported():
 
 
 @pytest.mark.parametrize(("change", "message"), [
-    (lambda x: x * 1000, r"pelvis is 240 m wide: the unit of length is wrong; give the unit"),
+    (lambda x: x * 1000, r"pelvis is 240 m wide: the unit of length is wrong; lengths are about 960 times too long"),
     (lambda x: x * [1, 1, -1], r"asis_r lies left of asis_l.*left and right are exchanged"),
     (lambda x: x[:, [0, 1, 2, 4, 3, 5, 6]], (r"epicondyle_lateral_r lies \d+ mm left of .* labels of the legs are exchanged; "
         r"exchange them")),

@@ -280,7 +280,7 @@ def test_a_row_without_time_gets_it_from_its_frame(write):
     (lambda s: s.replace("2\t0.01\t1", "2\t0.00\t1"), r"line 8\): time 0.00 does not come after 0.00"),
     (lambda s: s.replace("2\t0.01\t1", "2.5\t0.01\t1"), r"line 8\): frame number '2.5' is not a whole number"),
     (lambda s: s[: s.rindex("\t4")], r"line 9\): the file breaks off in this row, number 3 of 3"),
-    (lambda s: s.replace("mm", "parsec"), r"unit\): unit 'parsec' is not one of m, cm, mm"),
+    (lambda s: s.replace("mm", "parsec"), r"unit\): unit 'parsec' is not one of m, dm, cm, mm"),
     (lambda s: s.replace("mm", ""), (r"unit\): the file does not say its unit of length; give the "
         r"unit")),
     (lambda s: re.sub(r"\t[1-6](\.5)?(?=[\t\n])", "\t0", s), r"none of its 2 markers is seen at any time"),
