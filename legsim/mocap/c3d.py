@@ -127,18 +127,19 @@ def _frame_bytes(header: C3dHeader) -> int:
 
 
 def _rate(header: C3dHeader, notes: list[str]) -> float:
-    """Frames per second: POINT:RATE, or the header's where that is absent.
+    """Frames per second: POINT:RATE, or the header's where that is absent or no rate.
 
     Raises:
         LegsimError: neither is a positive number.
     """
     numbers = header.numbers("POINT", "RATE")
-    rate = float(numbers[0]) if numbers.size else header.rate
-    if not (np.isfinite(rate) and 1e-3 < rate < 1e6):
-        raise file_error(header.path, f"the frame rate is {rate:g} Hz", _CURE, place="POINT:RATE")
-    if abs(header.rate - rate) > 1e-3 * rate:
+    said = float(numbers[0]) if numbers.size else header.rate
+    rate = next((hz for hz in (said, header.rate) if np.isfinite(hz) and 1e-3 < hz < 1e6), None)
+    if rate is None:
+        raise file_error(header.path, f"the frame rate is {said:g} Hz", _CURE, place="POINT:RATE")
+    if rate != said or abs(header.rate - rate) > 1e-3 * rate:
         notes.append(
-            f"POINT:RATE says {rate:g} Hz, the header {header.rate:g} Hz; {rate:g} Hz is taken"
+            f"POINT:RATE says {said:g} Hz, the header {header.rate:g} Hz; {rate:g} Hz is taken"
         )
     return rate
 

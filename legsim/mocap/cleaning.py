@@ -26,6 +26,9 @@ SPLINE_S = 0.25
 SLOPE_S = 0.1
 """s on either side of a gap that tell the velocity with which a marker leaves and returns"""
 
+_FASTEST_S, _SLOWEST_S = 3e-4, 0.5
+"""s between two samples of a movement"""
+
 _AGAINST = 0.2
 """of the pelvis' width: by more than this its right is not on its left side"""
 
@@ -256,6 +259,11 @@ def _even(
         )
     steps = np.diff(times)
     dt = float(np.median(steps))
+    if not _FASTEST_S < dt < _SLOWEST_S:
+        raise LegsimError(
+            f"a sample every {dt:.3g} s is no recording of a movement: its times are not in "
+            "seconds; write seconds into its time column, or its rate in hertz"
+        )
     positions = {name: np.array(motion.marker(name)) for name in names}
     if np.abs(steps - dt).max() < 1e-6 * dt + 1e-9:
         return times, positions

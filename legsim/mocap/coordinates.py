@@ -41,8 +41,8 @@ _SMALL = 0.05
 _HALF_TURN, _TURN = np.pi + 0.05, 2 * np.pi + 0.05
 """rad, with room for rounding"""
 
-_LOWEST, _HIGHEST, _FARTHEST = 0.3, 3.0, 30.0
-"""m: a pelvis is seldom lower, never so high over the floor, nor so far from the origin of a
+_USUAL, _HIGHEST, _FARTHEST = 0.9, 3.0, 30.0
+"""m: a pelvis is about so high over the floor, never higher, nor so far from the origin of a
 laboratory
 """
 
@@ -342,8 +342,10 @@ def _check_meters(raw: RawCoordinates) -> None:
         limit = _HIGHEST if name == "pelvis_ty" else _FARTHEST
         middle = float(np.median(raw.values[:, k]))
         if abs(middle) > limit:
-            heights = {unit: abs(middle) / UNITS_PER_METER[unit] for unit in ("mm", "cm", "in")}
-            unit = next((u for u, h in heights.items() if _LOWEST < h < _HIGHEST), "mm")
+            unit = min(
+                ("mm", "cm", "in"),
+                key=lambda u: abs(np.log(abs(middle) / UNITS_PER_METER[u] / _USUAL)),
+            )
             raise file_error(
                 raw.path,
                 f"{name} is {middle:.4g} m in the median, which no pelvis is: its lengths are not "

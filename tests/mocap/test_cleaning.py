@@ -310,6 +310,15 @@ def test_hardly_any_samples_are_refused():
         )
 
 
+@pytest.mark.parametrize(("factor", "step"), [(100.0, "1 s"), (1 / 60, "0.000167 s")])
+def test_times_that_are_not_in_seconds_are_refused(factor, step):
+    """A second or a sixtieth of a hundredth between samples: frame numbers, minutes."""
+    motion = recording()
+    times = np.arange(len(motion.times)) / 100 * factor
+    with pytest.raises(LegsimError, match=rf"a sample every {step} is no recording .*in seconds"):
+        cleaning.clean(MarkerTrajectories(times, LABELS, motion.positions_world), SEVEN)
+
+
 @pytest.mark.parametrize("file", [
     "standing_bmc/static_run.trc", "standing_biobuddy/anat_pose_ECH.c3d", "standing_c3dio/Capture0008_Standing.c3d", "squat_dart/squat.c3d",
     "squats_subject4/squats1.trc", "squats_subject4/static1.trc", "walk_opensim/subject01_static.trc",

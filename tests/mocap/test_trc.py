@@ -251,6 +251,15 @@ def test_a_time_column_in_milliseconds_becomes_seconds(write, rate):
     assert found.notes == ("the time column is in milliseconds",)
 
 
+def test_a_time_column_that_counts_frames_becomes_seconds(write):
+    rows = [f"{k + 1}\t{k}\t1\t2\t3\t4\t5\t6" for k in range(20)]
+    found = trc.read(write(text(rows, rate="120", frames=20)))
+    np.testing.assert_allclose(found.times, np.arange(20) / 120, atol=1e-12)
+    assert found.notes == (
+        "the time column counts frames: times are from it and DataRate (120 Hz)",
+    )
+
+
 def test_rows_that_were_left_out_keep_their_times(write):
     rows = [f"{k}\t{(k - 1) / 100:.2f}\t1\t2\t3\t4\t5\t6" for k in range(1, 21) if k not in (7, 8)]
     np.testing.assert_allclose(
