@@ -23,7 +23,8 @@ _COUPLED = re.compile(r".*_beta")
 
 _PELVIS = re.compile(r"pelvis_(tilt|list|rotation)")
 
-_PLACES = ("pelvis_tx", "pelvis_ty", "pelvis_tz")
+_PLACES = ("pelvis_ty", "pelvis_tx", "pelvis_tz")
+"""the height first: it tells another unit best"""
 
 _JOINT = re.compile(
     r"(hip_flexion|hip_adduction|hip_rotation|knee_angle|ankle_angle|subtalar_angle|mtp_angle)_[rl]"
@@ -336,9 +337,10 @@ def _check_reach(raw: RawCoordinates, motion: JointTrajectories) -> None:
 
 def _check_meters(raw: RawCoordinates) -> None:
     """Refuses positions of the pelvis that are in millimeters, or another unit."""
-    for k, name in enumerate(raw.names):
-        if name not in _PLACES:
+    for name in _PLACES:
+        if name not in raw.names:
             continue
+        k = raw.names.index(name)
         limit = _HIGHEST if name == "pelvis_ty" else _FARTHEST
         middle = float(np.median(raw.values[:, k]))
         if abs(middle) > limit:

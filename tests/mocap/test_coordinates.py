@@ -110,6 +110,15 @@ def test_positions_in_another_unit_are_refused_with_the_fix(unit, factor):
     np.testing.assert_allclose(motion.values, squat(), atol=1e-12)
 
 
+def test_the_height_of_the_pelvis_tells_the_unit_of_all_its_positions():
+    """Forward and sideways positions may be any number of meters."""
+    values = squat()
+    values[:, SLIDING] *= 1000.0
+    values[:, SLIDING[0]] = -200.0
+    with pytest.raises(LegsimError, match=r"pelvis_ty is .*motion\.unit=mm"):
+        raw(values).to_plausible_motion()
+
+
 @pytest.mark.parametrize(
     ("factor", "what"),
     [(1000.0, "milliseconds"), (120.0, "numbers of frames"), (1e6, "milliseconds")],
