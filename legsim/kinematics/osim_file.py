@@ -372,6 +372,8 @@ def _coordinate(element: Element, joint: str) -> Coordinate:
     span = functions.numbers(element, "range", place)
     if len(span) not in (0, 2):
         raise LegsimError(f"{place}: <range> holds {len(span)} numbers, expected two")
+    if len(span) and span[0] > span[1]:
+        raise LegsimError(f"{place}: <range> runs from {span[0]:g} to {span[1]:g}, backwards")
     default = functions.numbers(element, "default_value", place)
     low, high = span if len(span) else (-np.inf, np.inf)
     return Coordinate(
