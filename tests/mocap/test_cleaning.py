@@ -288,6 +288,21 @@ def turning(places) -> MarkerTrajectories:
     )
 
 
+@pytest.mark.parametrize(("length", "told"), [(20, False), (60, True)])
+def test_a_stretch_that_hides_most_markers_is_called_a_guess(length, told):
+    """A sixth of a second is bridged within millimeters, half a second is not."""
+    motion = recording()
+    positions = motion.positions_world.copy()
+    positions[400 : 400 + length, :5] = np.nan
+    _, report = cleaning.clean(
+        MarkerTrajectories(motion.times, LABELS, positions), SEVEN, longest_gap_s=2.0
+    )
+    said = [note for note in report.notes if "the movement there is a guess" in note]
+    assert len(said) == told
+    if told:
+        assert "from 3.333 to 3.825 s" in said[0]
+
+
 def test_who_turns_about_is_a_person_and_keeps_right_and_left():
     assert cleaning.clean(turning(PLACES), SEVEN)[1].roles[0].left_missing == 0
     with pytest.raises(LegsimError, match="left and right are exchanged"):
@@ -308,6 +323,30 @@ def test_hardly_any_samples_are_refused():
         cleaning.clean(
             MarkerTrajectories(motion.times[:3], LABELS, motion.positions_world[:3]), SEVEN
         )
+
+
+@pytest.mark.parametrize(("first", "side", "word"), [(0, "l", "left"), (500, "r", "right")])
+def test_exchanged_labels_of_knee_and_ankle_are_refused_with_the_time(first, side, word):
+    motion = recording()
+    positions = motion.positions_world.copy()
+    pair = [LABELS.index(f"{side.upper()}{name}") for name in ("KNE", "ANK")]
+    positions[first:, pair] = positions[first:, pair[::-1]]
+    said = (
+        rf"malleolus_lateral_{side} lies between the pelvis and .*first at {first / RATE:.4g} s: "
+        rf"the labels of the {word} knee and ankle are exchanged"
+    )
+    with pytest.raises(LegsimError, match=said):
+        cleaning.clean(MarkerTrajectories(motion.times, LABELS, positions), SEVEN)
+
+
+def test_who_sits_on_the_heels_has_knee_and_ankle_in_order():
+    """Thighs forward, shanks back under them."""
+    motion = recording()
+    sitting = PLACES.copy()
+    sitting[3:5, :2], sitting[5:, :2] = (0.42, -0.08), (0.02, -0.15)
+    positions = motion.positions_world - PLACES + sitting
+    cleaned, _ = cleaning.clean(MarkerTrajectories(motion.times, LABELS, positions), SEVEN)
+    assert cleaned.marker_names == PAPER_ROLES
 
 
 @pytest.mark.parametrize(("factor", "step"), [(100.0, "1 s"), (1 / 60, "0.000167 s")])
