@@ -39,7 +39,8 @@ def check(means: dict[str, FloatArray], times: FloatArray) -> None:
         LegsimError: a wrong unit, sides exchanged, or knee and ankle.
     """
     if {"psis_r", "psis_l"} <= means.keys():
-        means = {"sacrum": (means["psis_r"] + means["psis_l"]) / 2, **means}
+        # a sacral marker beside them tells less of what is in front
+        means = {**means, "sacrum": (means["psis_r"] + means["psis_l"]) / 2}
     if not {"sacrum", "asis_r", "asis_l"} <= means.keys():
         return
     right, left, back = (means[role] for role in ("asis_r", "asis_l", "sacrum"))
@@ -57,8 +58,8 @@ def check(means: dict[str, FloatArray], times: FloatArray) -> None:
     forward = ((right + left) / 2 - back)[together]
     if np.median((_rightward(means, forward, together) * across).sum(1)) < -_AGAINST * width:
         raise LegsimError(
-            "asis_r lies left of asis_l, seen from the sacrum: left and right are exchanged in "
-            "the labels, or the axes mirrored"
+            "asis_r lies left of asis_l, seen from the sacrum: left and right, or front and back, "
+            "are exchanged in the labels, or the axes mirrored"
         )
     _check_legs(
         means, across / np.linalg.norm(right - left, axis=1)[together, None], width, together

@@ -25,6 +25,12 @@ SPLINE_S = 0.25
 SLOPE_S = 0.1
 """s on either side of a gap that tell the velocity with which a marker leaves and returns"""
 
+_MANY = 8
+"""markers that are named each for itself"""
+
+_FEW_LOST = 0.05
+"""of the frames, that may be left out because markers jump there"""
+
 _FASTEST_S, _SLOWEST_S = 3e-4, 0.5
 """s between two samples of a movement"""
 
@@ -144,7 +150,12 @@ def clean(
     }
     _person.check(means, times)
     span = span_in_view(means, {role: marker_map.segment(role) for role in found})
-    notes = note_of(span, times)
+    shown = {
+        role: np.mean([stages.source[name] for name in names], axis=0)
+        for role, names in found.items()
+    }
+    whole = span_in_view(shown, {role: marker_map.segment(role) for role in found})
+    notes = (*note_of(whole, times), *_lost_notes(whole, span, times))
     means, stages = {role: x[span] for role, x in means.items()}, stages.within(span)
     times = times[span]
     cleaned = np.stack(
@@ -153,6 +164,8 @@ def clean(
     reports = tuple(_report(role, names, stages, dt) for role, names in found.items())
     used = {name for names in found.values() for name in names}
     held_notes = [note for name, note in held.items() if name in used]
+    if len(held_notes) > _MANY:
+        held_notes = [f"{held_notes[0]}; and so are {len(held_notes) - 1} markers more"]
     notes = (
         *held_notes,
         *_exchange_notes(motion, [n for n in motion.marker_names if n in used]),
@@ -191,6 +204,23 @@ def _exchange_notes(motion: MarkerTrajectories, names: Sequence[str]) -> list[st
     positions = motion.positions_world[:, [motion.marker_names.index(name) for name in names]]
     found = exchanged.find_exchanges(positions, dt)
     return exchanged.notes_of(found, tuple(names), motion.times)
+
+
+def _lost_notes(whole: slice, span: slice, times: FloatArray) -> list[str]:
+    """A word on frames of ``whole``, which show the person, that are not in ``span``, because
+    markers jump; a warning where these are many.
+    """
+    lost = max(span.start - whole.start, 0) + max(whole.stop - span.stop, 0)
+    if lost == 0:
+        return []
+    at = times[span.start] if span.start > whole.start else times[span.stop - 1]
+    said = f"{lost} frames are left out whose markers jump away at {at:.4g} s"
+    if lost <= _FEW_LOST * (whole.stop - whole.start):
+        return [said]
+    return [
+        f"warning: {said}: frames are missing there, or another trial begins; cut the recording "
+        "there"
+    ]
 
 
 def _guessed_notes(

@@ -265,7 +265,7 @@ def test_a_further_marker_that_is_never_seen_is_reported():
 
 @pytest.mark.parametrize(("change", "message"), [
     (lambda x: x * 1000, r"pelvis is 240 m wide: the unit of length is wrong; lengths are about 960 times too long"),
-    (lambda x: x * [1, 1, -1], r"asis_r lies left of asis_l.*left and right are exchanged"),
+    (lambda x: x * [1, 1, -1], r"asis_r lies left of asis_l.*left and right, or .* are exchanged"),
     (lambda x: x[:, [0, 1, 2, 4, 3, 5, 6]], (r"epicondyle_lateral_r lies \d+ mm left of .* labels of the legs are exchanged; "
         r"exchange them")),
     (lambda x: x[:, [0, 1, 2, 3, 4, 6, 5]], (r"malleolus_lateral_r lies \d+ mm left of .* labels of the legs are exchanged; "
@@ -303,9 +303,22 @@ def test_a_stretch_that_hides_most_markers_is_called_a_guess(length, told):
         assert "from 3.333 to 3.825 s" in said[0]
 
 
+def test_a_second_trial_behind_the_first_is_left_out_with_a_warning():
+    motion = recording()
+    again = motion.positions_world[:500] + np.array([2, 0, 1])
+    positions = np.concatenate([motion.positions_world, again])
+    times = np.arange(len(positions)) / RATE
+    cleaned, report = cleaning.clean(MarkerTrajectories(times, LABELS, positions), SEVEN)
+    assert len(cleaned.times) == len(motion.times)
+    assert report.notes == (
+        f"warning: 500 frames are left out whose markers jump away at {motion.times[-1]:.4g} s: "
+        "frames are missing there, or another trial begins; cut the recording there",
+    )
+
+
 def test_who_turns_about_is_a_person_and_keeps_right_and_left():
     assert cleaning.clean(turning(PLACES), SEVEN)[1].roles[0].left_missing == 0
-    with pytest.raises(LegsimError, match="left and right are exchanged"):
+    with pytest.raises(LegsimError, match="left and right, or front and back, are exchanged"):
         cleaning.clean(turning(PLACES * [1, 1, -1]), SEVEN)
 
 
@@ -446,7 +459,7 @@ def test_somebody_who_lies_has_right_and_left_too(axis, angle):
         cleaned.positions_world, upright.positions_world @ lying.T, atol=1e-9
     )
     mirrored = motion.positions_world * [1, 1, -1]
-    with pytest.raises(LegsimError, match="left and right are exchanged"):
+    with pytest.raises(LegsimError, match="left and right, or front and back, are exchanged"):
         cleaning.clean(MarkerTrajectories(motion.times, LABELS, mirrored @ lying.T), SEVEN)
 
 
