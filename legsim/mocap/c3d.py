@@ -81,8 +81,8 @@ def _frame_count(header: C3dHeader, size: int, notes: list[str]) -> int:
             f"{size // BLOCK} blocks"
         )
         raise file_error(header.path, problem, _CURE, place="header")
-    said = _said_frames(header)
     held = (size - (header.data_block - 1) * BLOCK) // _frame_bytes(header)
+    said = _said_frames(header, held)
     if said < 1:
         raise file_error(
             header.path,
@@ -93,6 +93,11 @@ def _frame_count(header: C3dHeader, size: int, notes: list[str]) -> int:
     if said > held:
         problem = f"the file ends after frame {held} of {said}"
         raise file_error(header.path, problem, "copy the file again, or " + _CURE, place="header")
+    if held - said > BLOCK // _frame_bytes(header):
+        notes.append(
+            f"warning: the file is long enough for {held} frames, the header says {said}: "
+            f"{said} are read; export it again if more were recorded"
+        )
     parameter = header.numbers("POINT", "FRAMES")
     if parameter.size and parameter[0] % 65536 != said % 65536:
         notes.append(
@@ -101,25 +106,26 @@ def _frame_count(header: C3dHeader, size: int, notes: list[str]) -> int:
     return said
 
 
-def _said_frames(header: C3dHeader) -> int:
-    """Frames the file says it has; 16 bits of the header hold 65535, longer trials are told by a
-    parameter.
+def _said_frames(header: C3dHeader, held: int) -> int:
+    """Frames the file says it has, where there is room for ``held``.
+
+    16 bits of the header hold 65535: longer trials stop or wrap there, and are told by a parameter,
+    or by the room alone where it is that of the wraps.
     """
     said = header.last_frame - header.first_frame + 1
-    if header.last_frame < 65535:
-        return said
-    start, end = (
-        header.numbers("TRIAL", "ACTUAL_START_FIELD"),
-        header.numbers("TRIAL", "ACTUAL_END_FIELD"),
-    )
+    told = [
+        int(n[0]) for name in ("LONG_FRAMES", "FRAMES") if (n := header.numbers("POINT", name)).size
+    ]
+    start, end = (header.numbers("TRIAL", f"ACTUAL_{which}_FIELD") for which in ("START", "END"))
     if start.size == 2 and end.size == 2:
         low, high = (int(x[0] % 65536) + 65536 * int(x[1] % 65536) for x in (start, end))
-        return high - low + 1
-    for name in ("LONG_FRAMES", "FRAMES"):
-        numbers = header.numbers("POINT", name)
-        if numbers.size and numbers[0] > said:
-            return int(numbers[0])
-    return said
+        told.insert(0, high - low + 1)
+    stops = header.last_frame >= 65535
+    for count in told:
+        if count > said and (stops or (count <= held and (count - said) % 65536 == 0)):
+            return count
+    more, left = divmod(held - said, 65536)
+    return said + 65536 * more if more > 0 and left <= BLOCK // _frame_bytes(header) else said
 
 
 def _frame_bytes(header: C3dHeader) -> int:
