@@ -24,6 +24,16 @@ def with_feet(config: IkOptions, motion: MarkerTrajectories, sites: MarkerSites)
     return replace(config, feet_on_floor=_stands(motion, sites))
 
 
+def notes(motion: MarkerTrajectories, sites: MarkerSites) -> tuple[str, ...]:
+    """A warning where nobody stands: another axis may point up, and gravity with it."""
+    if _stands(motion, sites):
+        return ()
+    return (
+        "warning: the shanks are not upright: somebody lies, with ankles taken as neutral where no "
+        "marker tells; if somebody stands, give the axis that points up, as in --set motion.up=z",
+    )
+
+
 def _stands(motion: MarkerTrajectories, sites: MarkerSites) -> bool:
     """Whether thighs are above shanks in half of the frames; also where no frame tells."""
     heights = []

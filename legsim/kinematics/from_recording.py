@@ -295,7 +295,8 @@ def _solved(
         scaled_from=printable(how.source),
         settled_hz=settled_hz,
     )
-    return MovingLeg(printable(path.name), leg, settled, fit, how.notes)
+    notes = (*how.notes, *_stance.notes(shown, placed))
+    return MovingLeg(printable(path.name), leg, settled, fit, notes)
 
 
 @dataclass(frozen=True, slots=True)
