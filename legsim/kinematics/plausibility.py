@@ -28,9 +28,8 @@ _OVEREXTENDED = np.radians(15.0)
 _PEOPLES_DEG = {
     "hip_flexion": (-50.0, 150.0),
     "hip_adduction": (-70.0, 60.0),
-    "ankle_angle": (-75.0, 60.0),
 }
-"""what people's joints do, and some more: Kapandji, The physiology of the joints, vol. 2"""
+"""what people's hips do, and some more: Kapandji, The physiology of the joints, vol. 2"""
 
 _LONG_AT_LIMIT = 0.2
 """share of the frames"""
@@ -60,7 +59,7 @@ def at_limits(
     leg: Leg, trajectories: JointTrajectories, *, by_markers: bool = True
 ) -> tuple[str, ...]:
     """Sentences on knees that stay at a limit, where the markers would bend them further, or
-    overextended by more than people's, and on other joints that are beyond people's.
+    overextended by more than people's, and on hips that are beyond people's.
     """
     why = "its markers do not sit where the model has them" if by_markers else "is another model's"
     lines = []
@@ -93,7 +92,7 @@ def at_limits(
 
 
 def _beyond_people(trajectories: JointTrajectories) -> list[str]:
-    """Sentences on other joints that are, for long, where no person's are."""
+    """Sentences on hips that are, for long, where no person's are."""
     lines = []
     for name in trajectories.coordinate_names:
         low, high = _PEOPLES_DEG.get(name[:-2] if name[-2:] in ("_r", "_l") else "", (-1e9, 1e9))
@@ -102,7 +101,7 @@ def _beyond_people(trajectories: JointTrajectories) -> list[str]:
         if share > _LONG_AT_LIMIT:
             farthest = float(angle[int(np.maximum(low - angle, angle - high).argmax())])
             lines.append(
-                f"{name} is beyond what people's joints do ({low:g} to {high:g} deg) in "
+                f"{name} is beyond what people's hips do ({low:g} to {high:g} deg) in "
                 f"{100 * share:.0f} % of the frames, up to {farthest:.0f} deg: see whether its "
                 "sign is another, or markers are exchanged"
             )

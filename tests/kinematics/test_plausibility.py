@@ -84,7 +84,7 @@ def test_a_hip_that_no_person_has_is_named(sign: int, shown: bool):
     values[:, COORDINATES.index("hip_flexion_r")] = sign * np.radians(90)
     times = np.arange(len(values)) / 100
     lines = plausibility.at_limits(LEG, JointTrajectories(times, COORDINATES, values))
-    assert any("hip_flexion_r is beyond what people's joints do" in line for line in lines) == shown
+    assert any("hip_flexion_r is beyond what people's hips do" in line for line in lines) == shown
 
 
 def test_a_knee_at_its_limit_is_implausible_and_printed():
