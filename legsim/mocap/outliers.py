@@ -23,9 +23,9 @@ IMPACT = 20.0
 FAR = 0.05
 """m: no noise reaches as far"""
 
-HARDEST, FASTEST = 12.0, 20.0
+HARDEST, FASTEST = 25.0, 30.0
 """m/s by which a marker on a leg may change its velocity from one sample to the next, and that it
-may have: a sprinter's foot
+may have: more than a sprinter's foot, which goes at 20
 """
 
 SMOOTHNESS = 6.0
