@@ -19,7 +19,7 @@ import numpy as np
 
 from legsim.core import transforms
 from legsim.core.values import FloatArray, frozen
-from legsim.kinematics import _ik_branches, _planted_feet
+from legsim.kinematics import _ik_branches, _planted_feet, _stance
 from legsim.kinematics._ik_newton import held_at_limits, minimize
 from legsim.kinematics._ik_problem import Problem, State
 from legsim.kinematics._planted_feet import Pegs
@@ -133,6 +133,7 @@ def register(
         LegsimError: no frame shows three markers of the pelvis, or a leg has no marker at all.
     """
     config = (config or IkOptions()).settled(leg_priors())
+    config = _stance.with_feet(config, motion, sites)
     sites = sites.weighted(config.marker_weights)
     sites = sites.only([name for name in motion.marker_names if name in sites.names])
     measured = motion.positions_world[:, [motion.marker_names.index(n) for n in sites.names]]
