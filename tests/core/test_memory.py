@@ -35,11 +35,17 @@ def test_the_peak_holds_what_was_freed_until_it_begins_anew():
     assert after < peak - 32
 
 
+def test_the_peak_begins_at_what_is_held():
+    memory.begin_peak()
+    assert memory.peak_mebibytes() == pytest.approx(memory.resident_mebibytes(), rel=0.2)
+
+
 def test_a_system_that_does_not_tell_gives_none(monkeypatch):
     monkeypatch.setattr(memory, "_PROCESS", Path("/nowhere"))
     monkeypatch.setattr(memory, "_SYSTEM", Path("/nowhere"))
     memory.begin_peak()
     assert memory.peak_mebibytes() is None
+    assert memory.resident_mebibytes() is None
     assert memory.available() is None
 
 
