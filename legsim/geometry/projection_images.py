@@ -136,10 +136,10 @@ def projections_of(
     path: Path | str,
     images: ProjectionImages,
     geometry: ConeBeamGeometry,
-    counts: Counts | None = None,
+    counts: Counts | None,
     *,
-    turn_rows: bool = False,
-    line_integrals: bool = False,
+    turn_rows: bool,
+    line_integrals: bool,
 ) -> tuple[Projections, tuple[str, ...]]:
     """:func:`read_projections` of images that are read already; ``path`` is for messages."""
     values = images.values

@@ -47,3 +47,11 @@ def test_a_bounding_box_has_its_margin_and_ends_at_the_grid():
         slice(6, 7),
         slice(0, 12),
     )
+
+
+def test_a_box_within_another_holds_the_same_voxels(rng):
+    values = rng.normal(size=(9, 8, 7))
+    outer = (slice(2, 8), slice(1, 7), slice(3, 7))
+    inner = (slice(3, 6), slice(2, 7), slice(4, 5))
+    found = values[outer][evaluation_regions.within(inner, outer)]
+    np.testing.assert_array_equal(found, values[inner])

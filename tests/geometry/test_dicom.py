@@ -64,6 +64,18 @@ def test_equal_increments_are_steps_from_frame_to_frame(tmp_path, values):
     np.testing.assert_allclose(angles, 10 + 1.5 * np.arange(6))
 
 
+def test_nearly_even_increments_of_three_frames_are_angles_from_the_first(tmp_path, values):
+    path = written(
+        tmp_path / "x.dcm",
+        values[:3],
+        PositionerPrimaryAngle=10.0,
+        PositionerPrimaryAngleIncrement=[0.0, 1.0, 1.9],
+    )
+    angles = dicom.read_projections(path).angles_deg
+    assert angles is not None
+    np.testing.assert_allclose(angles, [10, 11, 11.9])
+
+
 def test_values_are_rescaled_as_the_file_says(tmp_path, values):
     path = written(tmp_path / "x.dcm", values, RescaleSlope="0.0001", RescaleIntercept="-1")
     found = dicom.read_projections(path)
