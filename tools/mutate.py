@@ -141,7 +141,7 @@ class _Standing(importlib.abc.MetaPathFinder, importlib.abc.Loader):
         exec(compile(self._text, str(source_of(self._module)), "exec"), module.__dict__)
 
 
-class _FastFirst:
+class FastFirst:
     """Runs tests in the order of their seconds, which a first run of them leaves in a file."""
 
     def __init__(self, file: Path) -> None:
@@ -160,15 +160,15 @@ class _FastFirst:
             self._file.write_text(json.dumps(self._seen), "utf-8")
 
 
-def tested(module: str, text: str, folder: Path) -> str:
+def tested(module: str, text: str, folder: Path, whole: bool) -> str:
     """ "killed", "survived" or "endless" of a module's tests with a text in its place.
 
-    ``folder`` keeps the seconds of the tests.
+    ``folder`` keeps the seconds of the tests; ``whole`` runs those of whole scans as well.
     """
     process = os.fork()
     if process == 0:
         os.setsid()
-        _run_tests(module, text, folder / module)
+        _run_tests(module, text, folder / module, whole)
     until = time.monotonic() + LIMIT_S
     while time.monotonic() < until:
         ended, status = os.waitpid(process, os.WNOHANG)
@@ -180,7 +180,7 @@ def tested(module: str, text: str, folder: Path) -> str:
     return "endless"
 
 
-def _run_tests(module: str, text: str, seconds: Path) -> None:
+def _run_tests(module: str, text: str, seconds: Path, whole: bool) -> None:
     """Runs the test file, quietly; ends the process."""
     import pytest
 
@@ -188,8 +188,8 @@ def _run_tests(module: str, text: str, seconds: Path) -> None:
     os.dup2(nothing, 1)
     os.dup2(nothing, 2)
     sys.meta_path.insert(0, _Standing(module, text))
-    options = ["-x", "-q", "-p", "no:cacheprovider", "-m", "not end_to_end"]
-    os._exit(int(pytest.main([*options, str(tests_of(module))], plugins=[_FastFirst(seconds)])))
+    options = ["-x", "-q", "-p", "no:cacheprovider", *([] if whole else ["-m", "not end_to_end"])]
+    os._exit(int(pytest.main([*options, str(tests_of(module))], plugins=[FastFirst(seconds)])))
 
 
 def drawn(package: str, seed: int) -> list[tuple[str, int]]:
@@ -209,6 +209,9 @@ def main(
     seconds: Annotated[float, typer.Option(help="For each package, at most.")] = 3600.0,
     seed: Annotated[int, typer.Option(help="Of the draw.")] = 0,
     only: Annotated[str, typer.Option(help="A file of survivors' lines to try again.")] = "",
+    whole: Annotated[
+        bool, typer.Option(help="Tests of whole scans as well: minutes each.")
+    ] = False,
 ) -> None:
     """Draws mutants of each package, runs their tests, lists those that survive, and counts."""
     # libraries are loaded once, before the forks; no module of legsim is, nor what pytest rewrites
@@ -219,7 +222,7 @@ def main(
         found = drawn(package, seed)
         chosen = found if only else found[:mutants]
         with tempfile.TemporaryDirectory() as folder:
-            counts = _counted(chosen, again, time.monotonic() + seconds, Path(folder))
+            counts = _counted(chosen, again, time.monotonic() + seconds, Path(folder), whole)
         tried = counts.total()
         typer.echo(
             f"{package}: {tried} of {len(found)} mutants, {tried - counts['survived']} killed "
@@ -228,7 +231,9 @@ def main(
         sys.stdout.flush()
 
 
-def _counted(chosen: list[tuple[str, int]], again: str, until: float, folder: Path) -> Counter[str]:
+def _counted(
+    chosen: list[tuple[str, int]], again: str, until: float, folder: Path, whole: bool
+) -> Counter[str]:
     """What became of mutants; ``again`` holds the lines of those to try, empty for all."""
     counts, sound = Counter[str](), dict[str, bool]()
     for module, k in chosen:
@@ -239,11 +244,11 @@ def _counted(chosen: list[tuple[str, int]], again: str, until: float, folder: Pa
             continue
         if module not in sound:
             unchanged = ast.unparse(ast.parse(source_of(module).read_text("utf-8")))
-            sound[module] = tested(module, unchanged, folder) == "survived"
+            sound[module] = tested(module, unchanged, folder, whole) == "survived"
             if not sound[module]:
                 typer.echo(f"{module}: its tests fail without any change")
         if sound[module]:
-            became = tested(module, text, folder)
+            became = tested(module, text, folder, whole)
             counts[became] += 1
             if became == "survived":
                 typer.echo(f"survived: {place}")

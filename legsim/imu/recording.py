@@ -284,12 +284,12 @@ def gap_note(name: str, times: FloatArray) -> tuple[str, ...]:
     """Describes gaps in a sensor's times; nothing where there is none."""
     steps = np.diff(times)
     step = float(np.median(steps))
-    lost = np.rint(steps / step).astype(int) - 1
+    lost = np.rint(steps / step) - 1
     if not lost.any():
         return ()
     longest = int(np.argmax(steps))
     advice = "; nothing is known of the motion within it" if steps[longest] > _LONG_GAP else ""
     return (
-        f"Sensor {name}: {int(lost.sum())} of {len(times) + int(lost.sum())} samples are missing, "
+        f"Sensor {name}: {lost.sum():.0f} of {len(times) + lost.sum():.0f} samples are missing, "
         f"the longest gap is {1e3 * steps[longest]:.0f} ms at {times[longest]:.3f} s{advice}.",
     )

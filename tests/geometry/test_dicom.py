@@ -134,6 +134,7 @@ def test_files_of_a_series_are_taken_by_their_instance_numbers(tmp_path, values)
         (b"0.0001", b"1e400\0"),
         (b"0.3\\0.4", b"0.3\\x.4"),
         (b"0.3\\0.4", b"0.3\\0.0"),
+        (b"DS\x08\x000.3", b"D\x13\x08\x000.3"),  # a kind of element that does not exist
     ],
 )
 def test_elements_that_are_no_numbers_are_refused(tmp_path, values, element, value):
