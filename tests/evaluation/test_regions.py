@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy import ndimage
 
 from legsim.core.errors import LegsimError
 from legsim.evaluation import regions as evaluation_regions
@@ -25,6 +26,18 @@ def test_shank_lies_below_the_knee_and_thigh_above():
     assert not thigh.mask[:, y < 0.5].any()
     assert (whole.mask == (shank.mask | thigh.mask)).all()
     assert not (whole.mask & ~evaluation_regions.cylinder(GRID, 0.045)).any()
+
+
+def test_the_leg_is_what_is_marked_and_five_millimeters_of_air():
+    marked = np.zeros(GRID.shape_zyx, bool)
+    marked[20:25, 10:40, 20:28] = True
+    seen = np.ones_like(marked)
+    seen[:22] = False
+    leg = leg_regions(marked, GRID, 0.5, seen)[0].mask
+    away = 2e-3 * ndimage.distance_transform_edt(~marked)
+    assert (leg[away < 0.004] == seen[away < 0.004]).all()
+    assert not leg[away > 0.006].any()
+    assert not leg[~seen].any()
 
 
 def test_a_region_is_bool_and_cannot_be_written():
