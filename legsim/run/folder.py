@@ -134,7 +134,11 @@ class RunFolder:
         """First file of the entry that is missing or has other content; None where all are kept."""
         for name, recorded in entry["files"].items():
             path = self.path / name
-            if not path.is_file() or sha256(path) != recorded["sha256"]:
+            try:
+                kept = path.is_file() and sha256(path) == recorded["sha256"]
+            except OSError:  # cannot be read, or has a name that no file has
+                kept = False
+            if not kept:
                 return name
         return None
 
