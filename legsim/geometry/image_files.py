@@ -29,6 +29,7 @@ from numpy.typing import NDArray
 
 from legsim.core import files
 from legsim.core.errors import LegsimError, file_error
+from legsim.core.files import is_file
 from legsim.core.memory import in_words
 from legsim.core.values import LARGEST, Float32Array, FloatArray, within
 from legsim.geometry import _meta_header, _nifti_header
@@ -345,7 +346,7 @@ def read_samples(path: Path | str) -> tuple[np.ndarray, FloatArray, FloatArray, 
 
 
 def _open(path: Path, dimensions: tuple[int, ...] = (3,)) -> sitk.ImageFileReader:
-    if not path.is_file():
+    if not is_file(path):
         raise file_error(path, "no such file", "check the name")
     if path.suffix.lower() in (".mha", ".mhd"):
         _meta_header.check(path)

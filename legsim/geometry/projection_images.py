@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from legsim.core import files
 from legsim.core.errors import LegsimError, file_error
+from legsim.core.files import is_file
 from legsim.core.values import FloatArray
 from legsim.geometry import counts as geometry_counts
 from legsim.geometry import dicom, image_files, tiff
@@ -238,7 +239,7 @@ def _angle_notes(images: ProjectionImages, geometry: ConeBeamGeometry) -> tuple[
 
 
 def _read_file(path: Path, raw: RawLayout | None) -> ProjectionImages:
-    if not path.is_file():
+    if not is_file(path):
         raise file_error(path, "no such file", "check the name")
     suffix = path.suffix.lower()
     if raw is not None:
