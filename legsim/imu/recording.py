@@ -209,9 +209,11 @@ def gyroscope_scale(recording: ImuRecording) -> tuple[float, float]:
     signals in SI, and the correlation of the two sides, low where the sensor hardly tilts.
     """
     rate_hz = recording.rate_hz
-    times = np.arange(recording.times[0], recording.times[-1], 1 / rate_hz)
-    if len(times) < 64 or rate_hz < 4 * _TILTING_HZ:
+    count = rate_hz * (recording.times[-1] - recording.times[0])
+    # of a recording that is mostly gaps nothing is known between its samples
+    if not 63 < count <= 10 * len(recording.times) or rate_hz < 4 * _TILTING_HZ:
         return 1.0, 0.0
+    times = np.arange(recording.times[0], recording.times[-1], 1 / rate_hz)
     low = butter(2, [0.1, _TILTING_HZ], "bandpass", fs=rate_hz, output="sos")
     rate, force = (
         np.stack([np.interp(times, recording.times, values[:, k]) for k in range(3)], -1)

@@ -99,3 +99,9 @@ def test_a_gap_of_any_length_is_counted():
     (note,) = gap_note("shank", np.array([0.0, 0.01, 0.02, 0.03, 1e25]))
     assert note.startswith("Sensor shank: 1000000000000000")
     assert not gap_note("shank", 0.01 * np.arange(5))
+
+
+def test_a_recording_that_is_mostly_a_gap_says_nothing_of_the_gyroscopes_unit():
+    one = swaying()
+    gap = replace(one, times=np.append(one.times[:-1], 1e12))
+    assert gyroscope_scale(gap) == (1.0, 0.0)
