@@ -9,13 +9,21 @@ which the rates agree best.
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.signal import correlate
 
 from legsim.core import transforms
 from legsim.core.constants import STANDARD_GRAVITY
 from legsim.core.values import FloatArray
+from legsim.imu.lag import REACH, find_far_lag, find_lag
 from legsim.imu.recording import ImuRecording
-from legsim.imu.shared_time import HIGHEST, MOVEMENT_HZ, Quantity, at, in_band, overlap
+from legsim.imu.shared_time import (
+    HIGHEST,
+    MOVEMENT_HZ,
+    Quantity,
+    at,
+    in_band,
+    overlap,
+    shares_time,
+)
 from legsim.imu.worn_place import WornPlace, find_place
 
 BANDS_HZ = (MOVEMENT_HZ, (6.0, 12.0), (12.0, 40.0))
@@ -23,14 +31,11 @@ BANDS_HZ = (MOVEMENT_HZ, (6.0, 12.0), (12.0, 40.0))
 
 _QUANTITIES: tuple[Quantity, Quantity] = ("rate", "force")
 
-REACH = 1.0
-"""s, the largest lag that is searched"""
+_SURE, _BETTER = 0.7, 0.15
+"""correlation below which lags far away are searched, and by which one of them must be higher"""
 
 _TRUSTED = 0.4
 """correlation of the rates below which a lag or a turn is not known"""
-
-_ROUNDS, _SETTLED = 30, 2e-5
-"""of the search for the lag, which is settled when a round changes it by less, in s"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -63,6 +68,8 @@ class SensorComparison:
     bands: tuple[BandAgreement, ...]
     mean_rate: FloatArray
     """(3,) rad/s, mean of measured minus predicted in the sensor's axes: the gyroscope's bias"""
+    began_apart: bool
+    """whether the lag was searched over the whole recordings, since a lag nearby does not agree"""
     place: WornPlace
     """where on the segment the accelerometer fits better"""
 
@@ -91,7 +98,7 @@ def compare(
         LegsimError: recordings that overlap by less than 3 s.
     """
     step = 1 / min(predicted.rate_hz, measured.rate_hz)
-    lag, correlation = find_lag(predicted, measured, step=step, reach=reach)
+    lag, correlation, began_apart = _lag(predicted, measured, step, reach)
     on_time = measured.shifted(-lag)
     if rotation is None:
         rotation = find_mounting(predicted, on_time, step=step)
@@ -112,55 +119,29 @@ def compare(
     ours, theirs = (at(r, times, "rate").mean(0) for r in (predicted, turned))
     bias = rotation.T @ (theirs - ours)
     place = find_place(predicted, turned, step=step)
-    return SensorComparison(predicted, turned, lag, rotation, correlation, bands, bias, place)
+    return SensorComparison(
+        predicted, turned, lag, rotation, correlation, bands, bias, began_apart, place
+    )
 
 
-def find_lag(
-    predicted: ImuRecording, measured: ImuRecording, *, step: float, reach: float = REACH
-) -> tuple[float, float]:
-    """Lag (s) of the measured clock at which the rates agree best, and their correlation.
-
-    Repeated on what both share at the lag found so far: the ends of the shared time are alike in
-    both only where that is right.
+def _lag(
+    predicted: ImuRecording, measured: ImuRecording, step: float, reach: float
+) -> tuple[float, float, bool]:
+    """Lag (s), correlation, and whether it is that of recordings that began apart.
 
     Raises:
-        LegsimError: an overlap of less than 3 s.
+        LegsimError: recordings that neither overlap nor agree anywhere.
     """
-    lag, correlation = 0.0, 0.0
-    for _ in range(_ROUNDS):
-        more, correlation = _lag_once(predicted, measured.shifted(-lag), step, reach)
-        lag += more
-        if abs(more) < _SETTLED:
-            break
-    return lag, correlation
-
-
-def _lag_once(
-    predicted: ImuRecording, measured: ImuRecording, step: float, reach: float
-) -> tuple[float, float]:
-    """Lag (s) and correlation on the time that both share now."""
-    times = overlap(predicted, measured, step)
-    ours, theirs = (in_band(r, times, MOVEMENT_HZ, "rate") for r in (predicted, measured))
-    span = min(int(np.ceil(reach / step)), len(times) // 2)
-    shared = np.stack(
-        [[correlate(theirs[:, j], ours[:, i], mode="same") for j in range(3)] for i in range(3)]
-    )
-    middle = len(times) // 2
-    near = np.moveaxis(shared[..., middle - span : middle + span + 1], -1, 0)
-    scores = _best_agreement(near) / np.sqrt((ours**2).sum() * (theirs**2).sum())
-    k = int(np.argmax(scores))
-    lag = float(k - span)
-    if 0 < k < len(scores) - 1:  # the top of the parabola through three neighbors
-        before, at, after = scores[k - 1 : k + 2]
-        lag += 0.5 * (before - after) / (before - 2 * at + after)
-    return lag * step, float(scores[k])
-
-
-def _best_agreement(covariances: FloatArray) -> FloatArray:
-    """Largest trace (n,) of R C over all rotations R, for (n, 3, 3)."""
-    left, values, right = np.linalg.svd(covariances)
-    values[:, 2] *= np.sign(np.linalg.det(left @ right))
-    return values.sum(-1)
+    if not shares_time(predicted, measured):
+        found = find_far_lag(predicted, measured, step=step)
+        if found is not None:
+            return (*found, True)
+    lag, correlation = find_lag(predicted, measured, step=step, reach=reach)
+    if correlation < _SURE:
+        found = find_far_lag(predicted, measured, step=step)
+        if found is not None and found[1] > correlation + _BETTER:
+            return (*found, True)
+    return lag, correlation, False
 
 
 def find_mounting(predicted: ImuRecording, measured: ImuRecording, *, step: float) -> FloatArray:

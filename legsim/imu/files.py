@@ -176,6 +176,13 @@ def load_recordings(
             counter_period=1 << 32 if dot else _XSENS_PERIOD,
         )
         return tables.load(path, layout)
+    if lines[0].lstrip().startswith("<"):
+        raise file_error(
+            path,
+            "is XML, not a table",
+            "export the sensors' accelerations and angular velocities as text or CSV",
+            place="line 1",
+        )
     raise file_error(
         path,
         "is no imu.csv of legsim, no text export of Xsens and no .sto",

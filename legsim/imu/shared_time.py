@@ -22,6 +22,12 @@ _SHORTEST = 3.0
 """s of overlap"""
 
 
+def shares_time(a: ImuRecording, b: ImuRecording) -> bool:
+    """Whether both share 3 s."""
+    first, last = max(a.times[0], b.times[0]), min(a.times[-1], b.times[-1])
+    return last - first >= _SHORTEST
+
+
 def overlap(a: ImuRecording, b: ImuRecording, step: float) -> FloatArray:
     """Even times (n,) that both share.
 
@@ -29,7 +35,7 @@ def overlap(a: ImuRecording, b: ImuRecording, step: float) -> FloatArray:
         LegsimError: less than 3 s.
     """
     first, last = max(a.times[0], b.times[0]), min(a.times[-1], b.times[-1])
-    if last - first < _SHORTEST:
+    if not shares_time(a, b):
         raise LegsimError(
             f"sensor {b.name} recorded {b.times[0]:.13g} to {b.times[-1]:.13g} s, the markers "
             f"{a.times[0]:g} to {a.times[-1]:g} s: they share less than {_SHORTEST:g} s; give "

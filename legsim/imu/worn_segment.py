@@ -9,7 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from legsim.core.values import FloatArray
-from legsim.imu.comparison import find_lag
+from legsim.imu.lag import find_lag
 from legsim.imu.recording import ImuRecording
 from legsim.imu.shared_time import MOVEMENT_HZ, in_band, overlap
 

@@ -14,6 +14,7 @@ from legsim.core.errors import LegsimError
 from legsim.core.values import FloatArray
 from legsim.imu import comparison
 from legsim.imu.comparison import SensorComparison
+from legsim.imu.lag import REACH
 from legsim.imu.recording import ImuRecording
 from legsim.imu.sensors import Sensor, default_sensors
 from legsim.imu.signals import ImuSignals
@@ -42,7 +43,7 @@ class ComparedSensor:
     place_given: bool = True
     """whether it is in imu.sensors"""
     elsewhere: tuple[str, float, float] | None = None
-    """a segment that it follows clearly better, with the correlation and the lag (s) there"""
+    """a segment that it follows clearly better, the correlation there and the further lag (s)"""
 
     @property
     def segment_from_sensor(self) -> FloatArray:
@@ -71,17 +72,24 @@ class ComparedSensor:
                 f"{self.sensor.segment}; it is predicted "
                 f"{1e3 * self.sensor.distance:.0f} mm below the segment's upper joint."
             )
+        if found.began_apart:
+            lines.append(
+                f"Sensor {found.measured.name}: no lag below {REACH:g} s agrees; this one was "
+                "searched over both recordings, which were begun apart or by other clocks. Give it "
+                "as clock_offset_s in a TOML about the file to keep it."
+            )
         if not found.trusted:
             lines.append(
                 f"Sensor {found.measured.name}: the rates hardly agree, so that lag and turn about "
-                "the vertical are not known; record a clear movement first."
+                "the vertical are not known; record a clear movement first, or give clock_offset_s."
             )
         return (*found.measured.notes, *lines, *self._doubts())
 
     def _doubts(self) -> Iterator[str]:
         name, place = f"In doubt: sensor {self.found.measured.name}", self.found.place
         if self.elsewhere is not None:
-            segment, correlation, lag = self.elsewhere
+            segment, correlation, more = self.elsewhere
+            lag = self.found.lag + more
             yield (
                 f"{name} turns as {segment} does (correlation of the rates {correlation:.2f} at a "
                 f"lag of {1e3 * lag:.0f} ms), not as {self.sensor.segment} "
@@ -187,7 +195,7 @@ def _compared(
     found = comparison.compare(ours, measured.recording, rotation=rotation)
     elsewhere = None
     if sensor.segment in [one.name for one in segments]:
-        elsewhere = better_segment(measured.recording, sensor.segment, segments)
+        elsewhere = better_segment(measured.recording.shifted(-found.lag), sensor.segment, segments)
     return ComparedSensor(sensor, found, given is not None, elsewhere=elsewhere)
 
 

@@ -5,7 +5,14 @@ import pytest
 
 from legsim.core.errors import LegsimError
 from legsim.imu.recording import ImuRecording
-from legsim.imu.shared_time import MOVEMENT_HZ, at, band_passed, in_band, overlap
+from legsim.imu.shared_time import (
+    MOVEMENT_HZ,
+    at,
+    band_passed,
+    in_band,
+    overlap,
+    shares_time,
+)
 from tests.examples.sensors import still
 
 TIMES = np.arange(1000) / 100
@@ -48,3 +55,8 @@ def test_columns_of_any_shape_are_filtered_alike():
     found = band_passed(stacked, TIMES, MOVEMENT_HZ)
     np.testing.assert_allclose(found[..., 1], 2 * found[..., 0], atol=1e-12)
     np.testing.assert_allclose(found[..., 0], band_passed(values, TIMES, MOVEMENT_HZ), atol=1e-12)
+
+
+def test_time_is_shared_from_three_seconds_on():
+    assert shares_time(still(count=1000), still(count=1000).shifted(6.9))
+    assert not shares_time(still(count=1000), still(count=1000).shifted(7.1))

@@ -149,5 +149,5 @@ def test_a_sensor_of_another_segment_is_in_doubt(tmp_path):
     (found,) = imu_comparison.compare(worn, predicted(), 0.0)
     other = replace(found, elsewhere=("tibia_r", 0.97, 0.026))
     (line,) = [one for one in other.lines() if one.startswith("In doubt")]
-    assert "turns as tibia_r does (correlation of the rates 0.97 at a lag of 26 ms)" in line
+    assert "turns as tibia_r does (correlation of the rates 0.97 at a lag of 63 ms)" in line
     assert line.endswith("give tibia_r=FILE if it was worn there.")
