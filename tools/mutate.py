@@ -1,10 +1,11 @@
 """Small faults put into modules one at a time: do the modules' own tests notice?
 
 A mutant has one comparison, operator, number, truth value or condition of a module changed, outside
-of error messages and texts. Its module's test file, which must pass without a change, is run in a
-fork of this process in which the changed text stands in the module's place; a mutant survives where
-all tests pass. Mutants are drawn at random, seeded. Survivors are listed by place and change, to be
-read: some change nothing that can be seen.
+of error messages and texts. Its module's test file (where it has none, every test of its package),
+which must pass without a change, is run in a fork of this process in which the changed text stands
+in the module's place, quick tests first; a mutant survives where all pass. Mutants are drawn at
+random, seeded, equally many of each package. Survivors are listed by place and change, to be read:
+some change nothing that can be seen.
 
     python -m tools.mutate core geometry --mutants 60 --seconds 1200
 """
@@ -12,10 +13,12 @@ read: some change nothing that can be seen.
 import ast
 import importlib.abc
 import importlib.util
+import json
 import os
 import random
 import signal
 import sys
+import tempfile
 import time
 from collections import Counter
 from collections.abc import Iterator
@@ -54,15 +57,17 @@ COMPUTED = {
 
 
 def modules_of(package: str) -> list[str]:
-    """Modules of a package that have a test file."""
-    names = (f"legsim.{package}.{p.stem}" for p in sorted((ROOT / "legsim" / package).glob("*.py")))
-    return [name for name in names if tests_of(name).exists()]
+    """Modules of a package."""
+    paths = sorted((ROOT / "legsim" / package).glob("*.py"))
+    return [f"legsim.{package}.{p.stem}" for p in paths if p.stem != "__init__"]
 
 
 def tests_of(module: str) -> Path:
-    """The module's test file."""
+    """The module's test file; the folder of its package's tests where it has none."""
     _, package, name = module.split(".")
-    return ROOT / "tests" / package / f"test_{name.lstrip('_')}.py"
+    folder = ROOT / "tests" / package
+    own = folder / f"test_{name.lstrip('_')}.py"
+    return own if own.exists() else folder
 
 
 def source_of(module: str) -> Path:
@@ -136,12 +141,34 @@ class _Standing(importlib.abc.MetaPathFinder, importlib.abc.Loader):
         exec(compile(self._text, str(source_of(self._module)), "exec"), module.__dict__)
 
 
-def tested(module: str, text: str) -> str:
-    """ "killed", "survived" or "endless" of a module's tests with a text in its place."""
+class FastFirst:
+    """Runs tests in the order of their seconds, which a first run of them leaves in a file."""
+
+    def __init__(self, file: Path) -> None:
+        self._file = file
+        self._known = json.loads(file.read_text("utf-8")) if file.exists() else {}
+        self._seen: dict[str, float] = {}
+
+    def pytest_collection_modifyitems(self, items: list[Any]) -> None:
+        items.sort(key=lambda item: self._known.get(item.nodeid, 0.0))
+
+    def pytest_runtest_logreport(self, report: Any) -> None:
+        self._seen[report.nodeid] = self._seen.get(report.nodeid, 0.0) + report.duration
+
+    def pytest_sessionfinish(self) -> None:
+        if not self._known:
+            self._file.write_text(json.dumps(self._seen), "utf-8")
+
+
+def tested(module: str, text: str, folder: Path, whole: bool) -> str:
+    """ "killed", "survived" or "endless" of a module's tests with a text in its place.
+
+    ``folder`` keeps the seconds of the tests; ``whole`` runs those of whole scans as well.
+    """
     process = os.fork()
     if process == 0:
         os.setsid()
-        _run_tests(module, text)
+        _run_tests(module, text, folder / module, whole)
     until = time.monotonic() + LIMIT_S
     while time.monotonic() < until:
         ended, status = os.waitpid(process, os.WNOHANG)
@@ -153,7 +180,7 @@ def tested(module: str, text: str) -> str:
     return "endless"
 
 
-def _run_tests(module: str, text: str) -> None:
+def _run_tests(module: str, text: str, seconds: Path, whole: bool) -> None:
     """Runs the test file, quietly; ends the process."""
     import pytest
 
@@ -161,53 +188,72 @@ def _run_tests(module: str, text: str) -> None:
     os.dup2(nothing, 1)
     os.dup2(nothing, 2)
     sys.meta_path.insert(0, _Standing(module, text))
-    options = ["-x", "-q", "-p", "no:cacheprovider", "-m", "not end_to_end"]
-    os._exit(int(pytest.main([*options, str(tests_of(module))])))
+    options = ["-x", "-q", "-p", "no:cacheprovider", *([] if whole else ["-m", "not end_to_end"])]
+    os._exit(int(pytest.main([*options, str(tests_of(module))], plugins=[FastFirst(seconds)])))
+
+
+def drawn(package: str, seed: int) -> list[tuple[str, int]]:
+    """(module, number of the site) of every mutant of a package, in the order of a draw."""
+    found = [
+        (module, k)
+        for module in modules_of(package)
+        for k in range(len(list(sites(ast.parse(source_of(module).read_text("utf-8"))))))
+    ]
+    random.Random(f"{package} {seed}").shuffle(found)
+    return found
 
 
 def main(
     packages: Annotated[list[str], typer.Argument(help="Packages of legsim.")],
-    mutants: Annotated[int, typer.Option(help="How many are drawn.", min=1)] = 60,
-    seconds: Annotated[float, typer.Option(help="At most.")] = 3600.0,
+    mutants: Annotated[int, typer.Option(help="Drawn of each package.", min=1)] = 40,
+    seconds: Annotated[float, typer.Option(help="For each package, at most.")] = 3600.0,
     seed: Annotated[int, typer.Option(help="Of the draw.")] = 0,
     only: Annotated[str, typer.Option(help="A file of survivors' lines to try again.")] = "",
+    whole: Annotated[
+        bool, typer.Option(help="Tests of whole scans as well: minutes each.")
+    ] = False,
 ) -> None:
-    """Draws mutants, runs their tests and lists those that survive."""
+    """Draws mutants of each package, runs their tests, lists those that survive, and counts."""
     # libraries are loaded once, before the forks; no module of legsim is, nor what pytest rewrites
     for name in ("numpy", "scipy.spatial", "scipy.ndimage", "pytest", "SimpleITK"):
         importlib.import_module(name)
-    drawn = [
-        (module, k)
-        for package in packages
-        for module in modules_of(package)
-        for k in range(len(list(sites(ast.parse(source_of(module).read_text("utf-8"))))))
-    ]
-    total = len(drawn)
-    random.Random(seed).shuffle(drawn)
     again = Path(only).read_text("utf-8") if only else ""
-    until, counts, sound = time.monotonic() + seconds, Counter[str](), dict[str, bool]()
-    for module, k in drawn[: None if only else mutants]:
+    for package in packages:
+        found = drawn(package, seed)
+        chosen = found if only else found[:mutants]
+        with tempfile.TemporaryDirectory() as folder:
+            counts = _counted(chosen, again, time.monotonic() + seconds, Path(folder), whole)
+        tried = counts.total()
+        typer.echo(
+            f"{package}: {tried} of {len(found)} mutants, {tried - counts['survived']} killed "
+            f"({counts['endless']} of them endless), {counts['survived']} survived"
+        )
+        sys.stdout.flush()
+
+
+def _counted(
+    chosen: list[tuple[str, int]], again: str, until: float, folder: Path, whole: bool
+) -> Counter[str]:
+    """What became of mutants; ``again`` holds the lines of those to try, empty for all."""
+    counts, sound = Counter[str](), dict[str, bool]()
+    for module, k in chosen:
         if time.monotonic() > until:
             break
         place, text = mutant(module, k)
-        if only and f"survived: {place}\n" not in again:
+        if again and f"survived: {place}\n" not in again:
             continue
         if module not in sound:
             unchanged = ast.unparse(ast.parse(source_of(module).read_text("utf-8")))
-            sound[module] = tested(module, unchanged) == "survived"
-        if not sound[module]:
-            typer.echo(f"{module}: its tests fail without any change")
-            continue
-        became = tested(module, text)
-        counts[became] += 1
-        if became == "survived":
-            typer.echo(f"survived: {place}")
-        sys.stdout.flush()
-    tried = counts.total()
-    typer.echo(
-        f"{tried} of {total} mutants of {', '.join(packages)}: {tried - counts['survived']} "
-        f"killed ({counts['endless']} of them endless), {counts['survived']} survived"
-    )
+            sound[module] = tested(module, unchanged, folder, whole) == "survived"
+            if not sound[module]:
+                typer.echo(f"{module}: its tests fail without any change")
+        if sound[module]:
+            became = tested(module, text, folder, whole)
+            counts[became] += 1
+            if became == "survived":
+                typer.echo(f"survived: {place}")
+            sys.stdout.flush()
+    return counts
 
 
 if __name__ == "__main__":

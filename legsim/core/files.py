@@ -135,6 +135,14 @@ def reading(paths: Iterable[Path]) -> Iterator[None]:
         _read.difference_update(added)
 
 
+def is_file(path: Path | str) -> bool:
+    """Whether there is such a file; a name that no file can have, from a file or a user, has none.
+
+    ``Path.is_file`` raises OSError for names that are too long.
+    """
+    return os.path.isfile(path)
+
+
 def refuse_input(path: Path | str) -> None:
     """Refuses to write over a file named by :func:`reading`.
 

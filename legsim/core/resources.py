@@ -3,6 +3,7 @@
 They are in a checkout or inside the installed package.
 """
 
+import os
 from pathlib import Path
 
 from legsim.core.errors import LegsimError
@@ -32,7 +33,7 @@ def _find(folder: str, name: str) -> Path:
     # a wheel has the folders inside the package; a checkout (also an editable one) next to it
     roots = [_PACKAGE / "data" / folder, _PACKAGE.parent / folder]
     for root in roots:
-        if (root / name).exists():
+        if os.path.exists(root / name):  # Path.exists raises where a name is too long
             return root / name
     there = sorted(
         str(p.relative_to(r))

@@ -65,16 +65,11 @@ def increasing_times(name: str, values: ArrayLike) -> FloatArray:
             f"{int(np.argmin(np.abs(times) <= LARGEST))}"
         )
     steps = np.diff(times)
-    if (steps <= 0).any():
-        k = int(np.flatnonzero(steps <= 0)[0])
-        raise LegsimError(
-            f"{name} must increase strictly; sample {k + 1} ({times[k + 1]:g} s) does not come "
-            f"after sample {k} ({times[k]:g} s)"
-        )
     if (steps < _LEAST_STEP).any():
-        k = int(np.flatnonzero(steps < _LEAST_STEP)[0])
+        k = int(np.argmax(steps < _LEAST_STEP))
         raise LegsimError(
-            f"{name} must be apart; sample {k + 1} comes {steps[k]:.3g} s after sample {k}"
+            f"{name} must increase strictly, by a picosecond or more; sample {k + 1} "
+            f"({times[k + 1]:g} s) comes {steps[k]:.3g} s after sample {k}"
         )
     return times
 

@@ -143,7 +143,7 @@ def focus(
     inside = RigidMotion(geometry.times, transforms.inverse(frame) @ motion @ frame)
     volume = filtered.volume(grid, inside).attenuation
     points = transforms.apply(frame, grid.positions())
-    mask = _near_leg(volume, scale.voxel) & _seen(geometry, motion, points).reshape(volume.shape)
+    mask = near_leg(volume, scale.voxel) & _seen(geometry, motion, points).reshape(volume.shape)
     if mask.sum() * (scale.voxel / COARSE.voxel) ** 3 < _FEWEST:
         raise LegsimError(
             f"only {int(mask.sum())} voxels of {1e3 * scale.voxel:g} mm "
@@ -191,7 +191,8 @@ def _filtered(
     return filtered.under(geometry.moved(world_from_box))
 
 
-def _near_leg(volume: Float32Array, voxel: float) -> NDArray[np.bool_]:
+def near_leg(volume: Float32Array, voxel: float) -> NDArray[np.bool_]:
+    """Voxels of ``voxel`` (m) in a leg, whose values are in 1/m, or a little beside it."""
     smooth = ndimage.gaussian_filter(volume, _SMOOTH / voxel)
     leg = ndimage.binary_opening(smooth > _LEG, iterations=2)
     return ndimage.binary_dilation(leg, iterations=max(1, round(_AROUND / voxel)))

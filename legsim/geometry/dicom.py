@@ -54,7 +54,7 @@ def read_projections(path: Path) -> DicomViews:
     values = values[None] if values.ndim == 2 else values
     try:
         return _views(data, values)
-    except (TypeError, ValueError, AttributeError, OverflowError) as error:
+    except (TypeError, ValueError, AttributeError, OverflowError, NotImplementedError) as error:
         problem = f"its rescaling, pixel size or angles are no numbers ({error})"
         raise file_error(path, problem, "correct them, or export it again") from error
 

@@ -29,6 +29,7 @@ from numpy.typing import NDArray
 
 from legsim.core import files
 from legsim.core.errors import LegsimError, file_error
+from legsim.core.files import is_file
 from legsim.core.memory import in_words
 from legsim.core.values import LARGEST, Float32Array, FloatArray, within
 from legsim.geometry import _meta_header, _nifti_header
@@ -328,17 +329,24 @@ def read_samples(path: Path | str) -> tuple[np.ndarray, FloatArray, FloatArray, 
     The columns of the direction (3, 3) are the index axes in ITK's physical axes.
 
     Raises:
-        LegsimError: no image, not three-dimensional, more than one channel, or cut short.
+        LegsimError: no image, not three-dimensional, more than one channel, no voxels, axes that
+            are not at right angles, or cut short.
     """
     path = Path(path)
     reader = _open(path)
-    samples = sitk.GetArrayFromImage(_executed(path, reader))
     direction = np.array(reader.GetDirection()).reshape(3, 3)
+    if not np.allclose(direction.T @ direction, np.eye(3), atol=1e-3):
+        raise file_error(
+            path,
+            f"its axes are not at right angles (direction cosines {direction.ravel().tolist()})",
+            "resample it to axes that are",
+        )
+    samples = sitk.GetArrayFromImage(_executed(path, reader))
     return samples, np.array(reader.GetSpacing()), np.array(reader.GetOrigin()), direction
 
 
 def _open(path: Path, dimensions: tuple[int, ...] = (3,)) -> sitk.ImageFileReader:
-    if not path.is_file():
+    if not is_file(path):
         raise file_error(path, "no such file", "check the name")
     if path.suffix.lower() in (".mha", ".mhd"):
         _meta_header.check(path)
@@ -358,6 +366,8 @@ def _open(path: Path, dimensions: tuple[int, ...] = (3,)) -> sitk.ImageFileReade
             f"has {reader.GetDimension()} dimensions and {reader.GetNumberOfComponents()} channels",
             "expected 3 dimensions and 1 channel; extract those first",
         )
+    if 0 in reader.GetSize():
+        raise file_error(path, f"has a size of {reader.GetSize()}: no pixels", "export it again")
     if path.name.lower().endswith((".nii", ".nii.gz")):
         fields = {key: reader.GetMetaData(key) for key in reader.GetMetaDataKeys()}
         _nifti_header.check(path, fields)

@@ -44,7 +44,7 @@ def text_of(rows: FloatArray, comment: str) -> str:
 def _of_array(path: Path, values: FloatArray, matlab: bool = False) -> FloatArray:
     shape, stacked_last = values.shape, values.shape[:2] in ((3, 4), (4, 4))
     # MATLAB stacks along the last axis
-    if values.ndim == 3 and stacked_last and (matlab or shape[1:] not in ((3, 4), (4, 4))):
+    if values.ndim == 3 and stacked_last and (matlab or shape[1:] != (4, 4)):
         values = values.transpose(2, 0, 1)
     if values.ndim >= 2 and values.shape[-2:] in ((3, 4), (4, 4)):
         values = values.reshape(-1, values.shape[-2] * 4)

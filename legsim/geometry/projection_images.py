@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from legsim.core import files
 from legsim.core.errors import LegsimError, file_error
+from legsim.core.files import is_file
 from legsim.core.values import FloatArray
 from legsim.geometry import counts as geometry_counts
 from legsim.geometry import dicom, image_files, tiff
@@ -136,10 +137,10 @@ def projections_of(
     path: Path | str,
     images: ProjectionImages,
     geometry: ConeBeamGeometry,
-    counts: Counts | None = None,
+    counts: Counts | None,
     *,
-    turn_rows: bool = False,
-    line_integrals: bool = False,
+    turn_rows: bool,
+    line_integrals: bool,
 ) -> tuple[Projections, tuple[str, ...]]:
     """:func:`read_projections` of images that are read already; ``path`` is for messages."""
     values = images.values
@@ -238,7 +239,7 @@ def _angle_notes(images: ProjectionImages, geometry: ConeBeamGeometry) -> tuple[
 
 
 def _read_file(path: Path, raw: RawLayout | None) -> ProjectionImages:
-    if not path.is_file():
+    if not is_file(path):
         raise file_error(path, "no such file", "check the name")
     suffix = path.suffix.lower()
     if raw is not None:

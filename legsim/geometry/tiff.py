@@ -129,7 +129,7 @@ def by_number(place: Path, members: list[Path]) -> tuple[list[Path], tuple[str, 
     """(files in the order of the last number in their names, notes).
 
     Raises:
-        LegsimError: files of several kinds or names, one number twice, or no number.
+        LegsimError: files of several kinds or names, or one number twice.
     """
     kinds: dict[tuple[str, str], list[Path]] = {}
     for path in members:
@@ -144,8 +144,6 @@ def by_number(place: Path, members: list[Path]) -> tuple[list[Path], tuple[str, 
         )
     numbered = sorted((_number(path), path) for path in members)
     numbers = [number for number, _ in numbered]
-    if len(numbered) > 1 and -1 in numbers:
-        raise file_error(place, "holds images without view numbers", "number the files")
     twice = [k for k, number in enumerate(numbers[1:]) if number == numbers[k]]
     if twice:
         raise file_error(

@@ -203,7 +203,8 @@ def _is_dot(lines: Sequence[str]) -> bool:
 def _xsens_rate(path: Path, lines: Sequence[str]) -> float:
     """Samples per second, as the header says."""
     said = re.search(
-        r"(?im)^\W*(?:update|output|sample|sampling) ?rate\W*([\d.]+)\s*hz", "\n".join(lines[:50])
+        r"(?im)^\W*(?:update|output|sample|sampling) ?rate\W*(\d+\.?\d*)\s*hz",
+        "\n".join(lines[:50]),
     )
     if said is None:
         raise file_error(

@@ -209,9 +209,11 @@ def gyroscope_scale(recording: ImuRecording) -> tuple[float, float]:
     signals in SI, and the correlation of the two sides, low where the sensor hardly tilts.
     """
     rate_hz = recording.rate_hz
-    times = np.arange(recording.times[0], recording.times[-1], 1 / rate_hz)
-    if len(times) < 64 or rate_hz < 4 * _TILTING_HZ:
+    count = rate_hz * (recording.times[-1] - recording.times[0])
+    # of a recording that is mostly gaps nothing is known between its samples
+    if not 63 < count <= 10 * len(recording.times) or rate_hz < 4 * _TILTING_HZ:
         return 1.0, 0.0
+    times = np.arange(recording.times[0], recording.times[-1], 1 / rate_hz)
     low = butter(2, [0.1, _TILTING_HZ], "bandpass", fs=rate_hz, output="sos")
     rate, force = (
         np.stack([np.interp(times, recording.times, values[:, k]) for k in range(3)], -1)
@@ -284,12 +286,12 @@ def gap_note(name: str, times: FloatArray) -> tuple[str, ...]:
     """Describes gaps in a sensor's times; nothing where there is none."""
     steps = np.diff(times)
     step = float(np.median(steps))
-    lost = np.rint(steps / step).astype(int) - 1
+    lost = np.rint(steps / step) - 1
     if not lost.any():
         return ()
     longest = int(np.argmax(steps))
     advice = "; nothing is known of the motion within it" if steps[longest] > _LONG_GAP else ""
     return (
-        f"Sensor {name}: {int(lost.sum())} of {len(times) + int(lost.sum())} samples are missing, "
+        f"Sensor {name}: {lost.sum():.0f} of {len(times) + lost.sum():.0f} samples are missing, "
         f"the longest gap is {1e3 * steps[longest]:.0f} ms at {times[longest]:.3f} s{advice}.",
     )

@@ -5,7 +5,7 @@ A table is of text, or the analog channels of a C3D file, whose clock is that of
 
 import datetime
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -287,11 +287,11 @@ def recording_of(
         )
     try:
         times = times[seen]
-        made = ImuRecording(name, times, rate[seen], force[seen], gap_note(name, times))
+        made = ImuRecording(name, times, rate[seen], force[seen])
         check_plausible(made)
     except LegsimError as error:
         raise _in_file(path, error) from error
-    return made
+    return replace(made, notes=gap_note(name, times))
 
 
 def _time_unit(stated: str | None, cells: Sequence[str]) -> TimeUnit:

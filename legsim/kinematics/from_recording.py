@@ -9,6 +9,7 @@ import numpy as np
 
 from legsim.core import resources
 from legsim.core.errors import LegsimError, file_error, printable
+from legsim.core.files import is_file
 from legsim.kinematics import (
     _stance,
     from_coordinates,
@@ -51,7 +52,7 @@ def find_recording(file: str | Path) -> Path:
     Raises:
         LegsimError: it is neither.
     """
-    if Path(file).is_file():
+    if is_file(file):
         return Path(file)
     try:
         return resources.motion_file(str(file))
@@ -84,7 +85,7 @@ def files_read(
     _check_there(model, marker_set, scale_file)
     files += [Path(given) for given in (model, marker_set, scale_file) if given]
     files += ik_tasks.files_of(tasks_file) if tasks_file else ()
-    if str(marker_map).endswith(".toml") and Path(marker_map).is_file():
+    if str(marker_map).endswith(".toml") and is_file(marker_map):
         files.append(Path(marker_map))
     return tuple(files)
 
@@ -377,7 +378,7 @@ def _check_there(
         (marker_set, "a marker set (.xml)"),
         (scale_file, "a scale file (.xml)"),
     ):
-        if given and not Path(given).is_file():
+        if given and not is_file(given):
             raise file_error(given, "no such file", f"give {what}")
 
 

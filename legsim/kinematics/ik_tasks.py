@@ -6,6 +6,7 @@ from pathlib import Path
 from xml.etree.ElementTree import Element
 
 from legsim.core.errors import LegsimError, file_error
+from legsim.core.files import is_file
 from legsim.kinematics import _osim_functions as functions
 from legsim.kinematics import osim_xml
 from legsim.kinematics.ik_options import CoordinateTask
@@ -88,7 +89,7 @@ def _task_set(path: Path) -> tuple[Element, Path]:
     if not other:
         return found[0], path
     there = path.parent / other
-    if not there.is_file():
+    if not is_file(there):
         raise file_error(path, f"its task set {other} is not there", f"put it at {there}")
     inner = osim_xml.document(there, bare=("IKTaskSet",))
     tasks = inner if inner.tag == "IKTaskSet" else inner.find("IKTaskSet")

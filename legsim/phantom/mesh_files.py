@@ -8,6 +8,7 @@ import lazy_loader
 import numpy as np
 
 from legsim.core.errors import file_error
+from legsim.core.files import is_file
 from legsim.core.values import FloatArray, within
 from legsim.phantom import vtp
 
@@ -34,7 +35,7 @@ def read(file: Path, name: str) -> tuple[FloatArray, np.ndarray]:
             f"convert it to one of {', '.join(SUFFIXES)}",
             place=place,
         )
-    if not file.is_file():
+    if not is_file(file):
         raise file_error(file, "no such file", "paths are relative to the TOML", place=place)
     try:
         vertices, triangles = _arrays(file)

@@ -19,7 +19,7 @@ from typing import Any, Literal, Self
 
 from legsim.core import memory
 from legsim.core.errors import file_error, printable
-from legsim.core.files import PREFIX, sha256, write_text
+from legsim.core.files import PREFIX, is_file, sha256, write_text
 from legsim.evaluation.registration import RegistrationError
 from legsim.run.lock import FolderLock
 from legsim.run.store import StageCache
@@ -134,7 +134,7 @@ class RunFolder:
         """First file of the entry that is missing or has other content; None where all are kept."""
         for name, recorded in entry["files"].items():
             path = self.path / name
-            if not path.is_file() or sha256(path) != recorded["sha256"]:
+            if not is_file(path) or sha256(path) != recorded["sha256"]:
                 return name
         return None
 

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any, cast
 
 from legsim.core.errors import LegsimError, file_error
+from legsim.core.files import is_file
 from legsim.correction import method as correction_method
 from legsim.correction.articulated import Articulated
 from legsim.correction.articulated_beads import ArticulatedBeads, BeadedLeg
@@ -253,7 +254,7 @@ def fingerprint(name: str) -> str:
     A run then computes the method again.
     """
     path, separator, _ = name.rpartition(":")
-    if separator and Path(path).is_file():
+    if separator and is_file(path):
         return own_code.fingerprint(Path(path))
     module = next(
         (
@@ -286,7 +287,7 @@ def _installed(point: importlib.metadata.EntryPoint) -> CorrectionMethod:
 
 
 def _from_file(path: Path, function: str) -> CorrectionMethod:
-    if not path.is_file():
+    if not is_file(path):
         raise file_error(path, "no such file", "give a method as path/to/file.py:function")
     spec = importlib.util.spec_from_file_location(path.stem, path)
     if spec is None or spec.loader is None:

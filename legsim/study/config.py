@@ -10,6 +10,7 @@ from pydantic import Field
 from legsim import config
 from legsim.config import ConfigSection, RunConfig
 from legsim.core.errors import LegsimError, file_error
+from legsim.core.files import is_file
 from legsim.imu.calibration import CalibrationKind
 from legsim.imu.noise import Convention
 from legsim.study.results import NoiseLevel
@@ -204,7 +205,7 @@ def _anchored(study: StudyConfig, base: Path) -> StudyConfig:
     tree = study.model_dump()
     further = ((), ()) if study.ladder is None else (study.ladder.subjects, study.ladder.postures)
     scans = [(s, p) for s in (*study.subjects, *further[0]) for p in (*study.postures, *further[1])]
-    found = all((base / study.recording.format(subject=s, posture=p)).is_file() for s, p in scans)
+    found = all(is_file(base / study.recording.format(subject=s, posture=p)) for s, p in scans)
     if found and not Path(study.recording).is_absolute():
         tree["recording"] = f"{base}/".replace("{", "{{").replace("}", "}}") + study.recording
     for holder in (tree, *tree["noise"]):
@@ -232,7 +233,7 @@ def _anchored(study: StudyConfig, base: Path) -> StudyConfig:
 
 
 def _beside(base: Path, written: str, file: str) -> str:
-    return str(base / written) if file and (base / file).is_file() else written
+    return str(base / written) if file and is_file(base / file) else written
 
 
 def _check_settings(study: StudyConfig, file: Path) -> None:
@@ -248,7 +249,7 @@ def _check_settings(study: StudyConfig, file: Path) -> None:
 
 
 def _find(path: str) -> Path:
-    if Path(path).is_file():
+    if is_file(path):
         return Path(path).resolve()
     if path in shipped():
         return _SHIPPED / f"{path}.toml"
@@ -285,7 +286,7 @@ def run_settings(
     named = base / file
     trees: list[dict[str, Any]] = [
         study.settings,
-        {"motion": {"file": str(named) if named.is_file() else file}},
+        {"motion": {"file": str(named) if is_file(named) else file}},
     ]
     methods = study.methods
     if noise is not None:

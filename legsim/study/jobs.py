@@ -16,7 +16,7 @@ import numpy as np
 
 from legsim import __version__
 from legsim.config import ImuConfig, RunConfig
-from legsim.core import files
+from legsim.core import files, memory
 from legsim.core.files import key_of
 from legsim.core.progress import OnProgress
 from legsim.evaluation import similarity
@@ -153,6 +153,7 @@ def scan(job: ScanJob, on_progress: OnProgress | None = None) -> tuple[ScanScore
     )
 
     def run() -> list[dict[str, Any]]:
+        memory.give_back()  # what the scan before has left
         store = StageCache(job.store)
         clean = job.noise is None and not job.sensor
         result = pipeline.run_scan(

@@ -3,6 +3,7 @@ as results.json.
 """
 
 import json
+import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -169,7 +170,7 @@ def load(path: Path) -> StudyResults:
         LegsimError: no such file, or not a study's results.
     """
     try:
-        content = json.loads(path.read_text("utf-8"))
+        content = json.loads(path.read_text("utf-8"), parse_float=_number, parse_constant=_number)
         return StudyResults(
             content["name"],
             content["title"],
@@ -188,6 +189,14 @@ def load(path: Path) -> StudyResults:
         raise file_error(
             path, f"is not a study's results ({error!r})", "run the study again"
         ) from None
+
+
+def _number(text: str) -> float:
+    """A number, or NaN, which is an aid's error where there is none; no score is infinite."""
+    number = float(text)
+    if math.isinf(number):
+        raise ValueError(f"{text} is infinite")
+    return number
 
 
 def score_from(entry: dict[str, Any]) -> ScanScore:

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
+import rerun_bindings as bindings
 
 from legsim.core.files import write_bytes
 from legsim.scene.values import MeasuredScene, ReplayScene, ScanScene
@@ -94,7 +95,10 @@ def _record_replay(recorder: Recorder, scene: ReplayScene) -> None:
 
 
 def _write(path: Path, scene: AnyScene) -> None:
-    write_bytes(path, _encoded(scene))
+    content = _encoded(scene)
+    # the stream's threads stay until rerun looks for streams that nobody holds
+    bindings.flush_and_cleanup_orphaned_recordings()
+    write_bytes(path, content)
 
 
 def _encoded(scene: AnyScene) -> bytes:
@@ -110,7 +114,7 @@ def _encoded(scene: AnyScene) -> bytes:
         record(stream, scene)
         return collected.drain_as_bytes()
     finally:
-        stream.disconnect()
+        stream.disconnect()  # else the collected memory holds the stream
 
 
 def content_id(value: Any) -> str:

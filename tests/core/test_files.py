@@ -138,3 +138,11 @@ def test_toml_is_read_with_a_byte_order_mark_and_refused_in_one_line(tmp_path):
         files.load_toml(path)
     with pytest.raises(LegsimError, match=r"cannot be read .*check the path"):
         files.load_toml(tmp_path / "none.toml")
+
+
+def test_a_name_that_no_file_can_have_is_no_file(tmp_path):
+    (tmp_path / "a").touch()
+    assert files.is_file(tmp_path / "a")
+    assert not files.is_file(tmp_path)
+    assert not files.is_file(tmp_path / (300 * "a"))
+    assert not files.is_file("a\0b")

@@ -1,5 +1,6 @@
 """The peak rises with what is held, and falls when it is forgotten."""
 
+import platform
 import subprocess
 import sys
 from pathlib import Path
@@ -35,11 +36,51 @@ def test_the_peak_holds_what_was_freed_until_it_begins_anew():
     assert after < peak - 32
 
 
+def test_the_peak_begins_at_what_is_held():
+    memory.begin_peak()
+    assert memory.peak_mebibytes() == pytest.approx(memory.resident_mebibytes(), rel=0.2)
+
+
+THREADS = """
+import threading
+from legsim.core import memory
+
+def churn(ended):
+    held = [b"x" * (100_000 + k) for k in range(300)]
+    del held
+    ended.set()
+    stay.wait()
+
+stay = threading.Event()
+def fill():
+    ended = threading.Event()
+    threading.Thread(target=churn, args=(ended,), daemon=True).start()
+    ended.wait()
+
+bytes(30 << 20)  # from here on malloc keeps freed blocks of up to 30 MiB for itself
+memory.give_back()
+before = memory.resident_mebibytes()
+for _ in range(6):
+    fill()
+memory.give_back()
+print(memory.resident_mebibytes() - before)
+"""
+
+
+@pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="glibc alone has such heaps")
+def test_what_threads_have_freed_is_given_back():
+    """Each uses 29 MiB in blocks for which malloc does not ask the system one by one."""
+    command = [sys.executable, "-c", THREADS]
+    printed = subprocess.run(command, capture_output=True, text=True, check=True).stdout
+    assert float(printed) < 15
+
+
 def test_a_system_that_does_not_tell_gives_none(monkeypatch):
     monkeypatch.setattr(memory, "_PROCESS", Path("/nowhere"))
     monkeypatch.setattr(memory, "_SYSTEM", Path("/nowhere"))
     memory.begin_peak()
     assert memory.peak_mebibytes() is None
+    assert memory.resident_mebibytes() is None
     assert memory.available() is None
 
 

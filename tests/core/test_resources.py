@@ -27,3 +27,8 @@ def test_a_missing_file_is_named_with_what_is_there():
         ),
     ):
         resources.model_file("leg.xml")
+
+
+def test_a_name_that_no_file_can_have_is_missing():
+    with pytest.raises(LegsimError, match="is not part of this legsim installation"):
+        resources.model_file(300 * "a")

@@ -5,6 +5,7 @@ import pytest
 
 from legsim.core import transforms
 from legsim.core.errors import LegsimError
+from legsim.correction import image_criterion
 from legsim.correction.image_criterion import COARSE, FINE, Focus, binned, focus
 from legsim.deformation.models import RigidMotion
 from legsim.geometry.cone_beam import Projections
@@ -68,6 +69,16 @@ def test_voxels_that_count_are_near_the_leg_and_seen(sharpness: Focus) -> None:
     assert pixels.min() > 0
     assert (pixels.max((0, 1)) < np.array(GEOMETRY.shape_vu[::-1]) - 1).all()
     assert 0.2 < mask.mean() < 0.9
+
+
+@pytest.mark.parametrize("voxel", [1.6e-3, 1e-3])
+def test_what_counts_reaches_five_millimeters_into_the_air(voxel: float) -> None:
+    """To a voxel, along an axis, whatever the size of the voxels."""
+    volume = np.zeros((40, 40, 40), np.float32)
+    volume[12:28, 12:28, 12:28] = 20.0
+    mask = image_criterion.near_leg(volume, voxel)
+    reach = 12 - int(np.flatnonzero(mask[:, 20, 20])[0])
+    assert reach == pytest.approx(5e-3 / voxel, abs=1)
 
 
 def test_without_a_leg_it_says_so(device: Device) -> None:

@@ -18,8 +18,12 @@ SPLINES = SplinePath(VIEWS, KNEE, 7)
 STANDING = StandingPrior.at(KNEE, 5e-3)
 
 
-def test_twists_of_splines_are_finite_differences_of_their_poses(rng: np.random.Generator) -> None:
-    errors = 3 * rng.normal(size=SPLINES.size)
+@pytest.mark.parametrize("size", [3.0, 3e-3])
+def test_twists_of_splines_are_finite_differences_of_their_poses(
+    rng: np.random.Generator, size: float
+) -> None:
+    """Of turns of degrees, and of some 1e-5 rad, where series take over."""
+    errors = size * rng.normal(size=SPLINES.size)
     found = SPLINES.path(errors).twists
     for k in rng.integers(0, SPLINES.size, 12):
         step = np.zeros(SPLINES.size)

@@ -37,6 +37,17 @@ def test_without_a_floor_it_is_the_measure_of_the_scores(rng: np.random.Generato
     assert value == pytest.approx(gradient_entropy(volume, mask), abs=1e-6)
 
 
+def test_the_floor_is_added_to_each_difference_in_squares(rng: np.random.Generator) -> None:
+    volume, mask = drawn(rng)
+    floor = 5.0
+    value, _ = GradientEntropy(mask, floor)(volume)
+    z, y, x = (np.roll(volume, -1, axis) - np.roll(volume, 1, axis) for axis in range(3))
+    sizes = np.sqrt(np.square([z, y, x], dtype=float).sum(0) + floor**2)[1:-1, 1:-1, 1:-1]
+    shares = sizes[mask[1:-1, 1:-1, 1:-1]]
+    shares /= shares.sum()
+    assert value == pytest.approx(-(shares * np.log(shares)).sum(), abs=1e-9)
+
+
 def test_the_same_everywhere_is_the_logarithm_of_the_count() -> None:
     value, slopes = GradientEntropy(np.ones(SHAPE, bool))(np.full(SHAPE, 7.0, np.float32))
     assert value == pytest.approx(np.log(7 * 9 * 11))

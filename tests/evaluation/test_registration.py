@@ -103,6 +103,14 @@ def test_a_volume_without_any_likeness_is_left_where_it_is(rng):
     assert np.isfinite(found.of("leg").ssim)
 
 
+def test_a_volume_of_opposite_values_is_left_where_it_is():
+    """Where the volumes differ in sign, no step towards a likeness is known."""
+    shifted = blob(GRID, about_the_center(GRID, [0.0, 0.0, 0.0], [0.002, 0.0, 0.0]))
+    matrix, stopped = registration.rigid_transform(given(-shifted.attenuation))
+    np.testing.assert_array_equal(matrix, np.eye(4))
+    assert stopped == "no further step raises the correlation after 0 steps"
+
+
 def test_holes_outside_the_regions_do_not_matter():
     motion = about_the_center(GRID, [0.0, 0.01, 0.0], [0.0006, -0.0009, 0.0004])
     moving = blob(GRID, motion).attenuation.copy()

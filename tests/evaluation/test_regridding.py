@@ -36,6 +36,9 @@ def test_places_outside_are_unknown_and_regions_are_clipped():
     moved = VolumeGrid.cubic(8, 1e-3, (0.003, 0, 0))
     found = regridding.onto(Volume(grid, np.ones((8, 8, 8), np.float32)), moved)
     np.testing.assert_array_equal(found.known[0, 0], [True] * 5 + [False] * 3)
+    before = VolumeGrid.cubic(8, 1e-3, (-0.003, 0, 0))
+    early = regridding.onto(Volume(grid, np.ones((8, 8, 8), np.float32)), before)
+    np.testing.assert_array_equal(early.known[0, 0], [False] * 3 + [True] * 5)
     everything = Region("all", np.ones((8, 8, 8), bool))
     assert found.clipped(everything).mask.sum() == 5 * 64
     far = VolumeGrid.cubic(8, 1e-3, (0.006, 0, 0))

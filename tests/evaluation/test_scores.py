@@ -1,7 +1,9 @@
 import numpy as np
 import pytest
 
-from legsim.evaluation.scores import MeanAndDeviation, spread
+from legsim.evaluation.residual_motion import Residual
+from legsim.evaluation.scores import MeanAndDeviation, MethodResult, spread
+from legsim.evaluation.similarity import Scores
 
 
 def test_equal_values_have_no_deviation():
@@ -26,3 +28,16 @@ def test_one_value_has_no_deviation_to_tell():
 
 def test_no_values_have_no_spread():
     assert spread([]) is None
+
+
+def test_pixels_are_the_bones_rms_and_the_skin_is_left_out():
+    left = (
+        Residual("femur", 1.0, 1.0, 3.0, 1.0),
+        Residual("tibia", 1.0, 1.0, 4.0, 7.0),
+        Residual("skin", 1.0, None, 99.0, 99.0),
+    )
+    found = MethodResult("rigid", Scores((), None, 1.0, "gaussian"), 1.0, 1.0, left)
+    assert found.residual_px == pytest.approx(np.sqrt(12.5))
+    assert found.residual_px_after_similarity == pytest.approx(5.0)
+    bare = MethodResult("rigid", Scores((), None, 1.0, "gaussian"), 1.0, 1.0, left[2:])
+    assert np.isnan([bare.residual_px, bare.residual_px_after_similarity]).all()

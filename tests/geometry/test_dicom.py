@@ -64,6 +64,18 @@ def test_equal_increments_are_steps_from_frame_to_frame(tmp_path, values):
     np.testing.assert_allclose(angles, 10 + 1.5 * np.arange(6))
 
 
+def test_nearly_even_increments_of_three_frames_are_angles_from_the_first(tmp_path, values):
+    path = written(
+        tmp_path / "x.dcm",
+        values[:3],
+        PositionerPrimaryAngle=10.0,
+        PositionerPrimaryAngleIncrement=[0.0, 1.0, 1.9],
+    )
+    angles = dicom.read_projections(path).angles_deg
+    assert angles is not None
+    np.testing.assert_allclose(angles, [10, 11, 11.9])
+
+
 def test_values_are_rescaled_as_the_file_says(tmp_path, values):
     path = written(tmp_path / "x.dcm", values, RescaleSlope="0.0001", RescaleIntercept="-1")
     found = dicom.read_projections(path)
@@ -122,6 +134,7 @@ def test_files_of_a_series_are_taken_by_their_instance_numbers(tmp_path, values)
         (b"0.0001", b"1e400\0"),
         (b"0.3\\0.4", b"0.3\\x.4"),
         (b"0.3\\0.4", b"0.3\\0.0"),
+        (b"DS\x08\x000.3", b"D\x13\x08\x000.3"),  # a kind of element that does not exist
     ],
 )
 def test_elements_that_are_no_numbers_are_refused(tmp_path, values, element, value):

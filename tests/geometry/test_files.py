@@ -370,3 +370,15 @@ def test_an_encoding_that_nobody_knows_is_refused(tmp_path):
     (tmp_path / "g.xml").write_text('<?xml version="1.0" encoding="utf-9"?><java/>')
     with pytest.raises(LegsimError, match="is not XML"):
         files.read_geometry(tmp_path / "g.xml")
+
+
+def test_sources_on_a_line_turn_about_no_axis(tmp_path):
+    """As in tomosynthesis; their plane is any through that line."""
+    still = circular(1).matrices[0]
+    line = np.tile(np.eye(4), (6, 1, 1))
+    line[:, 0, 3] = np.linspace(-0.1, 0.1, 6)
+    detector = {"columns": 62, "rows": 48, "pixel_mm": 0.616}
+    for views in (2, 6):
+        np.save(tmp_path / "g.npy", (still @ line[:views]) * [1, 1, 1, 1e3])
+        notes = files.read_geometry(tmp_path / "g.npy", **detector).notes
+        assert "turns about" not in " ".join(notes)

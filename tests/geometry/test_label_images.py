@@ -98,3 +98,20 @@ def test_numbers_that_no_structure_has_are_refused(tmp_path, number, kind, said)
     sitk.WriteImage(image(labels), str(tmp_path / "a.mha"))
     with pytest.raises(LegsimError, match=said):
         load_label_image(tmp_path / "a.mha")
+
+
+@pytest.mark.parametrize(
+    ("said", "wrong", "words"),
+    [
+        ("DimSize = 6 5 4", "DimSize = 0 5 4", r"a\.mha: has a size of \(0, 5, 4\): no pixels"),
+        ("1 0 0 0 1 0", "1 0 0 0.1 1 0", r"a\.mha: its axes are not at right angles"),
+        ("1 0 0 0 1 0", "1 0 nan 0 1 0", r"a\.mha: its axes are not at right angles"),
+    ],
+)
+def test_what_has_no_voxels_or_no_directions_is_refused(tmp_path, said, wrong, words):
+    sitk.WriteImage(image(), str(tmp_path / "a.mha"))
+    text = (tmp_path / "a.mha").read_bytes()
+    assert said.encode() in text
+    (tmp_path / "a.mha").write_bytes(text.replace(said.encode(), wrong.encode()))
+    with pytest.raises(LegsimError, match=words):
+        load_label_image(tmp_path / "a.mha")

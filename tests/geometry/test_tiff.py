@@ -86,6 +86,9 @@ def test_colors_previews_and_broken_files_are_refused(tmp_path, rng):
     (tmp_path / "b.tif").write_bytes(b"II*\0nothing")
     with pytest.raises(LegsimError, match="cannot be read as TIFF"):
         tiff.read(tmp_path / "b.tif")
+    (tmp_path / "e.tif").write_bytes(b"II*\0" + bytes(4))
+    with pytest.raises(LegsimError, match=r"cannot be read as TIFF \(no page\)"):
+        tiff.read(tmp_path / "e.tif")
 
 
 def test_a_list_of_more_pages_than_a_file_can_describe_is_refused(tmp_path, rng):

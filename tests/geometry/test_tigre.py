@@ -130,3 +130,10 @@ def test_a_detector_through_its_source_and_numbers_beyond_all_are_refused(tmp_pa
         (tmp_path / "t.json").write_text(json.dumps(content))
         with pytest.raises(LegsimError, match=said):
             files.read_geometry(tmp_path / "t.json")
+
+
+def test_the_detectors_size_is_its_pixels_in_rows_and_columns(tmp_path):
+    files.save_geometry(tmp_path / "g.json", circular(), format="tigre")
+    written = json.loads((tmp_path / "g.json").read_text())
+    assert written["nDetector"] == [48, 62]
+    np.testing.assert_allclose(written["sDetector"], 0.616 * np.array([48, 62]))

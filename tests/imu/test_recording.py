@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from legsim.core.errors import LegsimError
-from legsim.imu.recording import ImuRecording, check_plausible, gyroscope_scale, join
+from legsim.imu.recording import ImuRecording, check_plausible, gap_note, gyroscope_scale, join
 from tests.examples.sensors import still, swaying
 
 
@@ -93,3 +93,15 @@ def test_a_recording_says_what_it_is():
     assert repr(still()) == "ImuRecording(shank: 100 samples over 0.99 s, 100 Hz)"
     with pytest.raises(LegsimError, match=r"increase"):
         ImuRecording("a", np.zeros(2), np.zeros((2, 3)), np.zeros((2, 3)))
+
+
+def test_a_gap_of_any_length_is_counted():
+    (note,) = gap_note("shank", np.array([0.0, 0.01, 0.02, 0.03, 1e25]))
+    assert note.startswith("Sensor shank: 1000000000000000")
+    assert not gap_note("shank", 0.01 * np.arange(5))
+
+
+def test_a_recording_that_is_mostly_a_gap_says_nothing_of_the_gyroscopes_unit():
+    one = swaying()
+    gap = replace(one, times=np.append(one.times[:-1], 1e12))
+    assert gyroscope_scale(gap) == (1.0, 0.0)

@@ -93,6 +93,10 @@ def broken(change):
         (lambda r: r.__setitem__(3, r[3][:4]), "line 7.: the row has 4 cells, the header 7"),
         (lambda r: [row.__setitem__(1, "") for row in r], "has numbers in 0 of 20 samples"),
         (lambda r: r.__delitem__(slice(1, None)), "holds no samples"),
+        (
+            lambda r: (r.__delitem__(slice(2, None)), r[1].__setitem__(1, "")),
+            "has 1 samples; at least 16",
+        ),
     ],
 )
 def test_what_is_wrong_is_named_with_its_place(tmp_path, change, said):

@@ -36,6 +36,15 @@ def test_a_stage_is_done_only_while_key_and_files_are_as_recorded(tmp_path):
             assert not again.done("one", "k")
 
 
+def test_a_name_in_the_manifest_that_no_file_has_is_a_file_that_is_gone(tmp_path):
+    with RunFolder(tmp_path, {}) as folder:
+        folder.cached("one", "k", writing(tmp_path / "a.txt", "hello"))
+    manifest = tmp_path / "manifest.json"
+    manifest.write_text(manifest.read_text().replace("a.txt", 300 * "a"))
+    with RunFolder(tmp_path, {}) as again, pytest.warns(UserWarning, match="aaa: is not as"):
+        assert not again.done("one", "k")
+
+
 def test_a_file_that_was_deleted_or_whose_recorded_hash_is_wrong_is_made_again(tmp_path):
     with RunFolder(tmp_path, {}) as folder:
         folder.cached("one", "k", writing(tmp_path / "a.txt", "hello"))

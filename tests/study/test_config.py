@@ -7,6 +7,7 @@ import pytest
 import tomli_w
 
 from legsim.core.errors import LegsimError
+from legsim.kinematics import from_recording
 from legsim.study import config
 from legsim.study import plan as study_plan
 
@@ -53,6 +54,14 @@ def test_own_recordings_and_methods_are_found_beside_the_file(tmp_path):
     settings = config.run_settings(asked, base, "anna", "stand", None, None)
     assert settings.motion.file == str(tmp_path / "anna_stand.trc")
     assert settings.methods.run[-1] == f"{tmp_path / 'mine.py'}:method"
+
+
+def test_a_person_whose_name_no_file_can_have_has_no_recording_beside_the_study(tmp_path):
+    name = 300 * "a"
+    asked, base = load(tmp_path, PLAIN.replace("subject01", name))
+    settings = config.run_settings(asked, base, name, "squat_30", None, None)
+    with pytest.raises(LegsimError, match="aaa"):
+        from_recording.find_recording(settings.motion.file)
 
 
 def test_a_study_can_be_read_from_anywhere(tmp_path):

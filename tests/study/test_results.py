@@ -1,6 +1,7 @@
 """Results of a study on disk: what is saved is what is loaded."""
 
 import json
+from dataclasses import replace
 
 import pytest
 
@@ -58,6 +59,16 @@ def test_other_files_are_refused(tmp_path, text):
     path = tmp_path / "results.json"
     path.write_text(text)
     with pytest.raises(LegsimError, match="is not a study's results"):
+        study_results.load(path)
+
+
+@pytest.mark.parametrize("number", ["1e400", "Infinity", "-Infinity"])
+def test_infinite_numbers_are_refused(tmp_path, number):
+    path = tmp_path / "results.json"
+    costs = (study_results.StageCost("projecting", 3, 12.5, 300.0),)
+    study_results.save(path, replace(results(), costs=costs))
+    path.write_text(path.read_text().replace("12.5", number))
+    with pytest.raises(LegsimError, match="is infinite"):
         study_results.load(path)
 
 

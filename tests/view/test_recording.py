@@ -2,7 +2,9 @@
 tools.
 """
 
+import os
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -99,3 +101,13 @@ def test_a_full_disk_leaves_no_half_recording(scene, tmp_path):
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, before)
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="threads are counted on Linux")
+def test_a_recordings_stream_is_given_back(scene, tmp_path):
+    """Each stream has two threads; rerun keeps the one that it makes of the layout itself."""
+    view.write_replay(tmp_path / "first.rrd", scene.replay)
+    before = len(os.listdir("/proc/self/task"))
+    for number in range(4):
+        view.write_replay(tmp_path / f"{number}.rrd", scene.replay)
+    assert len(os.listdir("/proc/self/task")) <= before + 4 * 2

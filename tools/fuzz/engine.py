@@ -145,4 +145,4 @@ def keep(folder: Path, name: str, firsts: dict[str, bytes]) -> None:
     for what, data in firsts.items():
         place = f"{name}-{files.key_of(what)[:8]}"
         (folder / f"{place}{READERS[name].suffix}").write_bytes(data)
-        (folder / f"{place}.txt").write_text(f"{name}: {what}\n")
+        (folder / f"{place}.what").write_text(f"{name}: {what}\n")

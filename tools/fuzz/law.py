@@ -15,7 +15,10 @@ from legsim.core.errors import LegsimError
 from tools.fuzz.readers import Reader
 
 LIMIT_S = 10
-"""for one file"""
+"""of a processor for one file, so that other jobs of the machine do not count"""
+
+_WAIT_S = 600
+"""for a reader that waits for something and computes nothing"""
 
 READ, REFUSED = "read", "refused"
 """what may become of a file"""
@@ -35,11 +38,12 @@ def watched() -> Iterator[None]:
 
     One that hangs outside of Python is ended with its process, by SIGVTALRM.
     """
-    before = signal.signal(signal.SIGALRM, _stop)
+    before = {number: signal.signal(number, _stop) for number in (signal.SIGPROF, signal.SIGALRM)}
     try:
         yield
     finally:
-        signal.signal(signal.SIGALRM, before)
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 @contextlib.contextmanager
@@ -60,7 +64,8 @@ def outcome(reader: Reader, path: Path) -> str:
 
     Notes for people, which are UserWarnings, are free; any other warning counts as an error.
     """
-    signal.alarm(LIMIT_S)
+    signal.alarm(_WAIT_S)
+    signal.setitimer(signal.ITIMER_PROF, LIMIT_S)
     signal.setitimer(signal.ITIMER_VIRTUAL, 3 * LIMIT_S)
     try:
         with warnings.catch_warnings():
@@ -74,7 +79,8 @@ def outcome(reader: Reader, path: Path) -> str:
         return f"{type(error).__name__} at {_place(error)}"
     finally:
         signal.alarm(0)
-        signal.setitimer(signal.ITIMER_VIRTUAL, 0)
+        for timer in (signal.ITIMER_PROF, signal.ITIMER_VIRTUAL):
+            signal.setitimer(timer, 0)
 
 
 def _place(error: BaseException) -> str:

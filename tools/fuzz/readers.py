@@ -228,6 +228,6 @@ READERS: dict[str, Reader] = {
         ".toml", lambda p: study_config.load(str(p)), (samples.content(samples.STUDY),)
     ),
     "toml": Reader(".toml", tree.read, (samples.content(samples.STUDY),), may_hold="naninf"),
-    "results": Reader(".json", results.load, (samples.results,)),
+    "results": Reader(".json", results.load, (samples.results,), may_hold="nan"),
     "manifest": Reader(".json", _manifest, (samples.manifest,)),
 }
