@@ -1,6 +1,6 @@
 """A run as raw files of three makers, with a SCAN.toml written by hand.
 
-    legsim run --preset demo --set scan.phantom.legs=scanned --out run
+    legsim run --preset demo --set phantom.legs=scanned --out run
     python docs/examples/own_counts.py run own
     legsim correct own/scan.toml --method rigid --method standing --out corrected
 
