@@ -7,6 +7,7 @@ their names. Rows are as the file has them: the geometry's matrices say where th
 
 import math
 import re
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -49,6 +50,8 @@ class ProjectionImages:
     """(u, v) of the first pixel's center, where the file says it"""
     angles_deg: FloatArray | None = None
     """(v,) of the source about the patient, where the file says them"""
+    no_counts: str = ""
+    """what the file says against its values being counts; empty: nothing"""
     notes: tuple[str, ...] = ()
 
 
@@ -166,6 +169,8 @@ def projections_of(
         if not line_integrals:
             geometry_counts.refuse_counts(values, str(path))
     else:
+        if images.no_counts:
+            notes.append(f"In doubt: the images say that their {images.no_counts}: no counts?")
         made = _integrals(path, values, counts)
         values = made.values
         notes += made.notes
@@ -258,7 +263,7 @@ def _read_file(path: Path, raw: RawLayout | None) -> ProjectionImages:
     if _is_dicom(path):
         found = dicom.read_projections(path)
         return ProjectionImages(
-            found.values, found.pixel_mm, None, found.angles_deg, notes=found.notes
+            found.values, found.pixel_mm, None, found.angles_deg, found.no_counts, found.notes
         )
     values, pixel_mm, origin_mm = image_files.read_stored(path)
     return ProjectionImages(values, pixel_mm, origin_mm)
@@ -271,8 +276,12 @@ def _is_dicom(path: Path) -> bool:
 def _read_series(place: Path, raw: RawLayout | None) -> ProjectionImages:
     """The files of a folder, one after the other; headers must agree."""
     members, notes = tiff.members(place)
-    if raw is None and all(_is_dicom(path) for path in members):
-        members = dicom.in_order(members)
+    slices = [path for path in members if path.suffix or dicom.is_image(path)]
+    by_dicom = raw is None and bool(slices) and all(_is_dicom(path) for path in slices)
+    if by_dicom:
+        left = sorted({path.name for path in members} - {path.name for path in slices})
+        notes += (f"not images, left out: {', '.join(left[:5])}",) if left else ()
+        members = dicom.in_order(slices)
     else:
         members, more = tiff.by_number(place, members)
         notes += more
@@ -282,7 +291,8 @@ def _read_series(place: Path, raw: RawLayout | None) -> ProjectionImages:
     for path, part in zip(members, parts, strict=True):
         if (
             part.values.shape[1:] != first.values.shape[1:]
-            or part.values.dtype != first.values.dtype
+            # each file of DICOM has a rescaling of its own, which some leave out
+            or (part.values.dtype != first.values.dtype and not by_dicom)
         ):
             raise file_error(
                 path,
@@ -303,8 +313,15 @@ def _read_series(place: Path, raw: RawLayout | None) -> ProjectionImages:
         first.pixel_mm,
         first.origin_mm,
         np.concatenate(known) if len(known) == len(angles) else None,
-        (*notes, *dict.fromkeys(note for part in parts for note in part.notes)),
+        first.no_counts,
+        (*notes, *_few(dict.fromkeys(note for part in parts for note in part.notes))),
     )
+
+
+def _few(notes: Iterable[str]) -> list[str]:
+    """The first three notes of files, and how many more there are."""
+    first = list(notes)
+    return first if len(first) < 5 else [*first[:3], f"and {len(first) - 3} more of this kind"]
 
 
 def _npy_values(path: Path) -> NDArray:
