@@ -1,8 +1,9 @@
 """Images of a scan as other programs write them, and the line integrals in them.
 
 One file with all views (TIFF, multi-frame DICOM, .npy, raw, or what ITK reads), a folder with one
-file per view, or a pattern (`scan/view_*.tif`). Files of a folder are taken by the last number in
-their names. Rows are as the file has them: the geometry's matrices say where they are.
+file per view, or a pattern (`scan/view_*.tif`). Files of a folder are taken by the number that
+differs between their names. Rows are as the file has them: the geometry's matrices say where they
+are.
 """
 
 import math
@@ -18,7 +19,7 @@ from legsim.core import files
 from legsim.core.errors import LegsimError, file_error
 from legsim.core.values import FloatArray
 from legsim.geometry import counts as geometry_counts
-from legsim.geometry import dicom, image_files, tiff
+from legsim.geometry import dicom, image_files, tiff, view_files
 from legsim.geometry.cone_beam import ConeBeamGeometry, Projections
 from legsim.geometry.counts import Counts
 
@@ -95,7 +96,7 @@ def read_images(path: Path | str, *, raw: RawLayout | None = None) -> Projection
             a file that is broken; the line says what to do.
     """
     path = Path(path)
-    if not path.is_dir() and "*" not in path.name:
+    if not path.is_dir() and not view_files.is_pattern(path):
         return _read_file(path, raw)
     return _read_series(path, raw)
 
@@ -103,7 +104,8 @@ def read_images(path: Path | str, *, raw: RawLayout | None = None) -> Projection
 def members(path: Path | str) -> list[Path]:
     """The files that :func:`read_images` reads."""
     path = Path(path)
-    return sorted(tiff.members(path)[0]) if path.is_dir() or "*" in path.name else [path]
+    several = path.is_dir() or view_files.is_pattern(path)
+    return sorted(view_files.members(path)[0]) if several else [path]
 
 
 def read_projections(
@@ -259,7 +261,8 @@ def _read_file(path: Path, raw: RawLayout | None) -> ProjectionImages:
     if suffix == ".npy":
         return ProjectionImages(_npy_values(path))
     if suffix in tiff.SUFFIXES:
-        return ProjectionImages(tiff.read(path))
+        stack = tiff.read(path)
+        return ProjectionImages(stack.values, notes=stack.notes)
     if _is_dicom(path):
         found = dicom.read_projections(path)
         return ProjectionImages(
@@ -275,7 +278,7 @@ def _is_dicom(path: Path) -> bool:
 
 def _read_series(place: Path, raw: RawLayout | None) -> ProjectionImages:
     """The files of a folder, one after the other; headers must agree."""
-    members, notes = tiff.members(place)
+    members, notes = view_files.members(place)
     slices = [path for path in members if path.suffix or dicom.is_image(path)]
     by_dicom = raw is None and bool(slices) and all(_is_dicom(path) for path in slices)
     if by_dicom:
@@ -283,7 +286,7 @@ def _read_series(place: Path, raw: RawLayout | None) -> ProjectionImages:
         notes += (f"not images, left out: {', '.join(left[:5])}",) if left else ()
         members = dicom.in_order(slices)
     else:
-        members, more = tiff.by_number(place, members)
+        members, more = view_files.by_number(place, members)
         notes += more
     one = None if raw is None else replace(raw, views=1)
     parts = [_read_file(path, one) for path in members]
@@ -299,6 +302,14 @@ def _read_series(place: Path, raw: RawLayout | None) -> ProjectionImages:
                 f"has {part.values.shape[:0:-1]} columns and rows of {part.values.dtype}, "
                 f"{members[0].name} {first.values.shape[:0:-1]} of {first.values.dtype}",
                 "give a folder or a pattern with the views of one scan alone",
+            )
+        if len(part.values) > len(first.values) or (
+            len(part.values) < len(first.values) and path != members[-1]
+        ):
+            raise file_error(
+                path,
+                f"holds {len(part.values)} views, {members[0].name} {len(first.values)}",
+                "give files of as many views each",
             )
         if part.pixel_mm != first.pixel_mm:
             raise file_error(
