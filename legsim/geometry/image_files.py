@@ -31,7 +31,7 @@ from legsim.core import files
 from legsim.core.errors import LegsimError, file_error
 from legsim.core.memory import in_words
 from legsim.core.values import LARGEST, Float32Array, FloatArray, within
-from legsim.geometry import _meta_header, _nifti_header
+from legsim.geometry import _meta_header, _nifti_header, _whole_files
 from legsim.geometry.cone_beam import ConeBeamGeometry, Projections
 from legsim.geometry.volume import Volume, VolumeGrid
 
@@ -281,11 +281,7 @@ def read_stored(
         LegsimError: no image, not of two or three dimensions, or more than one channel.
     """
     reader = _open(path, dimensions=(2, 3))
-    try:
-        with _quiet():
-            values = sitk.GetArrayFromImage(reader.Execute())
-    except RuntimeError as error:
-        raise file_error(path, "cannot be read to its end", "write or copy it again") from error
+    values = sitk.GetArrayFromImage(_executed(path, reader))
     if np.iscomplexobj(values):
         raise file_error(path, "holds complex numbers", "expected real ones")
     (wide, high), (u, v) = reader.GetSpacing()[:2], reader.GetOrigin()[:2]
@@ -410,9 +406,11 @@ def _read(path: Path, physical: Axes | None = None) -> tuple[Float32Array, Image
 def _executed(path: Path, reader: sitk.ImageFileReader) -> sitk.Image:
     try:
         with _quiet():
-            return reader.Execute()
+            image = reader.Execute()
     except RuntimeError as error:
         raise file_error(path, "cannot be read to its end", "write or copy it again") from error
+    _whole_files.check(path, sitk.GetArrayViewFromImage(image).nbytes)
+    return image
 
 
 @contextmanager

@@ -68,8 +68,8 @@ def first_views(path: Path, pixels: FloatArray) -> FloatArray:
     Raises:
         LegsimError: the first view does not.
     """
-    whole = np.isfinite(pixels).all(axis=(1, 2))
-    count = int(np.argmin(whole)) if not whole.all() else len(whole)
+    hidden = np.flatnonzero(~np.isfinite(pixels).all(axis=(1, 2)))
+    count = int(hidden[0]) if len(hidden) else len(pixels)
     if not count:
         name = FIDUCIAL_NAMES[int(np.argmin(np.isfinite(pixels[0]).all(-1)))]
         raise file_error(
