@@ -336,10 +336,11 @@ def read_samples(path: Path | str) -> tuple[np.ndarray, FloatArray, FloatArray, 
 def _open(path: Path, dimensions: tuple[int, ...] = (3,)) -> sitk.ImageFileReader:
     if not path.is_file():
         raise file_error(path, "no such file", "check the name")
-    if path.suffix.lower() in (".mha", ".mhd"):
-        _meta_header.check(path)
     reader = sitk.ImageFileReader()
     reader.SetFileName(str(path))
+    if path.suffix.lower() in (".mha", ".mhd"):
+        _meta_header.check(path)
+        reader.SetImageIO("MetaImageIO")  # ITK itself knows it by small letters alone
     try:
         reader.ReadImageInformation()
     except RuntimeError as error:
@@ -440,13 +441,26 @@ def _write(path: Path, image: sitk.Image) -> None:
             f"{', '.join(WRITABLE)}"
         )
     try:
-        with files.whole(path) as partial:
-            sitk.WriteImage(image, str(partial), ending == ".nii.gz")
-            _check_whole(partial, ending, sitk.GetArrayViewFromImage(image).nbytes)
+        # ITK's writers know endings in small letters alone
+        with files.whole(path) as partial, _small(partial, ending) as small:
+            sitk.WriteImage(image, str(small), ending == ".nii.gz")
+            _check_whole(small, ending, sitk.GetArrayViewFromImage(image).nbytes)
     except RuntimeError as error:
         raise file_error(
             path, f"cannot be written ({_last_line(error)})", "check the folder and the space left"
         ) from error
+
+
+@contextmanager
+def _small(path: Path, ending: str) -> Iterator[Path]:
+    """Yields the name with its ending in small letters; what is written there gets the name."""
+    small = path.with_name(path.name[: -len(ending)] + ending)
+    try:
+        yield small
+        small.replace(path)
+    finally:
+        if small != path:
+            small.unlink(missing_ok=True)
 
 
 _BEFORE_VALUES = {".mha": b"ElementDataFile = LOCAL\n", ".nrrd": b"\n\n"}

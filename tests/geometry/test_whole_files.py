@@ -42,7 +42,7 @@ def test_compressed_content_that_is_damaged_is_refused(tmp_path, values):
     content = bytearray(path.read_bytes())
     content[-6] ^= 0xFF
     path.write_bytes(content)
-    with pytest.raises(LegsimError, match="cannot be read to its end|not an image"):
+    with pytest.raises(LegsimError, match=r"cannot be read to its end|not an image"):
         image_files.read_stored(path)
 
 
