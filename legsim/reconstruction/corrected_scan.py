@@ -2,6 +2,8 @@
 
 from typing import Protocol
 
+import numpy as np
+
 from legsim.core.errors import LegsimError
 from legsim.deformation.models import Motion
 from legsim.geometry.cone_beam import Projections
@@ -27,9 +29,11 @@ def images_and_motion(
     """Images to reconstruct and the motion to follow.
 
     Raises:
-        LegsimError: a corrected scan comes with a second motion, or ``scan`` is something else.
+        LegsimError: a corrected scan comes with a second motion, ``scan`` is something else, or
+            images hold values that are not finite.
     """
     if isinstance(scan, Projections):
+        _check_finite(scan)
         return scan, motion
     images = getattr(scan, "projections", None)
     if not isinstance(images, Projections) or not hasattr(scan, "motion"):
@@ -42,4 +46,16 @@ def images_and_motion(
             "the correction has a motion of its own; leave out motion=, or give the correction's "
             "projections alone"
         )
+    _check_finite(images)
     return images, scan.motion
+
+
+def _check_finite(projections: Projections) -> None:
+    """One such value would spread over the whole volume."""
+    for view, image in enumerate(projections.line_integrals):
+        # a sum is finite where all values are: line integrals are far from overflow
+        if not np.isfinite(image.sum(dtype=np.float64)):
+            raise LegsimError(
+                f"view {view} of the projections holds values that are not finite numbers; replace "
+                "them before reconstructing"
+            )
