@@ -18,9 +18,6 @@ from legsim.deformation import moving_least_squares
 from legsim.geometry.cone_beam import ConeBeamGeometry
 from legsim.geometry.volume import VolumeGrid
 
-_RIGID = 0.01
-"""by which elements of a rigid transform may be off: numbers of files are rounded"""
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Motion(ABC):
@@ -67,14 +64,6 @@ class Motion(ABC):
         )
 
 
-def _off_rigid(matrices: FloatArray) -> FloatArray:
-    """(v,) how far matrices (v, 4, 4) are from rotations with a translation."""
-    turned = matrices[:, :3, :3]
-    off = np.abs(np.swapaxes(turned, -1, -2) @ turned - np.eye(3)).max((1, 2))
-    off = np.maximum(off, np.abs(matrices[:, 3] - [0, 0, 0, 1]).max(1))
-    return np.where(np.linalg.det(turned) > 0, off, np.inf)
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class RigidMotion(Motion):
     """One rigid transform per view: everything moves alike."""
@@ -97,12 +86,6 @@ class RigidMotion(Motion):
             raise LegsimError(
                 "RigidMotion.moved_from_reference holds a value that is not a finite number in "
                 f"view {bad}"
-            )
-        off = _off_rigid(self.moved_from_reference)
-        if off.max() > _RIGID:
-            raise LegsimError(
-                f"RigidMotion.moved_from_reference is not rigid in view {int(off.argmax())}: give "
-                "a rotation and a translation in m, the last row 0, 0, 0, 1"
             )
 
     def __repr__(self) -> str:

@@ -147,15 +147,3 @@ def test_motions_print_as_one_short_line_with_units():
         "FieldMotion(249 views over 8 s, 4x3x2 nodes (x, y, z) 100x100x100 mm apart)"
     )
     assert max(len(repr(motion)) for motion in (rigid, followed, field)) < 120
-
-
-@pytest.mark.parametrize(
-    "wrong",
-    [2 * np.eye(4), np.diag([1.0, 1, -1, 1]), np.eye(4) + np.eye(4)[:, ::-1] * 0.1],
-)
-def test_matrices_that_are_not_rigid_are_refused_with_their_view(wrong):
-    """Another scale, a mirror, a translation in the last row."""
-    matrices = np.tile(np.eye(4), (3, 1, 1))
-    matrices[2] = wrong
-    with pytest.raises(LegsimError, match="is not rigid in view 2"):
-        RigidMotion(np.arange(3.0), matrices)
