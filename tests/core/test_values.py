@@ -69,11 +69,11 @@ def test_numbers_are_within_up_to_the_largest():
 
 
 def test_plain_numbers_hide_nothing():
-    masked = np.ma.masked_array(np.ones(3), mask=[0, 1, 0])
+    masked = np.ma.masked_equal([1.0, 2.0, 3.0], 2.0)
     for bad in (masked, np.ones(2, complex), np.array(["1"]), np.array([None])):
         with pytest.raises(LegsimError, match=r"a is a masked array|a holds"):
             plain_numbers("a", bad)
-    for good in (np.ma.masked_array(np.ones(3)), np.ones(3, ">f4"), [1, 2, 3], np.ones(3, bool)):
+    for good in (np.ma.array(np.ones(3)), np.ones(3, np.dtype(">f4")), [1, 2, 3], np.ones(3, bool)):
         assert plain_numbers("a", good).shape == (3,)
 
 
