@@ -1,7 +1,8 @@
 """Rigid bones by two consumer sensors and few beads on each segment, tied at the knee.
 
 The tied smoother says how thigh and shank move from rough starts and biased signals; bones and the
-tissue between them follow as in :mod:`legsim.correction.articulated`.
+tissue between them follow as in :mod:`legsim.correction.articulated`. Where the two move against
+each other by no more than what is unknown of it, both follow the shank as one rigid body.
 """
 
 from collections.abc import Callable
@@ -23,6 +24,9 @@ from legsim.correction.tied_sensors import LegTie, TiedPaths, tied_paths
 from legsim.deformation.models import RigidMotion
 from legsim.geometry.volume import VolumeGrid
 from legsim.opencl.device import Device
+
+_ABOVE_KNEE = np.array([0.0, 0.04, 0.08])
+"""m along the thigh, of the points at which it is compared with the shank"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -67,11 +71,18 @@ class ArticulatedBeads:
         if not determined:
             still = RigidMotion.identity(scan.times)
             return Correction("articulated-beads", scan.projections, still, notes=(*noted, said))
-        limb = Limb(found.joints(tie), found.thigh.path.poses, found.shank.path.poses)
+        joints = found.joints(tie)
+        parting, apart = _parted(found, joints)
+        if not apart:
+            notes = (*noted, said, parting)
+            return Correction(
+                "articulated-beads", scan.projections, found.shank.motion, notes=notes
+            )
+        limb = Limb(joints, found.thigh.path.poses, found.shank.path.poses)
         nodes = self.nodes or around_center(scan.projections)
         motion, seen = follow_limbs(scan.projections, [limb], nodes, self.device)
         return Correction(
-            "articulated-beads", scan.projections, motion, notes=(*noted, said, *seen)
+            "articulated-beads", scan.projections, motion, notes=(*noted, said, parting, *seen)
         )
 
 
@@ -124,3 +135,19 @@ def _judged(scan: Scan, found: TiedPaths) -> tuple[str, bool]:
         return f"{said}.", True
     why = "the data do not determine it" if found.settled else "its estimate did not settle"
     return f"{said}: {why}, and the scan is left as it is.", False
+
+
+def _parted(found: TiedPaths, joints: FloatArray) -> tuple[str, bool]:
+    """A sentence on how thigh and shank move against each other, and whether that is determined.
+
+    An error of it displaces one bone against the other, and no registration takes that away.
+    """
+    upward = (joints[0] - joints[1]) / np.linalg.norm(joints[0] - joints[1])
+    size, error = found.parting(joints[1] + _ABOVE_KNEE[:, None] * upward)
+    said = (
+        f"articulated-beads: near the knee, thigh and shank move against each other by "
+        f"{1e3 * size:.2g} mm RMS with an error of {1e3 * error:.2g} mm"
+    )
+    if size > DISCERNED * error:
+        return f"{said}.", True
+    return f"{said}, which does not determine it: both follow the shank.", False

@@ -75,7 +75,8 @@ def track(
     Args:
         projections: with the beads in them.
         guesses: (b, 3) m in world, where the beads are about at the first view: to within
-            ``search_px`` on the detector.
+            ``search_px`` on the detector. One that is farther off is found where views bring its
+            bead that near, and followed back from there.
         radius: m, of the beads.
         search_px: how far from its expected place a shadow may be, in widths of a pixel. It is
             expected where the resting guess would be seen, plus how far off it was last; the
@@ -88,13 +89,15 @@ def track(
     resting = geometry.project(guesses)[0]
     sizes = blob_detection.shadow_radii(geometry, guesses, radius)
     row_ratio = geometry.row_pitch() / geometry.pixel_pitch
-    offset, found = np.zeros((len(guesses), 2)), np.full(resting.shape, np.nan)
-    for view, image in enumerate(projections.line_integrals):
+    found, offsets = np.full(resting.shape, np.nan), np.zeros(resting.shape)
+
+    def search(view: int, offset: FloatArray) -> None:
+        """Looks where the beads are expected by how far off they were."""
         expected = resting[view] + offset
         alone = _alone(expected * (1, row_ratio), search_px + 2 * float(sizes[view].mean()))
         seen = np.full(expected.shape, np.nan)
         seen[alone] = blob_detection.locate(
-            image,
+            projections.line_integrals[view],
             expected[alone],
             radius_px=float(sizes[view].mean()),
             search_px=search_px,
@@ -107,9 +110,19 @@ def track(
             offset = offset + np.where(
                 has[:, None], np.nan_to_num(change), np.median(change[has], axis=0)
             )
-        found[view] = seen
+        found[view], offsets[view] = seen, offset
+
+    for view in range(len(geometry)):
+        search(view, offsets[max(view - 1, 0)])
         if progress is not None:
             progress(view + 1, len(geometry))
+    # a bead whose guess was too far off is met later: from there it is followed back
+    forward = found.copy()
+    met = np.logical_or.accumulate(np.isfinite(forward).all(-1))
+    early = ~met & met[-1]
+    for view in np.flatnonzero(early.any(1))[::-1]:
+        search(int(view), offsets[view + 1])
+        found[view] = np.where(early[view][:, None], found[view], forward[view])
     return found
 
 

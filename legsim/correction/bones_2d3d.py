@@ -65,6 +65,11 @@ _ARM = 0.03
 _SETTLED = 0.2
 """standard deviations of the prior, RMS of a step after which no more is made"""
 
+_DOUBT = (
+    "It is a part of how the bones moved at best, and may part femur and tibia by millimeters "
+    "along the rays, which images do not show: compare with the uncorrected volume."
+)
+
 _FLOOR, _FLOOR_PX = 0.6e-3, 0.3
 """m at the isocenter, and averaged pixels, by which rounds from a true motion leave it; the greater
 counts (docs/methods.md)"""
@@ -105,7 +110,7 @@ class Bones2D3D:
             f"{floor_px:.2g} px of the method's own error"
         )
         if moved_px > DISCERNED * floor_px:
-            return self._followed(scan, found, (*notes, f"{judged}."), device)
+            return self._followed(scan, found, (*notes, f"{judged}. {_DOUBT}"), device)
         kept = "that of the sensors is kept" if started else "the scan is left as it is"
         notes = (*notes, f"{judged}: the data do not determine a motion, and {kept}.")
         return self._followed(scan, started, notes, device)

@@ -245,7 +245,7 @@ def error_state(
         _triad_errors(errors.accelerometer, times, views, force),
         _triad_errors(errors.gyroscope, times, views, rate),
     )
-    nodes = np.union1d(views, times[(times > views[0]) & (times < views[-1])])
+    nodes = strapdown.with_samples(views, times)
     at_nodes = _at(nodes, times, of_both[0]), _at(nodes, times, of_both[1])
     return ErrorState(
         times, rate, force, start, views, start_errors.sigmas, *of_both, clock, nodes, at_nodes

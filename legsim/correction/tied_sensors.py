@@ -150,6 +150,16 @@ class TiedPaths:
         errors = self.covariance[:-_KNEE, :-_KNEE]
         return by @ errors @ np.swapaxes(by, -1, -2)
 
+    def parting(self, points: FloatArray) -> tuple[float, float]:
+        """How far thigh and shank carry the same points (p, 3) m of the first view apart, RMS over
+        points and views, and its standard deviation: m.
+        """
+        apart = np.mean([np.square(self.apart(point)).sum(-1).mean() for point in points])
+        spread = np.mean(
+            [np.trace(self.apart_covariance(p), axis1=-2, axis2=-1).mean() for p in points]
+        )
+        return float(np.sqrt(apart)), float(np.sqrt(spread))
+
 
 class _Joint(NamedTuple):
     """Both sensors' problems, where they stand, and the tie."""

@@ -24,7 +24,7 @@ Scheme = Literal["accurate", "paper"]
 _HIGHEST_DEGREE = 5
 
 _ROUNDING = 1e-9
-"""s by which a wanted time may be outside the recording: rounding of clocks written as text"""
+"""s between equal times: rounding of clocks written as text"""
 
 # Gauss-Legendre on [0, 1]: two nodes for rates (fourth order), three for forces (sixth)
 _GAUSS2 = 0.5 + np.array([-0.5, 0.5]) / np.sqrt(3)
@@ -93,12 +93,19 @@ def _check(times: FloatArray, rate: FloatArray, force: FloatArray, at: FloatArra
         )
 
 
+def with_samples(at: FloatArray, times: FloatArray) -> FloatArray:
+    """The wanted times ``at`` and the samples between them, but for those that are one of them."""
+    between = times[(times > at[0]) & (times < at[-1])]
+    apart = np.abs(between[:, None] - at).min(1) > _ROUNDING
+    return np.union1d(at, between[apart])
+
+
 def _accurate(
     times: FloatArray, rate: FloatArray, force: FloatArray, start: SensorStart, at: FloatArray
 ) -> FloatArray:
     rate_spline, force_spline = _interpolating(times, rate), _interpolating(times, force)
     # steps never cross a sample (a knot) or a wanted time, so that each sees one polynomial
-    nodes = np.union1d(at, times[(times > at[0]) & (times < at[-1])])
+    nodes = with_samples(at, times)
     begin, length = nodes[:-1], np.diff(nodes)
     rotations = _chained(start.world_from_sensor[:3, :3], _turn(rate_spline, begin, length))
     velocity_gain, position_gain = np.zeros((len(length), 3)), np.zeros((len(length), 3))

@@ -35,7 +35,7 @@ _ABSURD = 3.0
 such as a shank that is turned about
 """
 
-_ENOUGH, _ENOUGH_NEARBY = 25, 10
+ENOUGH, _ENOUGH_NEARBY = 25, 10
 """iterations after which a start, from afar or from the frame before, is near its minimum; along a
 flat valley it may take hundreds
 """
@@ -177,7 +177,7 @@ def _solved(
         starts,
         np.tile(measured, (times, 1, 1)),
         np.tile(weights, (times, 1)),
-        iterations_at_most=_ENOUGH,
+        iterations_at_most=ENOUGH,
     )
     return state.values, state.cost
 

@@ -20,6 +20,9 @@ _ROUNDING = 1e-6
 _STRAIGHT = np.radians(10.0)
 """rad of hyperextension from which a knee is drawn back"""
 
+_OF_FOOT = ("ankle_angle", "subtalar_angle")
+"""beginnings of coordinates that turn a foot about its shank"""
+
 _UNSEEN, _LOCK = 1e-12, 1e12
 """m^2/rad^2 of priors that stand for no prior and for a lock"""
 
@@ -63,6 +66,9 @@ class Problem:
         for prior in config.priors or ():
             column = self._column(prior.coordinate, "prior")
             self.prior_weights[column], self.prior_values[column] = prior.weight, prior.value
+        for k in self._hanging():
+            self.prior_weights[k] = max(self.prior_weights[k], config.flat_foot_weight)
+            self.prior_values[k] = leg.default_coordinates[k]
         for task in config.tasks:
             if task.weight > 0:
                 column = self._column(task.coordinate, "task")
@@ -79,6 +85,12 @@ class Problem:
         if isinstance(leg, LegModel):
             knees = [k for k, name in enumerate(names) if name.startswith("knee_angle")]
             self._straight[knees] = _STRAIGHT
+
+    def _hanging(self) -> list[int]:
+        """Joints that hold the foot of somebody who lies."""
+        names = self.leg.coordinate_names
+        on_floor = self.config.feet_on_floor
+        return [] if on_floor else [k for k, name in enumerate(names) if name.startswith(_OF_FOOT)]
 
     def _column(self, coordinate: str, what: str) -> int:
         names = self.leg.coordinate_names
@@ -207,7 +219,8 @@ class Problem:
         """Adds the prior on the feet to gradient and upper triangles in place; returns its cost
         (n,).
         """
-        weight, cost = self.config.flat_foot_weight, np.zeros(len(gradient))
+        weight = self.config.flat_foot_weight if self.config.feet_on_floor else 0.0
+        cost = np.zeros(len(gradient))
         for foot in self._feet if weight > 0 else ():
             angular, upright = (
                 pose.angular * self.leg.moves[:, foot, None],

@@ -43,9 +43,6 @@ _LONGEST_REPAIR = 128
 
 _MOST_REPAIRS = 20
 
-_ENOUGH = 25
-"""iterations after which a solution that is followed from frame to frame is near its minimum"""
-
 
 class Trace(NamedTuple):
     """How each of n frames was solved."""
@@ -147,7 +144,9 @@ def _solve_chunks(
 
 
 def _join(problem: Problem, recording: Recording, frames: np.ndarray, values: FloatArray) -> None:
-    """Repairs jumps between neighboring ``frames`` in ``values`` (f, c)."""
+    """Repairs jumps between neighboring ``frames`` in ``values`` (f, c); those that are left, and
+    new ones at gaps, are looked for when all frames are solved.
+    """
     for place in _jumps(problem, recording, frames, values)[:_MOST_REPAIRS]:
         if not _joined(problem, recording, frames, values, np.array([place]))[0]:
             _repair(problem, recording, frames, values, int(place))
@@ -229,7 +228,7 @@ def _detour(
             np.stack([now, values[there]]),
             here[0].repeat(2, 0),
             here[1].repeat(2, 0),
-            iterations_at_most=_ENOUGH,
+            iterations_at_most=_ik_branches.ENOUGH,
         )
         if _ik_branches.same(problem.leg, new.values[0], values[there]):
             return (cost, np.array(places), np.array(path)) if places else None

@@ -106,6 +106,11 @@ def is_peg(name: str) -> bool:
     return name.startswith("peg:")
 
 
+def sides(names: Sequence[str]) -> frozenset[str]:
+    """The sides, r and l, whose feet have pegs among some sites."""
+    return frozenset(name.split(":")[2] for name in names if is_peg(name))
+
+
 def weighed(sites: MarkerSites, error: float) -> MarkerSites:
     """Sites whose pegs count beside markers of this error, m."""
     unit = np.where([is_peg(name) for name in sites.names], error**2, 1.0)

@@ -56,7 +56,7 @@ def moving_leg(
     if not isinstance(loaded, JointTrajectories):
         raise file_error(path, "holds markers, not joint coordinates", "give a .mot or .sto file")
     completed, filled = _completed(loaded, path, leg)
-    values, turned = _with_our_knee_sign(leg.values_of(completed), loaded.coordinate_names)
+    values, turned = _with_our_knee_sign(path, leg.values_of(completed), loaded.coordinate_names)
     if low_pass_hz > 0:
         values = low_passed(path, values, loaded.times, low_pass_hz)
     return MovingLeg(
@@ -156,21 +156,34 @@ def gap_note(times: FloatArray) -> tuple[str, ...]:
 
 
 def _with_our_knee_sign(
-    values: FloatArray, file_names: tuple[str, ...]
+    path: Path, values: FloatArray, file_names: tuple[str, ...]
 ) -> tuple[FloatArray, tuple[str, ...]]:
     """Knee angles negative in flexion, as in gait2392, and a note where the file had them the other
     way round.
 
-    Rajagopal2016 and its kin count flexion positive: they have a patella coordinate
-    (knee_angle_r_beta), or bend where no knee of gait2392 can (its limit is 10 degrees of
-    extension).
+    Rajagopal2016 and its kin count flexion positive: they bend where no knee of gait2392 can (its
+    limit is 10 degrees of extension); of straight knees a patella coordinate (knee_angle_r_beta)
+    tells.
+
+    Raises:
+        LegsimError: the two knees count flexion in opposite ways.
     """
     knees = [COORDINATES.index(f"knee_angle_{side}") for side in "rl"]
     bends = np.degrees(values[:, knees])
-    rajagopal = "knee_angle_r_beta" in file_names or (
-        bends.max() > _LARGEST_EXTENSION_DEG and bends.max() > -bends.min()
-    )
-    if not rajagopal:
+    most, least = bends.max(0), bends.min(0)
+    forwards = (most > _LARGEST_EXTENSION_DEG) & (most > -least)
+    backwards = (least < -_LARGEST_EXTENSION_DEG) & ~forwards
+    if forwards.any() and backwards.any():
+        one, other = (f"knee_angle_{'rl'[int(way.argmax())]}" for way in (forwards, backwards))
+        raise file_error(
+            path,
+            f"{one} reaches {bends.max():.0f} degrees and {other} {bends.min():.0f}: one of the "
+            "knees would bend forwards",
+            "turn the sign of one of the two columns",
+            place="coordinates",
+        )
+    patellae = "knee_angle_r_beta" in file_names and not backwards.any()
+    if not (forwards.any() or patellae):
         return values, ()
     turned = values.copy()
     turned[:, knees] *= -1

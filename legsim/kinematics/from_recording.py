@@ -10,6 +10,7 @@ import numpy as np
 from legsim.core import resources
 from legsim.core.errors import LegsimError, file_error, printable
 from legsim.kinematics import (
+    _stance,
     from_coordinates,
     ik_tasks,
     inverse_kinematics,
@@ -285,13 +286,17 @@ def _solved(
         options=how.options,
         registration=how.registration,
         spread=uncertainty.coordinate_spread(
-            Problem(leg, held, how.options), how.registration, solution.trajectories.values, seen
+            Problem(leg, held, _stance.with_feet(how.options, shown, placed)),
+            how.registration,
+            solution.trajectories.values,
+            seen,
         ),
         ik=solution.report,
         scaled_from=printable(how.source),
         settled_hz=settled_hz,
     )
-    return MovingLeg(printable(path.name), leg, settled, fit, how.notes)
+    notes = (*how.notes, *_stance.notes(shown, placed))
+    return MovingLeg(printable(path.name), leg, settled, fit, notes)
 
 
 @dataclass(frozen=True, slots=True)

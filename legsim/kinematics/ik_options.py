@@ -114,6 +114,10 @@ class IkOptions:
     """m^2: of the squared horizontal part of each foot's upright axis; where no marker sits on the
     foot it stands flat on the floor
     """
+    feet_on_floor: bool = True
+    """where False, somebody lies: ``flat_foot_weight`` draws ankle and subtalar joint to neutral
+    instead; whatever solves a recording sets it
+    """
     hyperextension_weight: float = 3.3e-3
     """m^2/rad^2: 5 mm of marker error against 5 degrees, of what a knee of legsim's own leg is
     overextended beyond 10 degrees

@@ -17,6 +17,7 @@ import numpy as np
 
 from legsim.core import transforms
 from legsim.core.values import FloatArray, frozen, frozen_owned
+from legsim.kinematics import _stance
 from legsim.kinematics._ik_problem import Problem
 from legsim.kinematics._ik_trajectory import Progress, Trace, solve_all
 from legsim.kinematics._marker_fading import faded
@@ -110,7 +111,7 @@ def solve(
     Raises:
         LegsimError: no frame shows three markers of the pelvis, or a leg has no marker at all.
     """
-    config = config or IkOptions()
+    config = _stance.with_feet(config or IkOptions(), motion, sites)
     sites = sites.weighted(config.marker_weights)
     sites = sites.only(
         [
@@ -149,8 +150,12 @@ def calibrate(
     all the others (median over frames).
 
     This is OpenSim's marker placer for clusters whose place differs between laboratories; landmarks
-    keep their places.
+    keep their places, and so do those of a foot that is not flat on the floor, because nothing else
+    says how it lies.
     """
+    config = _stance.with_feet(config or IkOptions(), motion, sites)
+    if not config.feet_on_floor:
+        roles = set(roles) - _landmarks_of_foot(sites)
     landmarks = sites.only([name for name in sites.names if name not in roles])
     poses = leg.segment_poses(solve(leg, motion, landmarks, config).trajectories)
     positions = sites.positions.copy()
@@ -162,6 +167,12 @@ def calibrate(
             if np.isfinite(local).any():
                 positions[k] = np.nanmedian(local, axis=0)
     return MarkerSites(sites.names, sites.segments, positions, sites.weights)
+
+
+def _landmarks_of_foot(sites: MarkerSites) -> set[str]:
+    """Markers at places of the foot that have a name, other than glued clusters."""
+    on_segments = zip(sites.names, sites.segments, strict=True)
+    return {n for n, at in on_segments if at.startswith("calcn") and not n.startswith("foot_")}
 
 
 def _report(

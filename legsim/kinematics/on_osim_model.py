@@ -15,6 +15,7 @@ from legsim.kinematics.ik_options import CoordinatePrior, IkOptions
 from legsim.kinematics.marker_sites import MarkerSites
 from legsim.kinematics.osim_leg import OsimLeg
 from legsim.mocap.labels import MarkerMap
+from legsim.mocap.raw import unit_cure
 from legsim.mocap.trajectories import JointTrajectories, MarkerTrajectories
 
 _WEAK = 1e-7
@@ -38,6 +39,12 @@ _ABOVE, _CROSSED = 0.3, 0.08
 left, that nobody's do half of the time
 """
 
+_SHORTEST, _LONGEST = 0.1, 0.8
+"""m of thighs and shanks, from babies to giants"""
+
+_FARTHEST = 2.0
+"""m from a segment's origin that no marker on it is"""
+
 _UNIT_FACTOR, _OTHER_SIZE = 2.0, 0.05
 """a ratio of sizes that is no person's; a share of a length that is worth a warning"""
 
@@ -51,7 +58,7 @@ def load(
     Raises:
         LegsimError: as :func:`legsim.kinematics.osim_file.read`, :class:`OsimLeg`,
             :func:`legsim.kinematics.osim_marker_set.with_set` and
-            :func:`legsim.kinematics.osim_scaling.read`.
+            :func:`legsim.kinematics.osim_scaling.read`; or the legs are no person's in size.
     """
     read = osim_file.read(model)
     notes = [f"on the model {read.name} ({read.path.name})"]
@@ -70,6 +77,7 @@ def load(
             raise LegsimError(f"{scales}: {error}") from error
         notes[0] += f", scaled by {Path(scales).name}"
     leg = OsimLeg(read)
+    _check_lengths(leg)
     lengths = ", ".join(
         f"{name} {1e2 * length('r'):.1f} and {1e2 * length('l'):.1f} cm"
         for name, length in (("thighs", leg.thigh_length), ("shanks", leg.shank_length))
@@ -79,6 +87,19 @@ def load(
     if left_out:
         notes.append(f"left out, being no part of the legs: {', '.join(left_out)}")
     return leg, (*notes, *leg.notes)
+
+
+def _check_lengths(leg: OsimLeg) -> None:
+    """Refuses legs that are no person's: a model in millimeters."""
+    for name, length in (("thigh", leg.thigh_length), ("shank", leg.shank_length)):
+        for side, word in (("r", "right"), ("l", "left")):
+            if not _SHORTEST < length(side) < _LONGEST:
+                raise file_error(
+                    leg.model.path,
+                    f"the {word} {name} is {length(side):.4g} m long, which no person's is",
+                    "write its lengths in meters, or repair its joints' places",
+                    place="JointSet",
+                )
 
 
 def coordinates(
@@ -170,12 +191,19 @@ def _place(sites: MarkerSites, name: str) -> tuple[str, bytes]:
 
 def check_unit(sites: MarkerSites, measured: MarkerTrajectories) -> None:
     """Refuses markers of one segment so far apart, or so near, that a unit is wrong."""
+    away = np.linalg.norm(sites.positions, axis=1)
+    if away.max() > _FARTHEST:
+        name = sites.names[int(away.argmax())]
+        raise LegsimError(
+            f"the model has {name} {away.max():.4g} m from the origin of its body: its markers' "
+            "places are not in meters; write meters into the model or its marker set"
+        )
     known = sites.only([name for name in sites.names if name in measured.marker_names])
     ratio = osim_registration.size_ratio(known, measured) or 1.0
     if not 1 / _UNIT_FACTOR < ratio < _UNIT_FACTOR:
         raise LegsimError(
             f"markers of one segment are {ratio:.3g} times as far apart as on the model: the unit "
-            "of length is wrong; give the unit, as in --set motion.unit=mm (in Python: unit='mm')"
+            f"of length is wrong; {unit_cure(ratio)}"
         )
 
 

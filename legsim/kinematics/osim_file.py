@@ -20,8 +20,9 @@ import numpy as np
 from legsim.core import transforms
 from legsim.core.errors import LegsimError, file_error
 from legsim.core.values import FloatArray, frozen
+from legsim.kinematics import _osim_frames, osim_xml
 from legsim.kinematics import _osim_functions as functions
-from legsim.kinematics import osim_xml
+from legsim.kinematics._osim_frames import Frames
 from legsim.kinematics._osim_functions import Function
 
 _X, _Y, _Z = np.eye(3)
@@ -135,7 +136,7 @@ class OsimModel:
     markers: tuple[OsimMarker, ...]
     homeless: tuple[str, ...]
     """markers whose body the model lacks, which are left out, each with that body"""
-    frames: Mapping[str, tuple[str, FloatArray]]
+    frames: Frames
     """where markers may sit: bodies, and frames fixed in them, with (4, 4) body_from_frame"""
     factors: Mapping[str, FloatArray] = field(default_factory=dict)
     """(3,) by which bodies have been scaled since the file was read, by their names"""
@@ -181,41 +182,30 @@ def is_free(function: Element) -> bool:
     return functions.is_identity(functions.read(function, "its axis"))
 
 
-def marker(element: Element, frames: Mapping[str, tuple[str, FloatArray]]) -> OsimMarker | str:
+def marker(element: Element, frames: Frames) -> OsimMarker | str:
     """A marker of a file of any version; name and body where ``frames`` do not hold that body.
 
     Raises:
         LegsimError: its place is not three numbers.
     """
     name = element.get("name", "")
-    said = element.findtext("body") or _socket(element, "parent_frame", "reference_frame")
-    frame = frames.get(_last(said))
+    said = element.findtext("body") or _osim_frames.socket(
+        element, "parent_frame", "reference_frame"
+    )
+    frame = _osim_frames.find(frames, said)
     location = functions.numbers(element, "location", f"marker {name}")
     if len(location) != 3:
         raise LegsimError(f"marker {name}: <location> holds {len(location)} numbers, expected 3")
     if frame is None:
-        return f"{name} (on {_last(said) or 'no body'})"
+        return f"{name} (on {_osim_frames.last(said) or 'no body'})"
     local = transforms.apply(frame[1], location[None])[0]
     return OsimMarker(name, frame[0], frozen("marker location", local, (3,)))
 
 
 def _model(path: Path, model: Element, version: int) -> OsimModel:
     bodies = [body for body in _objects(model, "BodySet") if body.tag == "Body"]
-    frames = {
-        frame.get("name", ""): _placed(frame, "translation", "orientation")
-        for body in [*bodies, model]
-        for holder in body.findall("components")
-        for frame in holder.findall("PhysicalOffsetFrame")
-    }
-    owners = {
-        frame.get("name", ""): _last(_socket(frame, "parent") or body.get("name", ""))
-        for body in bodies
-        for holder in body.findall("components")
-        for frame in holder.findall("PhysicalOffsetFrame")
-    }
     names = tuple(body.get("name", "") for body in bodies if body.get("name") != "ground")
-    placed = {name: (name, np.eye(4)) for name in ("ground", *names)}
-    placed |= {name: (body, frames[name]) for name, body in owners.items()}
+    placed = _osim_frames.of_model(model, bodies)
     inside = [(joint, body.get("name", "")) for body in bodies for joint in body.findall("Joint/*")]
     found = [
         *(_joint(element, "", placed) for element in _objects(model, "JointSet")),
@@ -237,7 +227,7 @@ def _model(path: Path, model: Element, version: int) -> OsimModel:
     )
 
 
-def _joint(element: Element, child_body: str, placed: dict[str, tuple[str, FloatArray]]) -> Joint:
+def _joint(element: Element, child_body: str, placed: Frames) -> Joint:
     """One joint; ``child_body`` owns it in files of OpenSim 3 and before."""
     name, kind = element.get("name", ""), element.tag
     parent, parent_from_p, child, child_from_c, problem = _ends(element, child_body, placed)
@@ -275,33 +265,36 @@ def _joint(element: Element, child_body: str, placed: dict[str, tuple[str, Float
 
 
 def _ends(
-    element: Element, child_body: str, placed: dict[str, tuple[str, FloatArray]]
+    element: Element, child_body: str, placed: Frames
 ) -> tuple[str, FloatArray, str, FloatArray, str]:
     """(parent, parent_from_p, child, child_from_c, problem) of a joint of any version."""
-    parent = element.findtext("parent_body") or _socket(element, "parent_frame", "parent_body")
-    child = child_body or _socket(element, "child_frame", "child_body")
+    parent = element.findtext("parent_body") or _osim_frames.socket(
+        element, "parent_frame", "parent_body"
+    )
+    child = child_body or _osim_frames.socket(element, "child_frame", "child_body")
     local: dict[str, tuple[str, FloatArray]] = {}
     own = list(element.findall("frames/PhysicalOffsetFrame"))
     for _ in own:
         # a frame may hang on another one of the same joint that comes after it
         for frame in own:
-            base = _last(_socket(frame, "parent"))
-            on = local.get(base) or placed.get(base)
+            base = _osim_frames.last(_osim_frames.socket(frame, "parent"))
+            on = local.get(base) or _osim_frames.find(placed, _osim_frames.socket(frame, "parent"))
             if on is not None:
-                at = _placed(frame, "translation", "orientation")
+                at = _osim_frames.placed(frame, "translation", "orientation")
                 local[frame.get("name", "")] = on[0], on[1] @ at
     ends, problem = [], ""
     for said, tags in (
         (parent, ("location_in_parent", "orientation_in_parent")),
         (child, ("location", "orientation")),
     ):
-        frame = local.get(_last(said)) or placed.get(_last(said))
+        own_frame = None if "bodyset" in said.split("/") else local.get(_osim_frames.last(said))
+        frame = own_frame or _osim_frames.find(placed, said)
         if frame is None:
             problem = f"no body or frame is named {said.strip()!r}"
-            frame = (_last(said), np.eye(4))
+            frame = (_osim_frames.last(said), np.eye(4))
         if tags[0] == "location" and element.find("location_in_child") is not None:
             tags = ("location_in_child", "orientation_in_child")
-        ends += [frame[0], frozen("frame", frame[1] @ _placed(element, *tags), (4, 4))]
+        ends += [frame[0], frozen("frame", frame[1] @ _osim_frames.placed(element, *tags), (4, 4))]
     return *ends, problem
 
 
@@ -379,6 +372,8 @@ def _coordinate(element: Element, joint: str) -> Coordinate:
     span = functions.numbers(element, "range", place)
     if len(span) not in (0, 2):
         raise LegsimError(f"{place}: <range> holds {len(span)} numbers, expected two")
+    if len(span) and span[0] > span[1]:
+        raise LegsimError(f"{place}: <range> runs from {span[0]:g} to {span[1]:g}, backwards")
     default = functions.numbers(element, "default_value", place)
     low, high = span if len(span) else (-np.inf, np.inf)
     return Coordinate(
@@ -405,7 +400,9 @@ def _constraints(
         if kind == "CoordinateCouplerConstraint":
             couplers.append(_coupler(element, name))
         else:
-            words = {_last(word) for e in element.iter() for word in (e.text or "").split()}
+            words = {
+                _osim_frames.last(word) for e in element.iter() for word in (e.text or "").split()
+            }
             others.append(OtherConstraint(name, kind, frozenset(words)))
     return tuple(couplers), tuple(others)
 
@@ -435,44 +432,8 @@ def _objects(model: Element, tag: str) -> list[Element]:
     return [] if holder is None else list(holder)
 
 
-def _socket(element: Element, *names: str) -> str:
-    """What a socket (OpenSim 4) or connector (its previews) connects to; empty where it says
-    nothing.
-    """
-    for name in names:
-        said = element.findtext(f"socket_{name}") or element.findtext(
-            f"socket_{name}_connectee_name"
-        )
-        if said:
-            return said
-        for connector in element.findall("connectors/*"):
-            if connector.get("name") == name:
-                return connector.findtext("connectee_name") or ""
-    return ""
-
-
-def _placed(element: Element, location: str, orientation: str) -> FloatArray:
-    """(4, 4) of a translation and body-fixed x-y-z angles; the identity where they are missing."""
-    place = element.get("name", element.tag)
-    at, turn = (functions.numbers(element, tag, place) for tag in (location, orientation))
-    if len(at) not in (0, 3) or len(turn) not in (0, 3):
-        raise LegsimError(
-            f"{place}: <{location}> and <{orientation}> hold {len(at)} and {len(turn)} numbers, "
-            "expected 3"
-        )
-    rotation = np.eye(3)
-    for axis, angle in zip(np.eye(3), turn, strict=False):
-        rotation = rotation @ transforms.axis_rotation(axis, angle)
-    return transforms.rigid(rotation, at if len(at) else np.zeros(3))
-
-
 def _flag(element: Element, tag: str) -> bool:
     return (element.findtext(tag) or "").strip().lower() == "true"
-
-
-def _last(name: str) -> str:
-    """The last part of a path such as ``/bodyset/femur_r``."""
-    return name.strip().rstrip("/").rpartition("/")[2]
 
 
 def _children(root: Element) -> str:

@@ -14,7 +14,7 @@ import numpy as np
 
 from legsim.core.errors import LegsimError
 from legsim.core.values import FloatArray
-from legsim.kinematics import osim_scaling, registration
+from legsim.kinematics import _stance, osim_scaling, registration
 from legsim.kinematics._ik_problem import Problem
 from legsim.kinematics._osim_person import Growth, OsimPerson, Places
 from legsim.kinematics._registration_model import HIP, LENGTH, LOOSE, PLACES
@@ -91,6 +91,7 @@ def fit(
                     _spreads(sites, marked_by(sites)))  # fmt: skip
     placing = OsimPerson(leg.model, leg.held, _settling_growth(leg, np.log(factors)), second)
     error = min(sized.error, registration.MARKER_ERROR)
+    config = _stance.with_feet(config, motion, sites)
     placed = registration.settled(placing, config, shown, error=error, least_error=_LEAST_ERROR)
     assert isinstance(placed.leg, OsimLeg)
     factors = placing.factors(placed.theta)
@@ -147,6 +148,7 @@ def _whole(
     at most; and the markers (n, m, 3) of these.
     """
     measured = motion.positions_world[:, [motion.marker_names.index(n) for n in sites.names]]
+    config = _stance.with_feet(config, motion, sites)
     start = np.full((len(leg.bodies), 3), np.log(size_ratio(sites, motion) or 1.0))
     first = _first_places(leg, sites, start)
     whole = OsimPerson(leg.model, leg.held, _whole_growth(leg, start), first)

@@ -1,5 +1,6 @@
 """OpenSim's XML documents, read as leniently as OpenSim reads them."""
 
+import codecs
 import re
 from collections.abc import Collection
 from pathlib import Path
@@ -45,7 +46,8 @@ def _as_xml(text: bytes) -> str:
     names such as HuntCrossleyForce::ContactParameters.
     """
     try:
-        words = text.decode("utf-8-sig")
+        marked = text.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
+        words = text.decode("utf-16" if marked else "utf-8-sig")
     except UnicodeDecodeError:
         words = text.decode("cp1252", errors="replace")
     words = re.sub(r"^\s*<\?xml[^>]*\?>", "", words)

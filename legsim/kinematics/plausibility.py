@@ -25,6 +25,12 @@ _UNLIKE = 0.04
 _OVEREXTENDED = np.radians(15.0)
 """rad of a knee; 10 degrees count as lax (Beighton et al. 1973)"""
 
+_PEOPLES_DEG = {
+    "hip_flexion": (-50.0, 150.0),
+    "hip_adduction": (-70.0, 60.0),
+}
+"""what people's hips do, and some more: Kapandji, The physiology of the joints, vol. 2"""
+
 _LONG_AT_LIMIT = 0.2
 """share of the frames"""
 
@@ -49,10 +55,13 @@ def objections(leg: Leg, trajectories: JointTrajectories) -> tuple[str, ...]:
     )
 
 
-def at_limits(leg: Leg, trajectories: JointTrajectories) -> tuple[str, ...]:
+def at_limits(
+    leg: Leg, trajectories: JointTrajectories, *, by_markers: bool = True
+) -> tuple[str, ...]:
     """Sentences on knees that stay at a limit, where the markers would bend them further, or
-    overextended by more than people's.
+    overextended by more than people's, and on hips that are beyond people's.
     """
+    why = "its markers do not sit where the model has them" if by_markers else "is another model's"
     lines = []
     for name in ("knee_angle_r", "knee_angle_l"):
         if name not in leg.coordinate_names:
@@ -65,16 +74,38 @@ def at_limits(leg: Leg, trajectories: JointTrajectories) -> tuple[str, ...]:
                 lines.append(
                     f"{name} is at its limit of {np.degrees(limit):.0f} deg in "
                     f"{100 * share:.0f} % of the frames: that knee goes beyond what the model has, "
-                    "or its markers do not sit where the model has them"
+                    f"or {why}"
                 )
         back = float(np.mean(angle > _OVEREXTENDED)) if isinstance(leg, LegModel) else 0.0
         if back > _LONG_AT_LIMIT and not any(line.startswith(name) for line in lines):
             lines.append(
                 f"{name} is overextended by more than {np.degrees(_OVEREXTENDED):.0f} deg in "
-                f"{100 * back:.0f} % of the frames, which few people's knees are: see whether "
-                "knee and ankle markers are exchanged, or give a static trial (motion.scaling_file)"
+                f"{100 * back:.0f} % of the frames, which few people's knees are"
+                + (
+                    ": see whether knee and ankle markers are exchanged, or give a static trial "
+                    "(motion.scaling_file)"
+                    if by_markers
+                    else ""
+                )
             )
-    return tuple(lines)
+    return (*lines, *_beyond_people(trajectories))
+
+
+def _beyond_people(trajectories: JointTrajectories) -> list[str]:
+    """Sentences on hips that are, for long, where no person's are."""
+    lines = []
+    for name in trajectories.coordinate_names:
+        low, high = _PEOPLES_DEG.get(name[:-2] if name[-2:] in ("_r", "_l") else "", (-1e9, 1e9))
+        angle = np.degrees(trajectories.coordinate(name))
+        share = float(np.mean((angle < low) | (angle > high)))
+        if share > _LONG_AT_LIMIT:
+            farthest = float(angle[int(np.maximum(low - angle, angle - high).argmax())])
+            lines.append(
+                f"{name} is beyond what people's hips do ({low:g} to {high:g} deg) in "
+                f"{100 * share:.0f} % of the frames, up to {farthest:.0f} deg: see whether its "
+                "sign is another, or markers are exchanged"
+            )
+    return lines
 
 
 def poor_fit(ik: IkReport, times: FloatArray) -> tuple[str, ...]:

@@ -12,14 +12,14 @@ kinematics, and the Hessian of theta is the Schur complement (variable projectio
 Pereyra 1973). OpenSim's marker placer and AddBiomechanics (Werling et al. 2023) do likewise.
 """
 
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from legsim.core import transforms
 from legsim.core.values import FloatArray, frozen
-from legsim.kinematics import _ik_branches, _planted_feet
+from legsim.kinematics import _ik_branches, _planted_feet, _stance
 from legsim.kinematics._ik_newton import held_at_limits, minimize
 from legsim.kinematics._ik_problem import Problem, State
 from legsim.kinematics._planted_feet import Pegs
@@ -38,6 +38,12 @@ from legsim.mocap.trajectories import MarkerTrajectories
 MARKER_ERROR = 0.003
 """m per axis, of a marker of weight 1: what skin slides between postures. A recording of many
 postures shows its own
+"""
+
+_HELD_HIP_ERROR = 0.005
+"""m: markers of less error leave the hip above a foot that stands 10 degrees about its habitual
+rotation from posture to posture, others MARKER_ERROR's 6. Squats turn hips over feet that stand by
+more, and the foot says how
 """
 
 _LEAST_ERROR, _MOST_ERROR = 0.0003, 0.02
@@ -133,6 +139,7 @@ def register(
         LegsimError: no frame shows three markers of the pelvis, or a leg has no marker at all.
     """
     config = (config or IkOptions()).settled(leg_priors())
+    config = _stance.with_feet(config, motion, sites)
     sites = sites.weighted(config.marker_weights)
     sites = sites.only([name for name in motion.marker_names if name in sites.names])
     measured = motion.positions_world[:, [motion.marker_names.index(n) for n in sites.names]]
@@ -217,6 +224,7 @@ class _Fit:
         self._least, self._many = least_error, many
         self._seen = np.asarray(np.isfinite(measured).all(-1))
         self._is_peg = np.array([_planted_feet.is_peg(name) for name in model.marker_names])
+        self._standing = _planted_feet.sides(model.marker_names)
         self._measured = np.nan_to_num(measured)
         self._share = min(1.0, _INDEPENDENT / len(measured))
         self.theta = np.zeros(model.size)
@@ -231,10 +239,13 @@ class _Fit:
 
     def _settings(self, person: Person) -> IkOptions:
         """Hip rotation is pulled to the habitual one by as much as markers of this error leave it
-        open; on a user's model, whose markers may be exact, all priors weigh by that.
+        open, less where a foot stands; on a user's model, whose markers may be exact, all priors
+        weigh by that.
         """
         share = min(1.0, self.error / MARKER_ERROR) ** 2
-        settings = with_neutral(self._config, person.neutral, share)
+        held = min(1.0, self.error / _HELD_HIP_ERROR) ** 2
+        shares = {side: held if side in self._standing else share for side in "rl"}
+        settings = with_neutral(self._config, person.neutral, shares)
         if isinstance(self._model, PersonModel):
             return settings
         hips = {f"hip_rotation_{side}" for side in "rl"}
@@ -379,15 +390,19 @@ class _Fit:
         )
 
 
-def with_neutral(config: IkOptions, neutral: FloatArray, share: float) -> IkOptions:
+def with_neutral(config: IkOptions, neutral: FloatArray, shares: Mapping[str, float]) -> IkOptions:
     """The settings with the hip's prior at the habitual rotations (2,) rad of right and left, its
-    weight times ``share``.
+    weight times the share of the side.
     """
     values: dict[str, float] = {
         f"hip_rotation_{side}": float(value) for side, value in zip("rl", neutral, strict=True)
     }
     priors = tuple(
-        replace(prior, weight=share * prior.weight, value=prior.value + values[prior.coordinate])
+        replace(
+            prior,
+            weight=shares[prior.coordinate[-1]] * prior.weight,
+            value=prior.value + values[prior.coordinate],
+        )
         if prior.coordinate in values
         else prior
         for prior in config.priors or ()

@@ -20,6 +20,7 @@ from legsim.core.values import FloatArray
 from legsim.kinematics.leg_model import LegModel
 from legsim.kinematics.marker_sites import MarkerSites
 from legsim.kinematics.skeleton import SEGMENTS, SegmentScales, segment_index
+from legsim.mocap.raw import unit_cure
 from legsim.mocap.trajectories import MarkerTrajectories
 
 _PLAUSIBLE = {  # m: from small children to the tallest adults, markers on skin
@@ -157,17 +158,23 @@ class _Pelvis:
             back_site - front,
             model_hip,
         )
-        pelvis._check_sides()
+        pelvis._check_sides(motion)
         return pelvis
 
-    def _check_sides(self) -> None:
-        up = self.axes[:, 1, 1]
+    def _check_sides(self, motion: MarkerTrajectories) -> None:
+        """Refuses a pelvis that is upside down both over its knees and over the floor: bent hips
+        turn it against the one, lying against the other.
+        """
+        up = self.axes[:, :, 1]
         if np.isnan(up).all():
             raise LegsimError(
                 "asis_r, asis_l and the sacrum (or both psis) are never seen in the same frame; "
                 "the pelvis cannot be measured"
             )
-        if np.nanmedian(up) < 0:
+        knees = [_seen(motion, f"epicondyle_lateral_{side}") for side in "rl"]
+        over_knees = (up * (self.origin - np.mean(knees, axis=0))).sum(1)
+        upright = np.isnan(over_knees).all() or np.nanmedian(over_knees) > 0
+        if np.nanmedian(up[:, 1]) < 0 and not upright:
             raise LegsimError(
                 "the pelvis markers stand upside down: right and left are exchanged, or another "
                 "axis points up; "
@@ -294,8 +301,9 @@ def _measurement(name: str, kind: str, lengths: FloatArray, model: float) -> Mea
     low, high = _PLAUSIBLE[kind]
     if not low <= median <= high:
         raise LegsimError(
-            f"{name} measures {median:.4g} m, expected {low:g} to {high:g} m: are the units "
-            "right? give motion.unit=mm, or correct the map"
+            f"{name} measures {median:.4g} m, expected {low:g} to {high:g} m: if a marker plays "
+            "another role, correct the marker map; if all "
+            f"{unit_cure(median / np.sqrt(low * high))}"
         )
     spread = 1.4826 * float(np.median(np.abs(lengths - median)))
     return Measurement(name, median, spread, model, len(lengths))

@@ -11,6 +11,9 @@ from legsim.core.values import FloatArray
 from legsim.mocap._cells import decimals
 from legsim.mocap.trajectories import written_twice
 
+_SLOWEST_HZ = 2.0
+"""no marker is followed so slowly"""
+
 _ENOUGH = 10
 """rows that are not on a grid by chance"""
 
@@ -37,7 +40,8 @@ def row_times(path: Path, rate: float, column: TimeColumn) -> tuple[FloatArray, 
         LegsimError: the times do not increase.
     """
     frames = np.array(column.frames, float)
-    stated, notes = _seconds(column.stated, frames, rate)
+    unit, notes = _seconds(column.stated, frames, rate)
+    stated = column.stated * unit
     if np.isnan(stated).all():
         times, said = (
             (frames - frames[0]) / rate,
@@ -46,7 +50,8 @@ def row_times(path: Path, rate: float, column: TimeColumn) -> tuple[FloatArray, 
         _check_increase(path, times, column)
         return times, (*said, *_frame_notes(times, frames, rate, timed=False))
     known = ~np.isnan(stated)
-    step = 10.0 ** -max(decimals(text) for text in column.texts) / (1000 if notes else 1)
+    # by how much the column's last digit counts, in seconds
+    step = 10.0 ** -max(decimals(text) for text in column.texts) * unit
     if not known.all():
         notes = (
             *notes,
@@ -77,16 +82,18 @@ def _check_increase(path: Path, times: FloatArray, column: TimeColumn) -> None:
     )
 
 
-def _seconds(
-    stated: FloatArray, frames: FloatArray, rate: float
-) -> tuple[FloatArray, tuple[str, ...]]:
-    """The time column in seconds, and a note where it was in milliseconds: from frame to frame a
-    thousand times what the rate says.
+def _seconds(stated: FloatArray, frames: FloatArray, rate: float) -> tuple[float, tuple[str, ...]]:
+    """Seconds in a unit of the time column, and a note where it is in milliseconds, from frame to
+    frame a thousand times what the rate says, or counts frames.
     """
-    steps = np.diff(stated) / np.where(np.diff(frames) > 0, np.diff(frames), np.nan)
+    between = np.diff(frames)
+    if len(stated) > 1 and rate > _SLOWEST_HZ and (np.diff(stated) == between).all():
+        said = f"the time column counts frames: times are from it and DataRate ({rate:g} Hz)"
+        return 1 / rate, (said,)
+    steps = np.diff(stated) / np.where(between > 0, between, np.nan)
     if not np.isfinite(steps).any() or abs(np.nanmedian(steps) * rate / 1000 - 1) > 0.02:
-        return stated, ()
-    return stated / 1000, ("the time column is in milliseconds",)
+        return 1.0, ()
+    return 1 / 1000, ("the time column is in milliseconds",)
 
 
 def _frame_notes(

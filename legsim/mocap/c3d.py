@@ -96,8 +96,8 @@ def frame_count(header: C3dHeader, size: int, notes: list[str]) -> int:
             f"{size // BLOCK} blocks"
         )
         raise file_error(header.path, problem, _CURE, place="header")
-    said = _said_frames(header)
     held = (size - (header.data_block - 1) * BLOCK) // frame_bytes(header)
+    said = _said_frames(header, held)
     if said < 1:
         raise file_error(
             header.path,
@@ -108,6 +108,11 @@ def frame_count(header: C3dHeader, size: int, notes: list[str]) -> int:
     if said > held:
         problem = f"the file ends after frame {held} of {said}"
         raise file_error(header.path, problem, "copy the file again, or " + _CURE, place="header")
+    if held - said > BLOCK // frame_bytes(header):
+        notes.append(
+            f"warning: the file is long enough for {held} frames, the header says {said}: "
+            f"{said} are read; export it again if more were recorded"
+        )
     parameter = header.numbers("POINT", "FRAMES")
     if parameter.size and parameter[0] % 65536 != said % 65536:
         notes.append(
@@ -116,25 +121,26 @@ def frame_count(header: C3dHeader, size: int, notes: list[str]) -> int:
     return said
 
 
-def _said_frames(header: C3dHeader) -> int:
-    """Frames the file says it has; 16 bits of the header hold 65535, longer trials are told by a
-    parameter.
+def _said_frames(header: C3dHeader, held: int) -> int:
+    """Frames the file says it has, where there is room for ``held``.
+
+    16 bits of the header hold 65535: longer trials stop or wrap there, and are told by a parameter,
+    or by the room alone where it is that of the wraps.
     """
     said = header.last_frame - header.first_frame + 1
-    if header.last_frame < 65535:
-        return said
-    start, end = (
-        header.numbers("TRIAL", "ACTUAL_START_FIELD"),
-        header.numbers("TRIAL", "ACTUAL_END_FIELD"),
-    )
+    told = [
+        int(n[0]) for name in ("LONG_FRAMES", "FRAMES") if (n := header.numbers("POINT", name)).size
+    ]
+    start, end = (header.numbers("TRIAL", f"ACTUAL_{which}_FIELD") for which in ("START", "END"))
     if start.size == 2 and end.size == 2:
         low, high = (int(x[0] % 65536) + 65536 * int(x[1] % 65536) for x in (start, end))
-        return high - low + 1
-    for name in ("LONG_FRAMES", "FRAMES"):
-        numbers = header.numbers("POINT", name)
-        if numbers.size and numbers[0] > said:
-            return int(numbers[0])
-    return said
+        told.insert(0, high - low + 1)
+    stops = header.last_frame >= 65535
+    for count in told:
+        if count > said and (stops or (count <= held and (count - said) % 65536 == 0)):
+            return count
+    more, left = divmod(held - said, 65536)
+    return said + 65536 * more if more > 0 and left <= BLOCK // frame_bytes(header) else said
 
 
 def frame_bytes(header: C3dHeader) -> int:
@@ -143,18 +149,19 @@ def frame_bytes(header: C3dHeader) -> int:
 
 
 def frame_rate(header: C3dHeader, notes: list[str]) -> float:
-    """Frames per second: POINT:RATE, or the header's where that is absent.
+    """Frames per second: POINT:RATE, or the header's where that is absent or no rate.
 
     Raises:
         LegsimError: neither is a positive number.
     """
     numbers = header.numbers("POINT", "RATE")
-    rate = float(numbers[0]) if numbers.size else header.rate
-    if not (np.isfinite(rate) and 1e-3 < rate < 1e6):
-        raise file_error(header.path, f"the frame rate is {rate:g} Hz", _CURE, place="POINT:RATE")
-    if abs(header.rate - rate) > 1e-3 * rate:
+    said = float(numbers[0]) if numbers.size else header.rate
+    rate = next((hz for hz in (said, header.rate) if np.isfinite(hz) and 1e-3 < hz < 1e6), None)
+    if rate is None:
+        raise file_error(header.path, f"the frame rate is {said:g} Hz", _CURE, place="POINT:RATE")
+    if rate != said or abs(header.rate - rate) > 1e-3 * rate:
         notes.append(
-            f"POINT:RATE says {rate:g} Hz, the header {header.rate:g} Hz; {rate:g} Hz is taken"
+            f"POINT:RATE says {said:g} Hz, the header {header.rate:g} Hz; {rate:g} Hz is taken"
         )
     return rate
 

@@ -12,7 +12,7 @@ from scipy.interpolate import CubicHermiteSpline, CubicSpline
 
 from legsim.core.errors import LegsimError
 from legsim.core.values import FloatArray
-from legsim.mocap import exchanged, gap_filling, outliers
+from legsim.mocap import _person, exchanged, gap_filling, outliers
 from legsim.mocap.held import find_held
 from legsim.mocap.in_view import note_of, span_in_view
 from legsim.mocap.labels import PAPER_ROLES, MarkerMap, check_covered, check_distinct
@@ -25,15 +25,14 @@ SPLINE_S = 0.25
 SLOPE_S = 0.1
 """s on either side of a gap that tell the velocity with which a marker leaves and returns"""
 
-_AGAINST = 0.2
-"""of the pelvis' width: by more than this its right is not on its left side"""
+_MANY = 8
+"""markers that are named each for itself"""
 
-_OF_PELVIS = ("psis", "iliac_crest")
+_FEW_LOST = 0.05
+"""of the frames, that may be left out because markers jump there"""
 
-_CROSSED = 0.3
-"""of the pelvis' width: by more than this nobody's right leg lies left of the other one
-half of the time
-"""
+_FASTEST_S, _SLOWEST_S = 3e-4, 0.5
+"""s between two samples of a movement"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -149,9 +148,14 @@ def clean(
         role: np.mean([stages.bridged[name] for name in names], axis=0)
         for role, names in found.items()
     }
-    _check_person(means)
+    _person.check(means, times)
     span = span_in_view(means, {role: marker_map.segment(role) for role in found})
-    notes = note_of(span, times)
+    shown = {
+        role: np.mean([stages.source[name] for name in names], axis=0)
+        for role, names in found.items()
+    }
+    whole = span_in_view(shown, {role: marker_map.segment(role) for role in found})
+    notes = (*note_of(whole, times), *_lost_notes(whole, span, times))
     means, stages = {role: x[span] for role, x in means.items()}, stages.within(span)
     times = times[span]
     cleaned = np.stack(
@@ -160,9 +164,12 @@ def clean(
     reports = tuple(_report(role, names, stages, dt) for role, names in found.items())
     used = {name for names in found.values() for name in names}
     held_notes = [note for name, note in held.items() if name in used]
+    if len(held_notes) > _MANY:
+        held_notes = [f"{held_notes[0]}; and so are {len(held_notes) - 1} markers more"]
     notes = (
         *held_notes,
         *_exchange_notes(motion, [n for n in motion.marker_names if n in used]),
+        *_guessed_notes(stages, found, times),
         *notes,
     )
     report = CleaningReport(marker_map.name, 1 / dt, filter_hz, resampled, reports, never, notes)
@@ -197,6 +204,39 @@ def _exchange_notes(motion: MarkerTrajectories, names: Sequence[str]) -> list[st
     positions = motion.positions_world[:, [motion.marker_names.index(name) for name in names]]
     found = exchanged.find_exchanges(positions, dt)
     return exchanged.notes_of(found, tuple(names), motion.times)
+
+
+def _lost_notes(whole: slice, span: slice, times: FloatArray) -> list[str]:
+    """A word on frames of ``whole``, which show the person, that are not in ``span``, because
+    markers jump; a warning where these are many.
+    """
+    lost = max(span.start - whole.start, 0) + max(whole.stop - span.stop, 0)
+    if lost == 0:
+        return []
+    at = times[span.start] if span.start > whole.start else times[span.stop - 1]
+    said = f"{lost} frames are left out whose markers jump away at {at:.4g} s"
+    if lost <= _FEW_LOST * (whole.stop - whole.start):
+        return [said]
+    return [
+        f"warning: {said}: frames are missing there, or another trial begins; cut the recording "
+        "there"
+    ]
+
+
+def _guessed_notes(
+    stages: "_Stages", found: dict[str, tuple[str, ...]], times: FloatArray
+) -> list[str]:
+    """A warning where most roles are guessed at once, across gaps that are not short."""
+    hidden = np.mean([_unseen(stages.rebuilt, names) for names in found.values()], axis=0)
+    stretches = runs(hidden > 0.5)
+    if not stretches:
+        return []
+    first, last = max(stretches, key=lambda stretch: stretch[1] - stretch[0])
+    more = f" and in {len(stretches) - 1} places more" if len(stretches) > 1 else ""
+    return [
+        f"warning: more than half of the markers are not seen from {times[first]:.4g} to "
+        f"{times[last]:.4g} s{more}: the movement there is a guess; leave it out"
+    ]
 
 
 def _check_seen(
@@ -252,6 +292,11 @@ def _even(
         )
     steps = np.diff(times)
     dt = float(np.median(steps))
+    if not _FASTEST_S < dt < _SLOWEST_S:
+        raise LegsimError(
+            f"a sample every {dt:.3g} s is no recording of a movement: its times are not in "
+            "seconds; write seconds into its time column, or its rate in hertz"
+        )
     positions = {name: np.array(motion.marker(name)) for name in names}
     if np.abs(steps - dt).max() < 1e-6 * dt + 1e-9:
         return times, positions
@@ -377,74 +422,6 @@ def _velocity(positions: FloatArray, times: FloatArray, index: int, side: int) -
         return np.zeros(3)
     degree = 2 if len(rows) >= 5 else 1
     return np.polynomial.polynomial.polyfit(times[rows] - times[index], positions[rows], degree)[1]
-
-
-def _check_person(means: dict[str, FloatArray]) -> None:
-    """Refuses lengths or sides that are not a person's: signs of a wrong unit, axis or label."""
-    if {"psis_r", "psis_l"} <= means.keys():
-        means = {"sacrum": (means["psis_r"] + means["psis_l"]) / 2, **means}
-    if not {"sacrum", "asis_r", "asis_l"} <= means.keys():
-        return
-    right, left, back = (means[role] for role in ("asis_r", "asis_l", "sacrum"))
-    together = np.asarray(np.isfinite(right + left + back).all(1))
-    if not together.any():
-        return
-    # frame by frame: somebody who turns about has no mean direction
-    across = (right - left)[together]
-    width = float(np.median(np.linalg.norm(across, axis=1)))
-    if not 0.08 < width < 0.8:
-        raise LegsimError(
-            f"the front of the pelvis is {width:.3g} m wide: the unit of length is wrong; "
-            "give the unit, as in --set motion.unit=mm (in Python: unit='mm')"
-        )
-    forward = ((right + left) / 2 - back)[together]
-    if np.median((_rightward(means, forward, together) * across).sum(1)) < -_AGAINST * width:
-        raise LegsimError(
-            "asis_r lies left of asis_l, seen from the sacrum: left and right are exchanged in "
-            "the labels, or the axes mirrored"
-        )
-    _check_legs(
-        means, across / np.linalg.norm(right - left, axis=1)[together, None], width, together
-    )
-
-
-def _rightward(
-    means: dict[str, FloatArray], forward: FloatArray, together: outliers.BoolArray
-) -> FloatArray:
-    """Where right is (k, 3), at most of length 1, by the pelvis' ``forward`` (k, 3) and the
-    direction from ankles to pelvis, so that it holds for somebody who lies; by the vertical where
-    that direction is missing or is the pelvis' own.
-    """
-    forward = forward / np.linalg.norm(forward, axis=1, keepdims=True)
-    by_vertical = np.cross(forward, [0.0, 1.0, 0.0])
-    ankles = [
-        means[role] for role in ("malleolus_lateral_r", "malleolus_lateral_l") if role in means
-    ]
-    if not ankles:
-        return by_vertical
-    body = (means["asis_r"] + means["asis_l"])[together] / 2 - np.mean(ankles, axis=0)[together]
-    by_body = np.cross(forward, body / np.linalg.norm(body, axis=1, keepdims=True))
-    plain = np.linalg.norm(by_body, axis=1, keepdims=True) > 0.5
-    return np.where(plain, by_body, by_vertical)
-
-
-def _check_legs(
-    means: dict[str, FloatArray], rightward: FloatArray, width: float, together: outliers.BoolArray
-) -> None:
-    """Refuses legs whose labels are exchanged under a pelvis that is right; crossed for a while
-    they may be.
-    """
-    for role in [name[:-2] for name in means if name.endswith("_r") and name != "asis_r"]:
-        if f"{role}_l" not in means:
-            continue
-        apart = ((means[f"{role}_r"] - means[f"{role}_l"])[together] * rightward).sum(1)
-        part, limit = ("pelvis", _AGAINST) if role in _OF_PELVIS else ("legs", _CROSSED)
-        if np.isfinite(apart).any() and np.nanmedian(apart) < -limit * width:
-            raise LegsimError(
-                f"{role}_r lies {-1e3 * np.nanmedian(apart):.0f} mm left of {role}_l, by the "
-                f"sides of the pelvis: the labels of the {part} "
-                "are exchanged; exchange them in the recording or in its marker map"
-            )
 
 
 def _report(role: str, names: tuple[str, ...], stages: _Stages, dt: float) -> RoleReport:

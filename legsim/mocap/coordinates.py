@@ -23,7 +23,8 @@ _COUPLED = re.compile(r".*_beta")
 
 _PELVIS = re.compile(r"pelvis_(tilt|list|rotation)")
 
-_PLACES = ("pelvis_tx", "pelvis_ty", "pelvis_tz")
+_PLACES = ("pelvis_ty", "pelvis_tx", "pelvis_tz")
+"""the height first: it tells another unit best"""
 
 _JOINT = re.compile(
     r"(hip_flexion|hip_adduction|hip_rotation|knee_angle|ankle_angle|subtalar_angle|mtp_angle)_[rl]"
@@ -41,8 +42,10 @@ _SMALL = 0.05
 _HALF_TURN, _TURN = np.pi + 0.05, 2 * np.pi + 0.05
 """rad, with room for rounding"""
 
-_HIGHEST, _FARTHEST = 3.0, 30.0
-"""m: a pelvis is not so high over the floor, nor so far from the origin of a laboratory"""
+_USUAL, _HIGHEST, _FARTHEST = 0.9, 3.0, 30.0
+"""m: a pelvis is about so high over the floor, never higher, nor so far from the origin of a
+laboratory
+"""
 
 _SLOWEST_S, _FASTEST_S = 0.5, 1e-5
 """s between two samples of a motion"""
@@ -334,17 +337,22 @@ def _check_reach(raw: RawCoordinates, motion: JointTrajectories) -> None:
 
 def _check_meters(raw: RawCoordinates) -> None:
     """Refuses positions of the pelvis that are in millimeters, or another unit."""
-    for k, name in enumerate(raw.names):
-        if name not in _PLACES:
+    for name in _PLACES:
+        if name not in raw.names:
             continue
+        k = raw.names.index(name)
         limit = _HIGHEST if name == "pelvis_ty" else _FARTHEST
         middle = float(np.median(raw.values[:, k]))
         if abs(middle) > limit:
+            unit = min(
+                ("mm", "cm", "in"),
+                key=lambda u: abs(np.log(abs(middle) / UNITS_PER_METER[u] / _USUAL)),
+            )
             raise file_error(
                 raw.path,
                 f"{name} is {middle:.4g} m in the median, which no pelvis is: its lengths are not "
                 "in meters",
-                "give their unit, as in --set motion.unit=mm (in Python: unit='mm')",
+                f"give their unit, as in --set motion.unit={unit} (in Python: unit={unit!r})",
                 place="coordinates",
             )
 

@@ -5,8 +5,8 @@ Rounding repeats values too: a marker that stands still, in a file of whole mill
 them for seconds. So a run of exact repeats counts as held only where (1) the marker's noise, as
 coarse as the file's digits are, would not repeat so often by chance, nor does it elsewhere; or (2)
 the marker leaves the value by a jump; or (3) its distance from another marker, the same all through
-the recording, is not the same during the run. Where most markers repeat at once, nobody moved or a
-frame was copied: nothing can be told.
+the recording, is not the same during the run. Where most markers repeat at once, nobody moved or
+frames were copied: only those that leave by a jump are held.
 """
 
 import numpy as np
@@ -35,6 +35,9 @@ FEW_SHORT = 0.005
 LONG_S = 0.25
 """s: shorter runs are not compared with other markers; a body hardly moves meanwhile"""
 
+_FARTHER = 3.0
+"""times the step after it: a jump that catches up on at least FEWEST frames"""
+
 _GAUSS = 0.6745
 """median of the magnitude of a standard normal variable"""
 
@@ -53,9 +56,13 @@ def find_held(positions: FloatArray, dt: float) -> BoolArray:
         short = sum(last - first + 1 < FEWEST for first, last in stretches)
         coarse = short > FEW_SHORT * len(same)
         for first, last in stretches:
-            if last - first + 1 < FEWEST or _all_stand(same, positions, others, first, last):
+            if last - first + 1 < FEWEST:
                 continue
-            held[first : last + 1, k] = _is_held(positions, k, first, last, dt, coarse)
+            held[first : last + 1, k] = (
+                _paused(positions[:, k], last, dt)
+                if _all_stand(same, positions, others, first, last)
+                else _is_held(positions, k, first, last, dt, coarse)
+            )
     return held
 
 
@@ -77,13 +84,28 @@ def _is_held(positions: FloatArray, k: int, first: int, last: int, dt: float, co
     by_chance = 1.0 if coarse else _repeat_probability(own, first, last, digit)
     if by_chance ** (last - first + 1) * len(own) < CHANCE:
         return True
-    step = own[last + 1] - own[last] if last + 1 < len(own) else np.zeros(3)
-    jumped = np.nan_to_num(np.linalg.norm(step)) > 2 * digit + MIN_STEP + IMPACT * dt**2
-    if jumped:
+    if _jumps_away(own, last, dt):
         return True
     return (last - first + 1) * dt >= LONG_S and _leaves_its_segment(
         positions, k, first, last, digit
     )
+
+
+def _jumps_away(own: FloatArray, last: int, dt: float) -> bool:
+    """Whether one marker (n, 3) leaves the value of sample ``last`` by a jump."""
+    step = own[last + 1] - own[last] if last + 1 < len(own) else np.zeros(3)
+    far = 2 * _digit(own) + MIN_STEP + IMPACT * dt**2
+    return bool(np.nan_to_num(np.linalg.norm(step)) > far)
+
+
+def _paused(own: FloatArray, last: int, dt: float) -> bool:
+    """Whether one marker (n, 3) goes on after sample ``last`` from somewhere else: by a jump that
+    is no start of a movement, which the next step would go on with.
+    """
+    if not _jumps_away(own, last, dt) or last + 2 >= len(own):
+        return False
+    step, after = np.linalg.norm(np.diff(own[last : last + 3], axis=0), axis=1)
+    return bool(step > _FARTHER * after)
 
 
 def _digit(own: FloatArray) -> float:

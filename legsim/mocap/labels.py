@@ -199,9 +199,10 @@ def guess(
     people = _people(maps, marker_names, required)
     if len(people) > 1:
         raise LegsimError(
-            f"the labels tell of {len(people)} people ({', '.join(people)}): export one of them, "
+            f"the labels tell of {len(people)} people "
+            f"({', '.join(name or 'without a prefix' for name in people)}): export one of them, "
             "or give a marker map (TOML) "
-            f"with whole labels, as in sacrum = {people[0] + ':SACR'!r}"
+            f"with whole labels, as in sacrum = {next(filter(None, people)) + ':SACR'!r}"
         )
     if not best.found_in(marker_names):
         raise LegsimError(
@@ -215,19 +216,19 @@ def guess(
 def _people(
     maps: Sequence[MarkerMap], marker_names: Sequence[str], required: Sequence[str]
 ) -> list[str]:
-    """Prefixes of labels (``Name:LABEL``) under each of which some map finds all that is
-    required.
+    """Prefixes of labels (``Name:LABEL``, or none) under each of which some map finds most of what
+    is required, so that each is a person, if not a whole one.
     """
-    prefixes = list(dict.fromkeys(name.rpartition(":")[0] for name in marker_names if ":" in name))
-    owned = (
-        {p: [name for name in marker_names if name.startswith(f"{p}:")] for p in prefixes}
-        if len(prefixes) > 1
-        else {}
-    )
+    owned: dict[str, list[str]] = {}
+    for name in marker_names:
+        owned.setdefault(name.rpartition(":")[0], []).append(name)
+    if len(owned) < 2 or not required:
+        return []
+    few = len(required) // 2
     return [
         p
         for p, names in owned.items()
-        if required and any(not m.missing_in(names, required) for m in maps)
+        if any(len(m.missing_in(names, required)) <= few for m in maps)
     ]
 
 
@@ -242,6 +243,9 @@ def check_covered(
     missing = marker_map.missing_in(marker_names, required)
     if missing:
         nearest = f"marker set {marker_map.name!r} finds no marker for " + ", ".join(missing)
+        twice = sorted({name.rpartition("#")[0] for name in marker_names if "#" in name})
+        if twice:
+            nearest += f" (several markers are called {', '.join(twice[:5])}: none is taken)"
         raise LegsimError(
             f"{nearest} among {_listed(marker_names)}; give a marker map (TOML) with [roles] and "
             "the labels that play them"

@@ -62,6 +62,7 @@ def read(path: Path | str) -> RawCoordinates:
     path = Path(path)
     lines = files.read(path, "storage")
     header = _header(path, lines)
+    lines = _tabbed(lines, header.end)
     names, first_row = _column_names(path, lines, header)
     table, row_notes = _table(path, lines, first_row, names, header)
     _check_times(path, table[:, 0])
@@ -163,6 +164,17 @@ def _header(path: Path, lines: list[str]) -> _Header:
     ]
     rows, columns = (int(count) if count.isdecimal() else None for count in counts)
     return _Header(degrees.lower()[0] in "yt" if degrees else None, rows, columns, end)
+
+
+def _tabbed(lines: list[str], end: int) -> list[str]:
+    """Lines whose table after ``end`` a spreadsheet has written with semicolons or commas, with
+    tabs.
+    """
+    names = next((line for line in lines[end + 1 :] if line.strip()), "")
+    mark = re.match(r"\s*time\s*([;,])", names, re.I)
+    if mark is None:
+        return lines
+    return [*lines[: end + 1], *(line.replace(mark[1], "\t") for line in lines[end + 1 :])]
 
 
 def _column_names(path: Path, lines: list[str], header: _Header) -> tuple[list[str], int]:

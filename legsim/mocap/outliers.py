@@ -20,6 +20,14 @@ MIN_STEP = 0.003
 IMPACT = 20.0
 """m/s^2: acceleration that a marker on a leg may have within one sample"""
 
+FAR = 0.05
+"""m: no noise reaches as far"""
+
+HARDEST, FASTEST = 25.0, 30.0
+"""m/s by which a marker on a leg may change its velocity from one sample to the next, and that it
+may have: more than a sprinter's foot, which goes at 20
+"""
+
 SMOOTHNESS = 6.0
 """a jump deviates this many times as far as nine tenths of the recording's own steps do"""
 
@@ -76,14 +84,17 @@ def _cut(positions: FloatArray, seen: NDArray[np.intp], dt: float) -> tuple[_Pie
     distance = np.linalg.norm(velocity - neighbors_median(velocity), axis=1) * gap
     adjacent = distance[gap == 1]
     own = np.quantile(adjacent, 0.9) if adjacent.size else 0.0
-    threshold = max(MIN_STEP + IMPACT * dt**2, SMOOTHNESS * float(own))
+    # a marker that flickers between two places has no smoothness of its own
+    usual = min(SMOOTHNESS * float(own), max(FAR, HARDEST * dt))
+    threshold = MIN_STEP + max(IMPACT * dt**2, usual - MIN_STEP)
     cut = distance > threshold
     starts, ends = seen[np.r_[True, cut]], seen[np.r_[cut, True]]
     speeds = np.linalg.norm(velocity, axis=1) / dt
     deviation = np.zeros(len(positions))
     deviation[seen[1:]] = distance
     # 0.2 m/s beyond what is usual: somebody who stands may begin to move while the marker is hidden
-    return _Pieces(starts, ends, 0.2 + 1.5 * float(np.quantile(speeds, 0.95)), threshold), deviation
+    fastest = min(0.2 + 1.5 * float(np.quantile(speeds, 0.95)), FASTEST)
+    return _Pieces(starts, ends, fastest, threshold), deviation
 
 
 def neighbors_median(velocity: FloatArray) -> FloatArray:

@@ -75,7 +75,7 @@ class RawMarkers:
         name = _UNIT_NAMES.get(said.strip().strip(".").lower())
         if name is None:
             problem = (
-                f"unit {said!r} is not one of m, cm, mm"
+                f"unit {said!r} is not one of {', '.join(UNITS_PER_METER)}"
                 if said.strip()
                 else "the file does not say its unit of length"
             )
@@ -141,6 +141,19 @@ class RawMarkers:
             raise file_error(
                 self.path, str(error), "repair the time column, or export the trial again"
             ) from error
+
+
+def unit_cure(times_too_long: float) -> str:
+    """What to do about lengths that are so many times a person's: which unit to give depends on
+    what the file says, so only the factor is stated.
+    """
+    long = times_too_long > 1
+    factor = float(f"{times_too_long if long else 1 / times_too_long:.2g}")
+    return (
+        f"lengths are about {factor:g} times too {'long' if long else 'short'}: give the unit "
+        f"that they are in, one of {', '.join(UNITS_PER_METER)}, as in --set motion.unit=mm (in "
+        "Python: unit='mm')"
+    )
 
 
 def not_seen_as_nan(positions: FloatArray) -> FloatArray:

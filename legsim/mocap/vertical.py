@@ -95,7 +95,8 @@ class _Body:
 
 
 def stated(positions: FloatArray, labels: Sequence[str], said: str) -> Vertical:
-    """The axis ``said`` by the file of markers (n, m, 3) in meters.
+    """The axis ``said`` by the file of markers (n, m, 3) in meters; its opposite where the file has
+    the sign wrong, so that somebody would hang head down below the floor.
 
     Raises:
         LegsimError: a body hangs head down along it, or stands with its feet on the floor along
@@ -104,6 +105,12 @@ def stated(positions: FloatArray, labels: Sequence[str], said: str) -> Vertical:
     body = _body(positions, labels)
     upright = body.upright()
     stands = upright not in ("", said) and body.on_floor(upright)
+    if upright == _opposite(said) and stands:
+        return Vertical(
+            upright,
+            f"the body stands on the floor along it; along {said}, which the file calls up, it "
+            "would hang head down below the floor",
+        )
     if upright == _opposite(said):
         raise _ask(
             f"the file says {said} is up, but the feet are above the pelvis along it", upright
@@ -139,7 +146,7 @@ def guessed(positions: FloatArray, labels: Sequence[str], usual: str) -> Vertica
     if upright == usual or (upright == other and body.on_floor(other)):
         return Vertical(upright, "the body is upright along it")
     if upright == _opposite(usual):
-        raise _ask(f"the feet are above the pelvis along {usual}, the usual vertical", other)
+        raise _ask(f"the feet are above the pelvis along {usual}, the usual vertical", upright)
     habit = "as is usual for this format"
     if upright:
         return _lying(body, upright, usual, other, habit)

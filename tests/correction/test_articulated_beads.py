@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from legsim.core import transforms
 from legsim.core.errors import LegsimError
 from legsim.core.values import FloatArray
 from legsim.correction import articulated_beads
@@ -19,11 +20,13 @@ from tests.correction.test_tied_sensors import (
     KNEE,
     LEG,
     SENSOR,
+    SHANK,
     START,
     TIE,
     scanned,
     shadows,
 )
+from tests.references.sway import Sway
 
 pytestmark = pytest.mark.filterwarnings("ignore::legsim.reconstruction.weights.ShortScanWarning")
 NODES = VolumeGrid.cubic(1, 0.15, KNEE.tolist()).coarse(0.02)
@@ -44,12 +47,20 @@ def method(rng: np.random.Generator, px: float = 0.3) -> ArticulatedBeads:
     return ArticulatedBeads(leg, PRIORS, NODES)
 
 
-def missed(motion: FieldMotion, name: str, points: FloatArray) -> float:
+def missed(motion: FieldMotion | RigidMotion, name: str, points: FloatArray) -> float:
     """m, RMS."""
     true = np.stack([m[:3, :3] @ points.T + m[:3, 3:] for m in LEG[name].motion()])
     return float(np.sqrt(((motion.carry(points) - np.swapaxes(true, 1, 2)) ** 2).sum(-1).mean()))
 
 
+@pytest.fixture
+def bending(monkeypatch: pytest.MonkeyPatch):
+    """A thigh that turns by 2 degrees on a shank that does not."""
+    sway = replace(Sway.standing(6, angle_deg=2.0), position=SHANK.position, center=SHANK.center)
+    monkeypatch.setitem(LEG, "thigh_l", replace(LEG["thigh_l"], sway=sway))
+
+
+@pytest.mark.usefixtures("bending")
 def test_thigh_and_shank_are_followed_each_on_its_side(rng: np.random.Generator):
     """From rough starts and biased signals, meters off alone; no bone is in these images."""
     found = method(rng)(scan(rng))
@@ -69,6 +80,19 @@ def test_who_may_rest_is_left_alone(rng: np.random.Generator, monkeypatch: pytes
     assert isinstance(found.motion, RigidMotion)
     assert (found.motion.moved_from_reference == np.eye(4)).all()
     assert "do not determine it, and the scan is left as it is" in found.notes[-1]
+
+
+def test_a_leg_that_moves_as_one_is_followed_as_one(
+    rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
+):
+    """What would part its bones is error alone."""
+    monkeypatch.setitem(LEG, "thigh_l", replace(LEG["thigh_l"], sway=SHANK))
+    found = method(rng)(scan(rng))
+    assert isinstance(found.motion, RigidMotion)
+    points = KNEE + np.array([[0.0, 0.06, 0.0], [0.0, -0.06, 0.0]])
+    still = np.linalg.norm(transforms.apply(LEG["shank_l"].motion(), points) - points, axis=-1)
+    assert missed(found.motion, "thigh_l", points) < 0.6 * np.sqrt((still**2).mean())
+    assert "does not determine it: both follow the shank" in found.notes[-1]
 
 
 def test_a_leg_without_two_sensors_is_refused(rng: np.random.Generator):

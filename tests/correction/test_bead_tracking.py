@@ -234,3 +234,14 @@ def test_beads_are_followed_through_overlaps_and_from_rough_guesses(rng: np.rand
     assert not has[10, [6, 12]].any()
     assert has[[0, 0, -1, -1], [6, 12, 6, 12]].all()
     assert has[:, :6].all()
+
+
+def test_a_bead_whose_guess_is_too_far_off_is_followed_back_from_where_it_is_met():
+    """Its guess is off along the first ray's side by 7 mm, and right along that of a later view."""
+    truth = seen(sway(2), beads(2))[:60]
+    toward = c_arm().sources()[50] - beads(2)[0]
+    off = np.array([7e-3 * toward / np.linalg.norm(toward), np.zeros(3)])
+    found = bead_tracking.track(shadows(truth, 1.3), beads(2) + off, radius=1e-3)
+    away = c_arm().project(beads(2) + off)[0][0, 0] - truth[0, 0]
+    assert np.linalg.norm(away) > 6
+    assert np.linalg.norm(found - truth, axis=-1).max() < 0.15

@@ -135,3 +135,17 @@ def test_errors_are_carried_through_every_sample_between_the_views():
     sampled = np.asarray(signals().times)
     between = sampled[(sampled > VIEWS[0]) & (sampled < VIEWS[-1])]
     np.testing.assert_array_equal(found.nodes, np.unique(np.concatenate([VIEWS, between])))
+
+
+def test_samples_within_rounding_of_a_view_are_that_view():
+    """Their clocks meet every 30th of a second, but for the last bit."""
+    at = SAMPLES[60:400:4]
+    late = np.nextafter(at, np.inf)
+    exact, rounded = (
+        error_state(signals(), "shank_l", START, views, SensorErrors(), EXACT)
+        for views in (at, late)
+    )
+    assert len(rounded.nodes) == len(exact.nodes)
+    nothing = np.zeros(exact.size)
+    poses = rounded.path(nothing).poses
+    np.testing.assert_allclose(poses, exact.path(nothing).poses, atol=1e-12)

@@ -40,6 +40,29 @@ def test_flexion_positive_coordinates_are_turned_to_the_models_sign(tmp_path):
     assert any("positive in flexion" in line for line in again.lines())
 
 
+def test_knees_that_count_flexion_in_opposite_ways_are_refused(tmp_path, solved):
+    """One of them would bend forwards, whichever way both are turned."""
+    values = np.array(solved.values)
+    values[:, solved.coordinate_names.index("knee_angle_r")] *= -1
+    motion = JointTrajectories(solved.times, solved.coordinate_names, values)
+    opensim.save(tmp_path / "c.mot", motion)
+    with pytest.raises(LegsimError, match=r"knee_angle_r reaches .* and knee_angle_l -.*forwards"):
+        from_recording.solve_kinematics(str(tmp_path / "c.mot"))
+
+
+@pytest.mark.parametrize(("sign", "turned"), [(1, False), (-1, True)])
+def test_bent_knees_tell_their_sign_beside_a_patella(tmp_path, solved, sign, turned):
+    """A patella's coordinate decides for straight knees alone."""
+    names = (*solved.coordinate_names, "knee_angle_r_beta")
+    knees = [names.index("knee_angle_r"), names.index("knee_angle_l")]
+    values = np.column_stack([solved.values, np.abs(solved.values[:, knees[0]])])
+    values[:, knees] *= sign
+    opensim.save(tmp_path / "c.mot", JointTrajectories(solved.times, names, values))
+    again = from_recording.solve_kinematics(str(tmp_path / "c.mot"))
+    np.testing.assert_array_equal(again.trajectories.values, solved.values)
+    assert any("positive in flexion" in line for line in again.notes) == turned
+
+
 def test_filtering_coordinates_on_request_removes_what_is_fast(tmp_path):
     recovered = from_recording.solve_kinematics(SQUAT)
     shaken = (

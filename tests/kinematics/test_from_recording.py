@@ -39,6 +39,13 @@ def test_a_shipped_recording_becomes_a_bent_knee():
     assert {m["role"] for m in recovered.summary()["markers"]} >= {"sacrum", "epicondyle_lateral_l"}
 
 
+@pytest.mark.parametrize(("up", "told"), [("y", False), ("-z", True)])
+def test_who_lies_or_has_another_axis_up_is_asked_about(tmp_path, squat, up, told):
+    config = saved(tmp_path, short(squat, 40)).model_copy(update={"up": up, "registration": False})
+    found = run_motion.solve(config)
+    assert any("the shanks are not upright" in note for note in found.notes) == told
+
+
 @pytest.mark.parametrize("name", ["nowhere.trc", "subject99/squat_30.trc"])
 def test_a_missing_file_is_named(name):
     with pytest.raises(LegsimError, match=r"no such motion file, here or among the shipped ones"):

@@ -46,8 +46,6 @@ def test_real_recordings_are_one_movement(
         shared_data / file,
         marker_map=shared_data / marker_map if marker_map != "auto" else "auto",
         scale_from=shared_data / scale_from if scale_from else None,
-        # one of the files calls the axis that points up the negative one
-        up="z" if "biobuddy" in file else None,
         marker_noise=0.0,
     )
     assert found.fit is not None

@@ -332,6 +332,41 @@ def test_calibrated_markers_go_where_the_recording_shows_them():
     np.testing.assert_allclose(found.positions, moved, atol=1e-6)
 
 
+LAID_DOWN = {
+    "on the back": ([0, 0, 1], 90.0),
+    "on the face": ([0, 0, 1], -90.0),
+    "on the side": ([1, 0, 0], 90.0),
+}
+
+
+def laid(motion, how):
+    axis, angle = LAID_DOWN[how]
+    turn = transforms.axis_rotation(axis, np.radians(angle))
+    return MarkerTrajectories(motion.times, motion.marker_names, motion.positions_world @ turn.T)
+
+
+@pytest.mark.parametrize("how", LAID_DOWN)
+def test_who_lies_has_the_ankles_that_the_markers_of_the_feet_show(how):
+    """A foot is flat on the floor only under somebody who stands."""
+    values = squats(60, depth_deg=40.0)
+    used, lying = sites(FULL), laid(recording(values, sites(FULL)), how)
+    loose = marker_sites.calibrated_roles() & set(FULL)
+    placed = inverse_kinematics.calibrate(LEG, lying, used, loose)
+    found = inverse_kinematics.solve(LEG, lying, placed).trajectories
+    for side in "rl":
+        name = f"ankle_angle_{side}"
+        off = found.coordinate(name) - values[:, COORDINATES.index(name)]
+        assert np.degrees(np.abs(off).max()) < 1
+
+
+@pytest.mark.parametrize("how", LAID_DOWN)
+def test_who_lies_without_markers_on_the_feet_has_neutral_ankles(how):
+    values = squats(60, depth_deg=0.0)
+    lying = laid(recording(values, sites(SEVEN)), how)
+    found = inverse_kinematics.solve(LEG, lying, sites(SEVEN)).trajectories
+    assert np.degrees(np.abs(found.coordinate("ankle_angle_r")).max()) < 1
+
+
 def test_progress_ends_at_the_last_frame():
     told = []
     inverse_kinematics.solve(

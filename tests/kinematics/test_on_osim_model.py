@@ -2,6 +2,7 @@
 said, what is refused.
 """
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -129,6 +130,24 @@ def test_too_few_markers_and_a_wrong_size_are_refused_or_told(tmp_path, model, l
     small = recorded(leg, tmp_path / "small.trc", factor=0.1)
     with pytest.raises(LegsimError, match="unit of length is wrong"):
         from_recording.solve_kinematics(small, model=model)
+
+
+@pytest.mark.parametrize("factor", [100.0, 1000.0])
+def test_a_model_that_is_not_in_meters_is_refused(tmp_path, model, leg, factor):
+    """Its joints, whatever the file; its markers, whatever the recording's unit."""
+    text = model.read_text()
+
+    def longer(tag):
+        def scaled(found):
+            return f"<{tag}>{' '.join(repr(factor * float(x)) for x in found[1].split())}<"
+
+        return osim.saved(tmp_path, re.sub(rf"<{tag}>([^<]*)<", scaled, text), f"{tag}.osim")
+
+    path = recorded(leg, tmp_path / "m.trc")
+    with pytest.raises(LegsimError, match=r"translation\.osim \(JointSet\): the right thigh is "):
+        from_recording.solve_kinematics(path, model=longer("translation"))
+    with pytest.raises(LegsimError, match="its markers' places are not in meters"):
+        from_recording.solve_kinematics(path, model=longer("location"))
 
 
 def test_roles_of_the_own_leg_say_nothing_of_a_models_markers(tmp_path, model, leg):

@@ -147,6 +147,11 @@ def test_frames_hang_on_one_another_and_sockets_have_had_several_spellings(tmp_p
         ("<Model name='small'>", "<Model name='small'><BodySet file='b.xml'/>", "in another file"),
         ("Model", "Tool", "holds Tool, not a Model"),
         ("<range>-10.0 10.0</range>", "<range>1</range>", "<range> holds 1 numbers"),
+        (
+            "<range>-10.0 10.0</range>",
+            "<range>10 -10</range>",
+            "<range> runs from 10 to -10, backwards",
+        ),
         ("Version='40000'", "Version='4x'", "its Version is '4x'"),
         ("<translation>1 2 3<", "<translation>1 2<", "hold 2 and 3 numbers"),
     ],

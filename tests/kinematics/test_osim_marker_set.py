@@ -82,13 +82,41 @@ def test_a_set_sits_in_a_frame_of_a_body(tmp_path):
     text = osim.version_4(osim.two_legs()).replace(
         "<Body name='pelvis'><mass>1</mass></Body>", frame
     )
-    model = osim_file.read(
-        osim.saved(tmp_path, text.replace("<socket_parent>..<", "<socket_parent><"))
-    )
+    model = osim_file.read(osim.saved(tmp_path, text))
     given = marker("F", "pelvis/front", "0.2 0 0")
     with_set, _ = osim_marker_set.with_set(model, set_file(tmp_path, given))
     np.testing.assert_allclose(with_set.markers[0].location, (0.1, 0.2, 0), atol=1e-12)
     assert with_set.markers[0].body == "pelvis"
+
+
+def offset(name, parent, place):
+    return (
+        f"<PhysicalOffsetFrame name='{name}'><socket_parent>{parent}</socket_parent>"
+        f"<translation>{place}</translation></PhysicalOffsetFrame>"
+    )
+
+
+def test_frames_of_one_name_on_two_bodies_are_told_apart_by_their_paths(tmp_path):
+    """And a frame may hang on one that comes after it."""
+    text = osim.version_4(osim.two_legs())
+    for body, frames in {
+        "pelvis": offset("on", "../under", "0.1 0 0") + offset("under", "..", "0 0.5 0"),
+        "femur_r": offset("on", "/bodyset/femur_r", "0 0 0.3"),
+    }.items():
+        old = f"<Body name='{body}'><mass>1</mass></Body>"
+        assert old in text
+        text = text.replace(
+            old, f"<Body name='{body}'><mass>1</mass><components>{frames}</components></Body>"
+        )
+    given = marker("A", "pelvis/on", "0 0 0.01") + marker("B", "femur_r/on", "0 0 0.01")
+    model = osim_file.read(osim.saved(tmp_path, text))
+    with_set, _ = osim_marker_set.with_set(model, set_file(tmp_path, given))
+    assert [m.body for m in with_set.markers] == ["pelvis", "femur_r"]
+    np.testing.assert_allclose(with_set.markers[0].location, (0.1, 0.5, 0.01), atol=1e-12)
+    np.testing.assert_allclose(with_set.markers[1].location, (0, 0, 0.31), atol=1e-12)
+    ambiguous = marker("A", "pelvis/on", "0 0 0") + marker("B", "on", "0 0 0")
+    _, said = osim_marker_set.with_set(model, set_file(tmp_path, ambiguous))
+    assert said[1].endswith("are left out: B (on on)")
 
 
 def test_markers_on_bodies_that_the_model_lacks_are_named(tmp_path, bare):

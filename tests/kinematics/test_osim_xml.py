@@ -20,6 +20,12 @@ def test_credits_in_a_code_page_or_with_a_bare_ampersand_do_not_hinder(tmp_path,
     assert len(OsimLeg(osim_file.read(path)).marker_sites()[0].names) == 22
 
 
+def test_a_file_in_utf_16_is_read(tmp_path):
+    path = tmp_path / "m.osim"
+    path.write_bytes(osim.version_4(osim.two_legs(), markers=osim.MARKERS).encode("utf-16"))
+    assert len(OsimLeg(osim_file.read(path)).marker_sites()[0].names) == 22
+
+
 def test_legs_named_without_and_with_an_l_are_right_and_left(tmp_path):
     text = osim.version_4(osim.two_legs(), markers=osim.MARKERS)
     plain = OsimLeg(osim_file.read(osim.saved(tmp_path, text)))

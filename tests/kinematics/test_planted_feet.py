@@ -149,6 +149,17 @@ def test_a_planted_turned_out_foot_tells_the_hips_rotation_while_the_knee_is_str
     assert worst[True] < 5
 
 
+def test_the_habitual_rotation_gives_way_where_the_foot_tells_it():
+    """Exact markers, whose hips turn by 10 degrees over feet that stand: one habitual rotation
+    for straight and bent knees would pull the straight ones off by half of that.
+    """
+    flexion = bends()
+    true = squats(constant(22.0, 15.0, len(flexion)), flexion)
+    _, solution = recovered(shown(true), pegged=True)
+    off = errors_deg(solution, true, ROTATIONS)[flexion < np.radians(8)]
+    assert np.sqrt((off**2).mean(0)).max() < 2.6
+
+
 def pivoting(n: int) -> FloatArray:
     """Toes that turn out by 30 degrees after half of the time, and in again."""
     return constant(5.0, 5.0, n) + 30 * np.sin(np.linspace(0, 40 * np.pi, n))[:, None] ** 2

@@ -78,6 +78,15 @@ def test_a_lax_knee_is_plausible_and_one_that_no_person_has_is_not():
         assert all(line.startswith(start) for line, start in zip(lines, said, strict=True))
 
 
+@pytest.mark.parametrize(("sign", "shown"), [(1, False), (-1, True)])
+def test_a_hip_that_no_person_has_is_named(sign: int, shown: bool):
+    values = swaying()
+    values[:, COORDINATES.index("hip_flexion_r")] = sign * np.radians(90)
+    times = np.arange(len(values)) / 100
+    lines = plausibility.at_limits(LEG, JointTrajectories(times, COORDINATES, values))
+    assert any("hip_flexion_r is beyond what people's hips do" in line for line in lines) == shown
+
+
 def test_a_knee_at_its_limit_is_implausible_and_printed():
     values = swaying()
     column = COORDINATES.index("knee_angle_l")

@@ -63,6 +63,31 @@ def test_times_start_at_the_first_frame(write, positions):
     np.testing.assert_allclose(found.times[[0, -1]], [1.2, 1.39])
 
 
+def test_a_count_of_frames_that_wraps_at_16_bits_is_told_by_the_files_length(write, positions):
+    more = np.zeros((65536, len(LABELS), 4), "<f4")
+    more[..., :3] = np.arange(1, 65537)[:, None, None] / 100
+    data = c3d_bytes(positions, LABELS) + more.tobytes()
+    found = c3d.read(write(data))
+    assert len(found.times) == 65536 + len(positions)
+    np.testing.assert_allclose(found.positions[-1, 0], 655.36, rtol=1e-6)
+
+
+def test_a_file_that_is_longer_than_its_header_says_is_reported(write, positions):
+    data = c3d_bytes(positions, LABELS) + np.ones(50 * len(LABELS) * 4, "<f4").tobytes()
+    found = c3d.read(write(data))
+    assert len(found.times) == len(positions)
+    assert "long enough for 70 frames, the header says 20: 20 are read" in found.notes[0]
+
+
+def test_a_rate_of_zero_gives_way_to_the_headers(write, positions):
+    data = bytearray(c3d_bytes(positions, LABELS, rate=100.0))
+    place = data.index(b"RATE") + 4 + 2 + 2
+    data[place : place + 4] = np.zeros(1, "<f4").tobytes()
+    found = c3d.read(write(bytes(data)))
+    np.testing.assert_allclose(np.diff(found.times), 0.01)
+    assert found.notes == ("POINT:RATE says 0 Hz, the header 100 Hz; 100 Hz is taken",)
+
+
 @pytest.mark.parametrize(("unit", "factor"), [("mm", 1000), ("m", 1), ("cm", 100), ("mete", 1)])
 def test_units_become_metres(write, positions, unit, factor):
     found = c3d.load(write(c3d_bytes(positions, LABELS, unit=unit)), up="y")

@@ -264,8 +264,8 @@ def test_a_further_marker_that_is_never_seen_is_reported():
 
 
 @pytest.mark.parametrize(("change", "message"), [
-    (lambda x: x * 1000, r"pelvis is 240 m wide: the unit of length is wrong; give the unit"),
-    (lambda x: x * [1, 1, -1], r"asis_r lies left of asis_l.*left and right are exchanged"),
+    (lambda x: x * 1000, r"pelvis is 240 m wide: the unit of length is wrong; lengths are about 960 times too long"),
+    (lambda x: x * [1, 1, -1], r"asis_r lies left of asis_l.*left and right, or .* are exchanged"),
     (lambda x: x[:, [0, 1, 2, 4, 3, 5, 6]], (r"epicondyle_lateral_r lies \d+ mm left of .* labels of the legs are exchanged; "
         r"exchange them")),
     (lambda x: x[:, [0, 1, 2, 3, 4, 6, 5]], (r"malleolus_lateral_r lies \d+ mm left of .* labels of the legs are exchanged; "
@@ -288,9 +288,37 @@ def turning(places) -> MarkerTrajectories:
     )
 
 
+@pytest.mark.parametrize(("length", "told"), [(20, False), (60, True)])
+def test_a_stretch_that_hides_most_markers_is_called_a_guess(length, told):
+    """A sixth of a second is bridged within millimeters, half a second is not."""
+    motion = recording()
+    positions = motion.positions_world.copy()
+    positions[400 : 400 + length, :5] = np.nan
+    _, report = cleaning.clean(
+        MarkerTrajectories(motion.times, LABELS, positions), SEVEN, longest_gap_s=2.0
+    )
+    said = [note for note in report.notes if "the movement there is a guess" in note]
+    assert len(said) == told
+    if told:
+        assert "from 3.333 to 3.825 s" in said[0]
+
+
+def test_a_second_trial_behind_the_first_is_left_out_with_a_warning():
+    motion = recording()
+    again = motion.positions_world[:500] + np.array([2, 0, 1])
+    positions = np.concatenate([motion.positions_world, again])
+    times = np.arange(len(positions)) / RATE
+    cleaned, report = cleaning.clean(MarkerTrajectories(times, LABELS, positions), SEVEN)
+    assert len(cleaned.times) == len(motion.times)
+    assert report.notes == (
+        f"warning: 500 frames are left out whose markers jump away at {motion.times[-1]:.4g} s: "
+        "frames are missing there, or another trial begins; cut the recording there",
+    )
+
+
 def test_who_turns_about_is_a_person_and_keeps_right_and_left():
     assert cleaning.clean(turning(PLACES), SEVEN)[1].roles[0].left_missing == 0
-    with pytest.raises(LegsimError, match="left and right are exchanged"):
+    with pytest.raises(LegsimError, match="left and right, or front and back, are exchanged"):
         cleaning.clean(turning(PLACES * [1, 1, -1]), SEVEN)
 
 
@@ -308,6 +336,39 @@ def test_hardly_any_samples_are_refused():
         cleaning.clean(
             MarkerTrajectories(motion.times[:3], LABELS, motion.positions_world[:3]), SEVEN
         )
+
+
+@pytest.mark.parametrize(("first", "side", "word"), [(0, "l", "left"), (500, "r", "right")])
+def test_exchanged_labels_of_knee_and_ankle_are_refused_with_the_time(first, side, word):
+    motion = recording()
+    positions = motion.positions_world.copy()
+    pair = [LABELS.index(f"{side.upper()}{name}") for name in ("KNE", "ANK")]
+    positions[first:, pair] = positions[first:, pair[::-1]]
+    said = (
+        rf"malleolus_lateral_{side} lies between the pelvis and .*first at {first / RATE:.4g} s: "
+        rf"the labels of the {word} knee and ankle are exchanged"
+    )
+    with pytest.raises(LegsimError, match=said):
+        cleaning.clean(MarkerTrajectories(motion.times, LABELS, positions), SEVEN)
+
+
+def test_who_sits_on_the_heels_has_knee_and_ankle_in_order():
+    """Thighs forward, shanks back under them."""
+    motion = recording()
+    sitting = PLACES.copy()
+    sitting[3:5, :2], sitting[5:, :2] = (0.42, -0.08), (0.02, -0.15)
+    positions = motion.positions_world - PLACES + sitting
+    cleaned, _ = cleaning.clean(MarkerTrajectories(motion.times, LABELS, positions), SEVEN)
+    assert cleaned.marker_names == PAPER_ROLES
+
+
+@pytest.mark.parametrize(("factor", "step"), [(100.0, "1 s"), (1 / 60, "0.000167 s")])
+def test_times_that_are_not_in_seconds_are_refused(factor, step):
+    """A second or a sixtieth of a hundredth between samples: frame numbers, minutes."""
+    motion = recording()
+    times = np.arange(len(motion.times)) / 100 * factor
+    with pytest.raises(LegsimError, match=rf"a sample every {step} is no recording .*in seconds"):
+        cleaning.clean(MarkerTrajectories(times, LABELS, motion.positions_world), SEVEN)
 
 
 @pytest.mark.parametrize("file", [
@@ -398,7 +459,7 @@ def test_somebody_who_lies_has_right_and_left_too(axis, angle):
         cleaned.positions_world, upright.positions_world @ lying.T, atol=1e-9
     )
     mirrored = motion.positions_world * [1, 1, -1]
-    with pytest.raises(LegsimError, match="left and right are exchanged"):
+    with pytest.raises(LegsimError, match="left and right, or front and back, are exchanged"):
         cleaning.clean(MarkerTrajectories(motion.times, LABELS, mirrored @ lying.T), SEVEN)
 
 

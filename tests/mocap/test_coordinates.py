@@ -102,10 +102,21 @@ def test_a_pose_of_zeros_may_be_in_either_unit():
 def test_positions_in_another_unit_are_refused_with_the_fix(unit, factor):
     values = squat()
     values[:, SLIDING] *= factor
-    with pytest.raises(LegsimError, match=r"pelvis_ty is .* m in the median.*motion\.unit=mm"):
+    with pytest.raises(
+        LegsimError, match=rf"pelvis_ty is .* m in the median.*motion\.unit={unit} "
+    ):
         raw(values[:, 4:5], names=["pelvis_ty"]).to_plausible_motion()
     motion, _ = raw(values).to_plausible_motion(unit=unit)
     np.testing.assert_allclose(motion.values, squat(), atol=1e-12)
+
+
+def test_the_height_of_the_pelvis_tells_the_unit_of_all_its_positions():
+    """Forward and sideways positions may be any number of meters."""
+    values = squat()
+    values[:, SLIDING] *= 1000.0
+    values[:, SLIDING[0]] = -200.0
+    with pytest.raises(LegsimError, match=r"pelvis_ty is .*motion\.unit=mm"):
+        raw(values).to_plausible_motion()
 
 
 @pytest.mark.parametrize(

@@ -66,9 +66,20 @@ def test_a_foot_that_rests_while_the_body_moves_is_kept(millimeters):
 
 
 def test_nothing_is_told_where_all_markers_stand():
-    positions = recording(noise=0).positions_world.copy()
-    positions[300:420] = positions[300]
+    moving = recording(noise=0).positions_world
+    slowest = 1 + int(np.linalg.norm(np.diff(moving[200:-200, 0], axis=0), axis=1).argmin()) + 200
+    positions = np.insert(moving, slowest, np.repeat(moving[slowest][None], 120, axis=0), axis=0)
     assert not find_held(positions, 1 / RATE).any()
+
+
+def test_frames_copied_while_somebody_moves_on_are_found_by_the_jump_at_their_end():
+    positions = recording().positions_world.copy()
+    positions[300:480] = positions[299]
+    held = find_held(positions, 1 / RATE)
+    jumping = np.linalg.norm(positions[480] - positions[479], axis=1) > 0.01
+    assert jumping.sum() > 3
+    assert held[300:480, jumping].all()
+    assert not np.delete(held, np.s_[300:480], axis=0).any()
 
 
 def test_a_point_that_never_moves_is_kept():

@@ -119,6 +119,26 @@ def test_two_people_are_told():
         marker_sets.guess(labels)
 
 
+@pytest.mark.parametrize("spoil", ["half of one", "one without a prefix"])
+def test_a_second_person_is_told_who_is_not_whole_or_has_no_prefix(spoil):
+    whole = ["SACR", *both("@ASI @KNE @ANK")]
+    first = whole if spoil == "one without a prefix" else [f"Ann:{name}" for name in whole]
+    second = [f"Bob:{name}" for name in whole if name != "LKNE"]
+    with pytest.raises(LegsimError, match=r"tell of 2 people \((Ann|without a prefix), Bob\)"):
+        marker_sets.guess([*first, *second])
+
+
+def test_parts_of_one_person_under_prefixes_of_their_own_are_no_people():
+    labels = ["pelvis:SACR", *both("pelvis:@ASI leg:@KNE leg:@ANK")]
+    assert marker_sets.guess(labels).missing_in(labels) == ()
+
+
+def test_labels_that_are_there_twice_are_named_where_a_role_lacks_one():
+    labels = ["SACR", *both("@ASI @ANK"), "LKNE", "RKNE#1", "RKNE#2"]
+    with pytest.raises(LegsimError, match=r"several markers are called RKNE: none is taken"):
+        marker_sets.guess(labels)
+
+
 def test_an_own_map_is_read(tmp_path):
     path = tmp_path / "mine.toml"
     path.write_text('[roles]\nsacrum = ["A", "B"]\nasis_r = "C"\nasis_l = [["D"], ["E", "F"]]\n')

@@ -118,6 +118,15 @@ def test_radians_stay(write, word):
     )
 
 
+@pytest.mark.parametrize("mark", [";", ",", " ; "])
+def test_a_table_that_a_spreadsheet_has_written_is_read(write, mark):
+    rows = [["time", "knee_angle_r"], ["0.00", "-10.5"], ["0.01", "-11.5"]]
+    found = mocap_opensim.load(
+        write("Coordinates\ninDegrees=yes\nendheader\n" + "\n".join(map(mark.join, rows)) + "\n")
+    )
+    np.testing.assert_allclose(np.degrees(found.values[:, 0]), [-10.5, -11.5])
+
+
 def test_simm_motion_files_are_in_degrees(write):
     text = (
         "name squat\ndatacolumns 5\ndatarows 2\nrange 0 0.01\nendheader\n"
@@ -161,7 +170,6 @@ def test_the_header_is_what_opensim_asks_for(tmp_path):
     (lambda s: "", "the file is empty"),
     (lambda s: "DataType=Quaternion\n" + s, (r"\(header\): holds DataType=Quaternion .*; give the .mot that inverse kinematics "
         r"made")),
-    (lambda s: s.replace("\t", ","), r"the first column is 'time,pelvis_tilt,pelvis_tx,knee_angle_r,', not time"),
 ])  # fmt: skip
 def test_what_would_be_a_guess_is_refused_with_its_place(write, change, message):
     with pytest.raises(LegsimError, match=message):

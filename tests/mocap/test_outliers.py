@@ -36,6 +36,17 @@ def test_a_step_with_heel_strike_has_no_jumps(rate):
     assert not outliers.find_jumps(path, 1 / rate).any()
 
 
+@pytest.mark.parametrize("rate", [60, 120, 240, 1000])
+@pytest.mark.parametrize("place", [(0.0, 0.0, 0.0), (9999.0, 9999.0, 9999.0)])
+def test_flicker_between_a_marker_and_where_it_is_not_seen_is_found(rate, place):
+    """A third of the recording; its steps say nothing of how smoothly the marker moves."""
+    path = squat(rate)
+    false = np.zeros(len(path), bool)
+    false[len(path) // 3 : 2 * len(path) // 3 : 2] = True
+    path[false] = place
+    np.testing.assert_array_equal(outliers.find_jumps(path, 1 / rate), false)
+
+
 @pytest.mark.parametrize("rate", [60, 120, 240])
 @pytest.mark.parametrize("size", [0.02, 0.25])
 @pytest.mark.parametrize("length", [1, 2, 20, 60])

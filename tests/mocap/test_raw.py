@@ -66,7 +66,7 @@ def test_no_zero_becomes_negative():
 
 
 @pytest.mark.parametrize(("options", "message"), [
-    ({"unit": "furlong"}, "unit 'furlong' is not one of m, cm, mm; give the unit"),
+    ({"unit": "furlong"}, "unit 'furlong' is not one of m, dm, cm, mm, in, ft; give the unit"),
     ({"up": "w"}, "up = 'w' is no axis; give one of y, -y, z"),
 ])  # fmt: skip
 def test_an_unknown_override_is_refused(options, message):

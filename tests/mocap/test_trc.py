@@ -251,6 +251,15 @@ def test_a_time_column_in_milliseconds_becomes_seconds(write, rate):
     assert found.notes == ("the time column is in milliseconds",)
 
 
+def test_a_time_column_that_counts_frames_becomes_seconds(write):
+    rows = [f"{k + 1}\t{k}\t1\t2\t3\t4\t5\t6" for k in range(20)]
+    found = trc.read(write(text(rows, rate="120", frames=20)))
+    np.testing.assert_allclose(found.times, np.arange(20) / 120, atol=1e-12)
+    assert found.notes == (
+        "the time column counts frames: times are from it and DataRate (120 Hz)",
+    )
+
+
 def test_rows_that_were_left_out_keep_their_times(write):
     rows = [f"{k}\t{(k - 1) / 100:.2f}\t1\t2\t3\t4\t5\t6" for k in range(1, 21) if k not in (7, 8)]
     np.testing.assert_allclose(
@@ -280,7 +289,7 @@ def test_a_row_without_time_gets_it_from_its_frame(write):
     (lambda s: s.replace("2\t0.01\t1", "2\t0.00\t1"), r"line 8\): time 0.00 does not come after 0.00"),
     (lambda s: s.replace("2\t0.01\t1", "2.5\t0.01\t1"), r"line 8\): frame number '2.5' is not a whole number"),
     (lambda s: s[: s.rindex("\t4")], r"line 9\): the file breaks off in this row, number 3 of 3"),
-    (lambda s: s.replace("mm", "parsec"), r"unit\): unit 'parsec' is not one of m, cm, mm"),
+    (lambda s: s.replace("mm", "parsec"), r"unit\): unit 'parsec' is not one of m, dm, cm, mm"),
     (lambda s: s.replace("mm", ""), (r"unit\): the file does not say its unit of length; give the "
         r"unit")),
     (lambda s: re.sub(r"\t[1-6](\.5)?(?=[\t\n])", "\t0", s), r"none of its 2 markers is seen at any time"),

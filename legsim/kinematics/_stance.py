@@ -1,0 +1,57 @@
+"""Whether a recording's feet stand on a floor: only then is a foot that no marker shows flat."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from legsim.core.values import FloatArray
+from legsim.kinematics.ik_options import IkOptions
+from legsim.kinematics.marker_sites import MarkerSites
+from legsim.mocap.trajectories import MarkerTrajectories
+
+_UPRIGHT = 0.5
+"""of a shank's length that its knee is above its ankle: 60 degrees off the vertical, as deep squats
+and seats seldom are
+"""
+
+_BELOW_KNEE = ("tibia", "talus", "calcn", "toes")
+
+
+def with_feet(config: IkOptions, motion: MarkerTrajectories, sites: MarkerSites) -> IkOptions:
+    """The options for this recording: feet rest on the floor, or hang at neutral ankles from
+    somebody who lies.
+    """
+    return replace(config, feet_on_floor=_stands(motion, sites))
+
+
+def notes(motion: MarkerTrajectories, sites: MarkerSites) -> tuple[str, ...]:
+    """A warning where nobody stands: another axis may point up, and gravity with it."""
+    if _stands(motion, sites):
+        return ()
+    return (
+        "warning: the shanks are not upright: somebody lies, with ankles taken as neutral where no "
+        "marker tells; if somebody stands, give the axis that points up, as in --set motion.up=z",
+    )
+
+
+def _stands(motion: MarkerTrajectories, sites: MarkerSites) -> bool:
+    """Whether thighs are above shanks in half of the frames; also where no frame tells."""
+    heights = []
+    for side in "rl":
+        shank = _middle(motion, sites, tuple(f"{name}_{side}" for name in _BELOW_KNEE))
+        thigh = _middle(motion, sites, (f"femur_{side}",))
+        up = (_middle(motion, sites, ("pelvis",)) if np.isnan(thigh).all() else thigh) - shank
+        heights.append(up[:, 1] / np.linalg.norm(up, axis=1))
+    heights = np.concatenate(heights)
+    heights = heights[np.isfinite(heights)]
+    return heights.size == 0 or float(np.median(heights)) > _UPRIGHT
+
+
+def _middle(
+    motion: MarkerTrajectories, sites: MarkerSites, segments: tuple[str, ...]
+) -> FloatArray:
+    """Mean (n, 3) of the markers on some segments; NaN where one is not seen, or without any."""
+    carried = zip(sites.names, sites.segments, strict=True)
+    names = [name for name, at in carried if at in segments and name in motion.marker_names]
+    positions = [motion.marker(name) for name in names]
+    return np.mean(positions, axis=0) if positions else np.full((len(motion.times), 3), np.nan)
