@@ -1,6 +1,6 @@
 """A run as raw files of three makers, with a SCAN.toml written by hand.
 
-    legsim run --preset demo --set scan.phantom.legs=scanned --out run
+    legsim run --preset demo --set phantom.legs=scanned --out run
     python docs/examples/own_counts.py run own
     legsim correct own/scan.toml --method rigid --method standing --out corrected
 
@@ -26,7 +26,7 @@ pixel_mm = {pixel!r}          # ASTRA's vectors have no unit
 view_times = "views.csv"      # or view_rate_hz = 31
 
 [counts]                      # how counts become line integrals
-air = "0:{air},0:{rows}"      # columns and rows that see no object in any view
+air = "{air}"         # columns and rows that see no object in any view
 """
 
 SENSOR = """
@@ -51,12 +51,13 @@ FIRST_PACKET = 65000
 """near the counter's end, where it starts at 0 again"""
 
 
-def air_columns(images: np.ndarray) -> int:
-    """Columns at the left edge that see no object in any view."""
-    shaded = np.flatnonzero(images.max((0, 1)) > 0)
+def air_region(images: np.ndarray) -> str:
+    """Columns at the left edge, in the middle half of the rows, that see no object in any view."""
+    rows = images.shape[1] // 4, 3 * images.shape[1] // 4
+    shaded = np.flatnonzero(images[:, slice(*rows)].max((0, 1)) > 0)
     if len(shaded) == 0 or shaded[0] == 0:
         sys.exit("the object reaches the edge of the detector: scan one leg alone")
-    return int(shaded[0])
+    return f"0:{shaded[0]},{rows[0]}:{rows[1]}"
 
 
 def counts(images: np.ndarray) -> np.ndarray:
@@ -76,7 +77,7 @@ def write_xsens(path: Path, signals: ls.ImuSignals, k: int) -> float:
         counter = (FIRST_PACKET + packet) % 65536
         lines.append("\t".join([str(counter), *(f"{x:.7f}" for x in row)]))
     path.write_text("\r\n".join(lines) + "\r\n", "utf-8", newline="")
-    return -float(signals.times[0])
+    return 0.0 - float(signals.times[0])
 
 
 def write(scan: ls.MeasuredScan, own: Path) -> None:
@@ -87,9 +88,7 @@ def write(scan: ls.MeasuredScan, own: Path) -> None:
     tifffile.imwrite(own / "counts.tif", counts(images))
     save_geometry(own / "vectors.txt", geometry, format="astra")
     np.savetxt(own / "views.csv", scan.seen.times, "%.6f", header="time_s", comments="")
-    text = SCAN.format(
-        pixel=round(1e3 * geometry.pixel_pitch, 6), air=air_columns(images), rows=images.shape[1]
-    )
+    text = SCAN.format(pixel=round(1e3 * geometry.pixel_pitch, 6), air=air_region(images))
     for k, (name, start) in enumerate(zip(signals.sensor_names, scan.seen.starts, strict=True)):
         clock = write_xsens(own / f"{name}.txt", signals, k)
         pose = start.world_from_sensor
@@ -98,7 +97,7 @@ def write(scan: ls.MeasuredScan, own: Path) -> None:
             clock=clock,
             segment=scan.segments[name],
             position=(10 * np.round(100 * pose[:3, 3])).tolist(),
-            rotation=np.round(np.degrees(vector_from_rotation(pose[:3, :3]))).tolist(),
+            rotation=(np.round(np.degrees(vector_from_rotation(pose[:3, :3]))) + 0.0).tolist(),
         )
     (own / "scan.toml").write_text(text, "utf-8")
 

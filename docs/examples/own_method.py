@@ -1,9 +1,9 @@
-"""A correction method of one's own: the pose of the shank's sensor without its slow drift.
+r"""A correction method of one's own: the pose of the shank's sensor without its slow drift.
 
 Run it as
 
-    legsim run --preset demo --set 'methods.run=["uncorrected", "rigid",
-    "docs/examples/own_method.py:without_drift"]' --out run
+    legsim run --preset demo --out run \
+        --set 'methods.run=["uncorrected", "rigid", "docs/examples/own_method.py:without_drift"]'
 """
 
 import numpy as np

@@ -71,7 +71,7 @@ def write_sensor(folder: Path, scan: ls.MeasuredScan, k: int) -> str:
         clock=CLOCK,
         segment=scan.segments[name],
         position=(10 * np.round(100 * start.world_from_sensor[:3, 3])).tolist(),
-        rotation=np.round(rotation).tolist(),
+        rotation=(np.round(rotation) + 0.0).tolist(),
     )
     (folder / f"{name}.toml").write_text(text)
     return f"{name}.toml"

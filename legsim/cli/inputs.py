@@ -32,10 +32,12 @@ def paths_in(values: Iterable[Any]) -> list[Path]:
 
     Trees and lists of values are searched. A text that is no file is passed over.
     """
+    from legsim.geometry import view_files
+
     found: list[Path] = []
     for value in values:
         if isinstance(value, Path):
-            found += value.parent.glob(value.name) if "*" in value.name else [value]
+            found += view_files.matching(value) if view_files.is_pattern(value) else [value]
         elif isinstance(value, str):
             name = value.partition("=")[2] or value
             found += [Path(name)] if name and "\n" not in name else []

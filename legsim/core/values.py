@@ -45,6 +45,32 @@ def frozen(
     return array
 
 
+def plain_numbers(name: str, values: ArrayLike) -> NDArray:
+    """Returns ``values`` as an array of real numbers that nothing hides.
+
+    Raises:
+        LegsimError: complex numbers, text, objects, or a masked array that masks any.
+    """
+    if isinstance(values, np.ma.MaskedArray) and np.ma.is_masked(values):
+        raise LegsimError(f"{name} is a masked array; fill what it masks, as by values.filled(0)")
+    source = np.asarray(values)
+    if source.dtype.kind not in "fiub":
+        raise LegsimError(f"{name} holds {source.dtype} values; give real numbers")
+    return source
+
+
+def whole_counts(name: str, values: Sequence[float]) -> tuple[int, ...]:
+    """Counts along axes, as whole numbers.
+
+    Raises:
+        LegsimError: one is not a whole number.
+    """
+    counts = tuple(int(n) for n in values)
+    if any(n != count for n, count in zip(values, counts, strict=True)):
+        raise LegsimError(f"{name} is {tuple(values)}; expected whole numbers")
+    return counts
+
+
 def frozen_owned(array: NDArray) -> NDArray:
     """Marks a new array read-only without a copy, for large volumes and projections."""
     array.flags.writeable = False

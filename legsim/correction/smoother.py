@@ -220,7 +220,7 @@ class _Normal(NamedTuple):
     def step(self) -> tuple[FloatArray, FloatArray]:
         """Change (n,) of the errors and (b, 3) of the places."""
         matrix, right = self.reduced()
-        errors = -cho_solve(cho_factor(matrix), right)
+        errors = -solved(matrix, right)
         return errors, self.of_beads(errors)
 
     def of_beads(self, errors: FloatArray) -> FloatArray:
@@ -289,6 +289,21 @@ class _Problem:
             right_places = right_places + np.einsum("vbki,vbk->bi", by_place, miss)
         of_places = of_places + np.eye(3) / _FIRM**2
         return _Normal(matrix, right, mixed, of_places, right_places), path
+
+
+def solved(matrix: FloatArray, right: FloatArray) -> FloatArray:
+    """The solution of normal equations.
+
+    Raises:
+        LegsimError: they have none, as where steps ran far away.
+    """
+    try:
+        return cho_solve(cho_factor(matrix), right)
+    except np.linalg.LinAlgError as error:
+        raise LegsimError(
+            "no path of the sensor goes with its start, its signals and the shadows of beads or "
+            "points; check which is which, the order of the views, and (column, row) of the pixels"
+        ) from error
 
 
 def _add(matrix: FloatArray, right: FloatArray, residual: FloatArray, by: FloatArray) -> None:
@@ -408,7 +423,7 @@ def _result(
 ) -> SmoothedPath:
     normal, path = problem.linearized(errors, places)
     matrix, _ = normal.reduced()
-    covariance = cho_solve(cho_factor(matrix), np.eye(len(errors)))
+    covariance = solved(matrix, np.eye(len(errors)))
     return _smoothed(problem, path, errors, covariance, places, settled)
 
 

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import block_diag, cho_factor, cho_solve
+from scipy.linalg import block_diag
 
 from legsim.core import transforms
 from legsim.core.errors import LegsimError
@@ -36,6 +36,7 @@ from legsim.correction.smoother import (
     _prepared,
     _Problem,
     _smoothed,
+    solved,
 )
 from legsim.deformation.models import RigidMotion
 from legsim.geometry.cone_beam import ConeBeamGeometry
@@ -279,7 +280,7 @@ def _descended_together(
     knee_off, settled = np.zeros(_KNEE), False
     for _ in range(_ROUNDS):
         normals, matrix, right, _ = _linearized(joint, errors, places, knee_off)
-        step = -cho_solve(cho_factor(matrix), right)
+        step = -solved(matrix, right)
         parts = np.split(step, np.cumsum([len(one) for one in errors]))
         places = [at + n.of_beads(by) for at, n, by in zip(places, normals, parts[:2], strict=True)]
         errors = [one + by for one, by in zip(errors, parts[:2], strict=True)]
@@ -288,7 +289,7 @@ def _descended_together(
             settled = True
             break
     _, matrix, _, paths = _linearized(joint, errors, places, knee_off)
-    covariance = cho_solve(cho_factor(matrix), np.eye(len(matrix)))
+    covariance = solved(matrix, np.eye(len(matrix)))
     found, first = [], 0
     for problem, path, own, at in zip(joint.problems, paths, errors, places, strict=True):
         block = slice(first, first + len(own))

@@ -43,7 +43,7 @@ class Given:
                 path,
                 f"says {stated[1]} columns and {stated[0]} rows, not {self.shape_vu[1]} and "
                 f"{self.shape_vu[0]}",
-                "leave out the columns and rows, or give the file of this detector",
+                "give the geometry of these images, or leave out columns and rows",
             )
         return stated or self.shape_vu or (0, 0)
 

@@ -1,6 +1,5 @@
 """Where a NIfTI file says its voxels are: by a quaternion and by a matrix."""
 
-import gzip
 import struct
 from collections.abc import Mapping
 from pathlib import Path
@@ -9,6 +8,7 @@ import numpy as np
 
 from legsim.core.errors import file_error
 from legsim.core.values import FloatArray
+from legsim.geometry import _whole_files
 
 
 def check(path: Path, header: Mapping[str, str]) -> None:
@@ -54,10 +54,9 @@ def _sense(path: Path) -> float:
     """-1 where the third axis of the quaternion is turned about, else 1: pixdim[0], which ITK does
     not report.
     """
-    with gzip.open(path) if path.suffix.lower() == ".gz" else path.open("rb") as stream:
+    with _whole_files.opened(path) as stream:
         head = stream.read(112)
-    order = "<" if struct.unpack_from("<i", head)[0] in (348, 540) else ">"
-    second = struct.unpack_from(f"{order}i", head)[0] == 540
+    order, second = _whole_files.nifti_layout(head)
     # pixdim[0]: a float at byte 76 of NIfTI-1, a double at byte 104 of NIfTI-2
     sense = struct.unpack_from(f"{order}{'d' if second else 'f'}", head, 104 if second else 76)[0]
     return -1.0 if sense < 0 else 1.0

@@ -17,8 +17,11 @@ from legsim.core.values import (
     frozen,
     frozen_owned,
     increasing_times,
+    plain_numbers,
+    whole_counts,
     within,
 )
+from legsim.geometry.counts import THICKEST
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -71,12 +74,12 @@ class ConeBeamGeometry:
         depth = matrices[:, 2, :3] @ nearest + matrices[:, 2, 3]
         matrices *= np.where(depth < 0, -1.0, 1.0)[:, None, None]
         object.__setattr__(self, "matrices", frozen("matrices", matrices, matrices.shape))
-        rows, columns = self.shape_vu
+        rows, columns = whole_counts("ConeBeamGeometry.shape_vu", self.shape_vu)
         if rows < 1 or columns < 1:
             raise LegsimError(
                 f"ConeBeamGeometry.shape_vu is {self.shape_vu}; both counts must be positive"
             )
-        object.__setattr__(self, "shape_vu", (int(rows), int(columns)))
+        object.__setattr__(self, "shape_vu", (rows, columns))
         object.__setattr__(self, "pixel_pitch", float(self.pixel_pitch))
         if not self.pixel_pitch > 0:
             raise LegsimError(
@@ -280,7 +283,13 @@ class Projections:
 
     def __post_init__(self) -> None:
         expected = (len(self.geometry), *self.geometry.shape_vu)
-        images = np.ascontiguousarray(self.line_integrals, np.float32)
+        numbers = plain_numbers("Projections.line_integrals", self.line_integrals)
+        if numbers.dtype.kind in "iu" and numbers.size and numbers.max() > THICKEST:
+            raise LegsimError(
+                f"Projections.line_integrals holds whole numbers up to {numbers.max()}, counts of "
+                "a detector; make line integrals of them (read_scan with counts, or -log)"
+            )
+        images = np.ascontiguousarray(numbers, np.float32)
         if images.shape != expected:
             raise LegsimError(
                 f"Projections.line_integrals has shape {images.shape}; the geometry says "

@@ -82,7 +82,9 @@ class Counts:
     i0: float | None = None
     """reading without an object, the dark reading included"""
     air: Region | None = None
-    """what sees no object in any view: each view is scaled so that it is 0 there in the median"""
+    """what sees no object in any view: each view is scaled so that it is 0 there in the median; the
+    text of :meth:`Region.parsed` is taken too
+    """
     flat: FloatArray | None = None
     """(rows, columns) readings without an object"""
     dark: FloatArray | None = None
@@ -91,6 +93,8 @@ class Counts:
     """(rows, columns) pixels that are known to be wrong"""
 
     def __post_init__(self) -> None:
+        if isinstance(self.air, str):
+            object.__setattr__(self, "air", Region.parsed(self.air))
         if self.i0 is not None and not (np.isfinite(self.i0) and self.i0 > 0):
             raise LegsimError(f"i0 is {self.i0:g}; give the positive reading without an object")
         if self.i0 is not None and (self.air is not None or self.flat is not None):

@@ -11,7 +11,7 @@ import numpy as np
 
 from legsim.core.errors import LegsimError, file_error
 from legsim.core.values import Float32Array, FloatArray
-from legsim.geometry.dicom import is_dicom, require_pydicom
+from legsim.geometry.dicom import is_image, require_pydicom
 from legsim.geometry.image_files import LPS_FROM_WORLD
 from legsim.geometry.volume import Volume, VolumeGrid
 
@@ -66,7 +66,7 @@ def load(folder: Path | str, *, water: float) -> CtVolume:
     require_pydicom(folder)
     if not (np.isfinite(water) and water > 0):
         raise LegsimError(f"water's attenuation is {water:g}/m; it must be positive")
-    slices = [_read(path) for path in sorted(folder.iterdir()) if _is_slice(path)]
+    slices = [_read(path) for path in sorted(folder.iterdir()) if is_image(path)]
     if len(slices) < 2:
         raise file_error(
             folder, f"holds {len(slices)} DICOM slices", "give the folder of a whole CT series"
@@ -77,10 +77,6 @@ def load(folder: Path | str, *, water: float) -> CtVolume:
     notes, values = _without_padding(ordered, values)
     values = (water * (1 + 1e-3 * values)).astype(np.float32)
     return CtVolume(_along_world(ordered[0], values, step), notes)
-
-
-def _is_slice(path: Path) -> bool:
-    return path.is_file() and path.name.upper() != "DICOMDIR" and is_dicom(path)
 
 
 def _read(path: Path) -> _Slice:

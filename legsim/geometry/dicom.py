@@ -24,6 +24,8 @@ class DicomViews:
     """(between columns, between rows) on the detector"""
     angles_deg: FloatArray | None
     """(v,) of the positioner about the patient"""
+    no_counts: str = ""
+    """what the file says against its values being proportional to intensity; empty: nothing"""
     notes: tuple[str, ...] = ()
 
 
@@ -33,6 +35,11 @@ def is_dicom(path: Path) -> bool:
         return stream.read(132)[128:] == b"DICM"
 
 
+def is_image(path: Path) -> bool:
+    """Whether a file is DICOM's, and not the directory (DICOMDIR) of others."""
+    return path.is_file() and path.name.upper() != "DICOMDIR" and is_dicom(path)
+
+
 def read_projections(path: Path) -> DicomViews:
     """Reads the frames of a file, rescaled where it says so, with their angles.
 
@@ -40,6 +47,12 @@ def read_projections(path: Path) -> DicomViews:
         LegsimError: pydicom is missing, or a file without gray images that can be decoded.
     """
     pydicom = require_pydicom(path)
+    if not is_dicom(path):
+        raise file_error(
+            path,
+            "has no preamble of DICOM files",
+            "write it as one (dcmconv of DCMTK does), or export it again",
+        )
     try:
         data = pydicom.dcmread(path)
         values = np.asarray(data.pixel_array)
@@ -51,6 +64,13 @@ def read_projections(path: Path) -> DicomViews:
         ) from error
     if int(data.get("SamplesPerPixel", 1)) != 1:
         raise file_error(path, "holds colors", "export gray images")
+    if "ModalityLUTSequence" in data:
+        raise file_error(
+            path, "maps its values by a table (Modality LUT)", "export the values themselves"
+        )
+    if data.get("HighBit", 15) + 1 != data.get("BitsStored", 16):
+        problem = f"holds {data.BitsStored} bits up to bit {data.HighBit}, shifted ones"
+        raise file_error(path, problem, "export it again")
     values = values[None] if values.ndim == 2 else values
     try:
         return _views(data, values)
@@ -61,15 +81,53 @@ def read_projections(path: Path) -> DicomViews:
 
 def _views(data: "Dataset", values: NDArray) -> DicomViews:
     """The frames (v, rows, columns) with what the elements say of them."""
-    slope, intercept = float(data.get("RescaleSlope", 1)), float(data.get("RescaleIntercept", 0))
-    if not within(np.array([slope, intercept])):
-        raise ValueError(f"rescaled by {slope:g} and {intercept:g}")
+    rescaling = _rescaling(data, len(values))
     notes: tuple[str, ...] = ()
-    if (slope, intercept) != (1.0, 0.0):
-        values = values * slope + intercept
-        notes = (f"values rescaled as the file says: times {slope:g} plus {intercept:g}",)
+    if (rescaling != (1.0, 0.0)).any():
+        slopes, intercepts = rescaling.T
+        values = values * slopes[:, None, None] + intercepts[:, None, None]
+        notes = (f"values rescaled as the file says: {_in_words(rescaling)}",)
     angles, how = _angles(data, len(values))
-    return DicomViews(values, _pixel_mm(data), angles, (*notes, *how))
+    return DicomViews(values, _pixel_mm(data), angles, _against_counts(data), (*notes, *how))
+
+
+def _rescaling(data: "Dataset", views: int) -> FloatArray:
+    """(v, 2) slope and intercept of each frame, as the file, or its groups of all frames or of
+    each, state them.
+    """
+
+    def stated(group: "Dataset", otherwise: "Dataset") -> "Dataset":
+        found = group.get("PixelValueTransformationSequence")
+        return found[0] if found else otherwise
+
+    common = data
+    for group in data.get("SharedFunctionalGroupsSequence") or ():
+        common = stated(group, common)
+    each = [stated(g, common) for g in data.get("PerFrameFunctionalGroupsSequence") or ()]
+    each = each or [common] * views
+    numbers = np.array(
+        [[float(one.get("RescaleSlope", 1)), float(one.get("RescaleIntercept", 0))] for one in each]
+    )
+    if len(numbers) != views or not within(numbers) or not numbers[:, 0].all():
+        raise ValueError(f"{len(numbers)} frames rescaled by {_in_words(numbers)}")
+    return numbers
+
+
+def _in_words(rescaling: FloatArray) -> str:
+    """Slopes and intercepts (v, 2), or their ranges."""
+    ends = zip(rescaling.min(0), rescaling.max(0), strict=True)
+    slope, intercept = (f"{a:g}" if a == b else f"{a:g} to {b:g}" for a, b in ends)
+    return f"times {slope} plus {intercept}"
+
+
+def _against_counts(data: "Dataset") -> str:
+    """What PixelIntensityRelationship and its sign say against counts."""
+    relation = str(data.get("PixelIntensityRelationship", "LIN"))
+    if relation != "LIN":
+        return f"values are not linear in intensity (PixelIntensityRelationship {relation})"
+    if data.get("PixelIntensityRelationshipSign") == -1:
+        return "values fall where intensity rises (PixelIntensityRelationshipSign -1)"
+    return ""
 
 
 def in_order(paths: list[Path]) -> list[Path]:

@@ -4,6 +4,7 @@ docs/formats.md describes each format. World axes are the file's own, unless tol
 """
 
 import xml.etree.ElementTree as ElementTree
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -101,7 +102,7 @@ def read_geometry(
             f"unknown format {format!r} or axis {up!r} of a geometry; known are "
             f"{', '.join(FORMATS)} and {', '.join(_OLD_FROM_NEW)}"
         )
-    pixel = (pixel_mm, pixel_mm) if isinstance(pixel_mm, (int, float)) else pixel_mm
+    pixel = None if pixel_mm is None else _both_ways(pixel_mm)
     shape_vu = None if columns is None or rows is None else (rows, columns)
     given = Given(shape_vu, pixel, view_rate_hz, header_pixel_mm)
     try:
@@ -240,6 +241,14 @@ def _unknown_pixel(given: Given) -> tuple[str, ...]:
         "the pixel size is not known and taken as 1 mm: rays are right, lengths on the detector "
         "and its distance are not",
     )
+
+
+def _both_ways(pixel_mm: float | Sequence[float]) -> tuple[float, float]:
+    """(between columns, between rows) of one size or both."""
+    sizes = np.asarray(pixel_mm, float).ravel().tolist()
+    if len(sizes) not in (1, 2):
+        raise LegsimError(f"pixel_mm is {pixel_mm}; give one size, or (columns, rows)")
+    return sizes[0], sizes[-1]
 
 
 def _xml_root(path: Path) -> ElementTree.Element:

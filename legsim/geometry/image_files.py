@@ -32,7 +32,7 @@ from legsim.core.errors import LegsimError, file_error
 from legsim.core.files import is_file
 from legsim.core.memory import in_words
 from legsim.core.values import LARGEST, Float32Array, FloatArray, within
-from legsim.geometry import _meta_header, _nifti_header
+from legsim.geometry import _meta_header, _nifti_header, _whole_files
 from legsim.geometry.cone_beam import ConeBeamGeometry, Projections
 from legsim.geometry.volume import Volume, VolumeGrid
 
@@ -282,11 +282,7 @@ def read_stored(
         LegsimError: no image, not of two or three dimensions, or more than one channel.
     """
     reader = _open(path, dimensions=(2, 3))
-    try:
-        with _quiet():
-            values = sitk.GetArrayFromImage(reader.Execute())
-    except RuntimeError as error:
-        raise file_error(path, "cannot be read to its end", "write or copy it again") from error
+    values = sitk.GetArrayFromImage(_executed(path, reader))
     if np.iscomplexobj(values):
         raise file_error(path, "holds complex numbers", "expected real ones")
     (wide, high), (u, v) = reader.GetSpacing()[:2], reader.GetOrigin()[:2]
@@ -348,10 +344,11 @@ def read_samples(path: Path | str) -> tuple[np.ndarray, FloatArray, FloatArray, 
 def _open(path: Path, dimensions: tuple[int, ...] = (3,)) -> sitk.ImageFileReader:
     if not is_file(path):
         raise file_error(path, "no such file", "check the name")
-    if path.suffix.lower() in (".mha", ".mhd"):
-        _meta_header.check(path)
     reader = sitk.ImageFileReader()
     reader.SetFileName(str(path))
+    if path.suffix.lower() in (".mha", ".mhd"):
+        _meta_header.check(path)
+        reader.SetImageIO("MetaImageIO")  # ITK itself knows it by small letters alone
     try:
         reader.ReadImageInformation()
     except RuntimeError as error:
@@ -420,9 +417,11 @@ def _read(path: Path, physical: Axes | None = None) -> tuple[Float32Array, Image
 def _executed(path: Path, reader: sitk.ImageFileReader) -> sitk.Image:
     try:
         with _quiet():
-            return reader.Execute()
+            image = reader.Execute()
     except RuntimeError as error:
         raise file_error(path, "cannot be read to its end", "write or copy it again") from error
+    _whole_files.check(path, sitk.GetArrayViewFromImage(image).nbytes)
+    return image
 
 
 @contextmanager
@@ -452,13 +451,26 @@ def _write(path: Path, image: sitk.Image) -> None:
             f"{', '.join(WRITABLE)}"
         )
     try:
-        with files.whole(path) as partial:
-            sitk.WriteImage(image, str(partial), ending == ".nii.gz")
-            _check_whole(partial, ending, sitk.GetArrayViewFromImage(image).nbytes)
+        # ITK's writers know endings in small letters alone
+        with files.whole(path) as partial, _small(partial, ending) as small:
+            sitk.WriteImage(image, str(small), ending == ".nii.gz")
+            _check_whole(small, ending, sitk.GetArrayViewFromImage(image).nbytes)
     except RuntimeError as error:
         raise file_error(
             path, f"cannot be written ({_last_line(error)})", "check the folder and the space left"
         ) from error
+
+
+@contextmanager
+def _small(path: Path, ending: str) -> Iterator[Path]:
+    """Yields the name with its ending in small letters; what is written there gets the name."""
+    small = path.with_name(path.name[: -len(ending)] + ending)
+    try:
+        yield small
+        small.replace(path)
+    finally:
+        if small != path:
+            small.unlink(missing_ok=True)
 
 
 _BEFORE_VALUES = {".mha": b"ElementDataFile = LOCAL\n", ".nrrd": b"\n\n"}

@@ -1,12 +1,14 @@
 """Images of a scan as other programs write them, and the line integrals in them.
 
 One file with all views (TIFF, multi-frame DICOM, .npy, raw, or what ITK reads), a folder with one
-file per view, or a pattern (`scan/view_*.tif`). Files of a folder are taken by the last number in
-their names. Rows are as the file has them: the geometry's matrices say where they are.
+file per view, or a pattern (`scan/view_*.tif`). Files of a folder are taken by the number that
+differs between their names. Rows are as the file has them: the geometry's matrices say where they
+are.
 """
 
 import math
 import re
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -18,7 +20,7 @@ from legsim.core.errors import LegsimError, file_error
 from legsim.core.files import is_file
 from legsim.core.values import FloatArray
 from legsim.geometry import counts as geometry_counts
-from legsim.geometry import dicom, image_files, tiff
+from legsim.geometry import dicom, image_files, tiff, view_files
 from legsim.geometry.cone_beam import ConeBeamGeometry, Projections
 from legsim.geometry.counts import Counts
 
@@ -50,6 +52,8 @@ class ProjectionImages:
     """(u, v) of the first pixel's center, where the file says it"""
     angles_deg: FloatArray | None = None
     """(v,) of the source about the patient, where the file says them"""
+    no_counts: str = ""
+    """what the file says against its values being counts; empty: nothing"""
     notes: tuple[str, ...] = ()
 
 
@@ -93,7 +97,7 @@ def read_images(path: Path | str, *, raw: RawLayout | None = None) -> Projection
             a file that is broken; the line says what to do.
     """
     path = Path(path)
-    if not path.is_dir() and "*" not in path.name:
+    if not path.is_dir() and not view_files.is_pattern(path):
         return _read_file(path, raw)
     return _read_series(path, raw)
 
@@ -101,7 +105,8 @@ def read_images(path: Path | str, *, raw: RawLayout | None = None) -> Projection
 def members(path: Path | str) -> list[Path]:
     """The files that :func:`read_images` reads."""
     path = Path(path)
-    return sorted(tiff.members(path)[0]) if path.is_dir() or "*" in path.name else [path]
+    several = path.is_dir() or view_files.is_pattern(path)
+    return sorted(view_files.members(path)[0]) if several else [path]
 
 
 def read_projections(
@@ -167,6 +172,8 @@ def projections_of(
         if not line_integrals:
             geometry_counts.refuse_counts(values, str(path))
     else:
+        if images.no_counts:
+            notes.append(f"In doubt: the images say that their {images.no_counts}: no counts?")
         made = _integrals(path, values, counts)
         values = made.values
         notes += made.notes
@@ -255,11 +262,12 @@ def _read_file(path: Path, raw: RawLayout | None) -> ProjectionImages:
     if suffix == ".npy":
         return ProjectionImages(_npy_values(path))
     if suffix in tiff.SUFFIXES:
-        return ProjectionImages(tiff.read(path))
+        stack = tiff.read(path)
+        return ProjectionImages(stack.values, notes=stack.notes)
     if _is_dicom(path):
         found = dicom.read_projections(path)
         return ProjectionImages(
-            found.values, found.pixel_mm, None, found.angles_deg, notes=found.notes
+            found.values, found.pixel_mm, None, found.angles_deg, found.no_counts, found.notes
         )
     values, pixel_mm, origin_mm = image_files.read_stored(path)
     return ProjectionImages(values, pixel_mm, origin_mm)
@@ -271,11 +279,15 @@ def _is_dicom(path: Path) -> bool:
 
 def _read_series(place: Path, raw: RawLayout | None) -> ProjectionImages:
     """The files of a folder, one after the other; headers must agree."""
-    members, notes = tiff.members(place)
-    if raw is None and all(_is_dicom(path) for path in members):
-        members = dicom.in_order(members)
+    members, notes = view_files.members(place)
+    slices = [path for path in members if path.suffix or dicom.is_image(path)]
+    by_dicom = raw is None and bool(slices) and all(_is_dicom(path) for path in slices)
+    if by_dicom:
+        left = sorted({path.name for path in members} - {path.name for path in slices})
+        notes += (f"not images, left out: {', '.join(left[:5])}",) if left else ()
+        members = dicom.in_order(slices)
     else:
-        members, more = tiff.by_number(place, members)
+        members, more = view_files.by_number(place, members)
         notes += more
     one = None if raw is None else replace(raw, views=1)
     parts = [_read_file(path, one) for path in members]
@@ -283,13 +295,22 @@ def _read_series(place: Path, raw: RawLayout | None) -> ProjectionImages:
     for path, part in zip(members, parts, strict=True):
         if (
             part.values.shape[1:] != first.values.shape[1:]
-            or part.values.dtype != first.values.dtype
+            # each file of DICOM has a rescaling of its own, which some leave out
+            or (part.values.dtype != first.values.dtype and not by_dicom)
         ):
             raise file_error(
                 path,
                 f"has {part.values.shape[:0:-1]} columns and rows of {part.values.dtype}, "
                 f"{members[0].name} {first.values.shape[:0:-1]} of {first.values.dtype}",
                 "give a folder or a pattern with the views of one scan alone",
+            )
+        if len(part.values) > len(first.values) or (
+            len(part.values) < len(first.values) and path != members[-1]
+        ):
+            raise file_error(
+                path,
+                f"holds {len(part.values)} views, {members[0].name} {len(first.values)}",
+                "give files of as many views each",
             )
         if part.pixel_mm != first.pixel_mm:
             raise file_error(
@@ -304,8 +325,15 @@ def _read_series(place: Path, raw: RawLayout | None) -> ProjectionImages:
         first.pixel_mm,
         first.origin_mm,
         np.concatenate(known) if len(known) == len(angles) else None,
-        (*notes, *dict.fromkeys(note for part in parts for note in part.notes)),
+        first.no_counts,
+        (*notes, *_few(dict.fromkeys(note for part in parts for note in part.notes))),
     )
+
+
+def _few(notes: Iterable[str]) -> list[str]:
+    """The first three notes of files, and how many more there are."""
+    first = list(notes)
+    return first if len(first) < 5 else [*first[:3], f"and {len(first) - 3} more of this kind"]
 
 
 def _npy_values(path: Path) -> NDArray:

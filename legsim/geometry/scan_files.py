@@ -11,6 +11,9 @@ from legsim.geometry.cone_beam import ConeBeamGeometry, Projections
 from legsim.geometry.counts import Counts
 from legsim.geometry.projection_images import ProjectionImages, RawLayout
 
+_OTHER_PIXEL = 0.01
+"""share by which pixels of two files differ that are not the same"""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ScanFiles:
@@ -77,6 +80,8 @@ def read_scan(
             f"an origin places pixels for RTK's geometries only, {geometry} is of the format "
             f"{described.format}; leave it out"
         )
+    if pixel_mm is None:
+        notes += _other_pixel(placed, images)
     made, more = projection_images.projections_of(
         projections,
         images,
@@ -93,6 +98,21 @@ def read_scan(
     # where the geometry itself is doubted, that its rays do not fit is no news
     doubts += wrong or tuple(line for line in [opposite_rays.objection(made)] if line)
     return ScanFiles(made, (*notes, *more, *(f"In doubt: {line}" for line in doubts)))
+
+
+def _other_pixel(geometry: ConeBeamGeometry, images: ProjectionImages) -> list[str]:
+    """A note where the images state pixels of another size than the geometry's, which are used.
+
+    1 mm is what programs write that know none.
+    """
+    stated = images.pixel_mm
+    used = 1e3 * geometry.pixel_pitch, 1e3 * geometry.row_pitch()
+    if stated is None or stated == (1.0, 1.0) or np.allclose(stated, used, rtol=_OTHER_PIXEL):
+        return []
+    return [
+        f"the images state pixels of {stated[0]:g} x {stated[1]:g} mm, the geometry "
+        f"{used[0]:.6g} x {used[1]:.6g} mm: the geometry's are used"
+    ]
 
 
 def _placed(

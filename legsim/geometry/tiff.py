@@ -1,9 +1,9 @@
-"""TIFF stacks, and the files of a folder in the order of their view numbers."""
+"""TIFF stacks."""
 
 import logging
-import re
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,6 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from legsim.core.errors import LegsimError, file_error
+from legsim.core.values import within
+from legsim.geometry import image_files
 
 if TYPE_CHECKING:
     import tifffile
@@ -20,47 +22,42 @@ else:
 
 SUFFIXES = (".tif", ".tiff")
 
+_PALETTE = 3
+"""PhotometricInterpretation of numbers of colors"""
+
+_AXES = {"T": "times", "Z": "slices", "C": "channels"}
+
+_UNCALIBRATED = (20, 21, 22)
+"""ImageJ's functions that leave values as they are: none, and optical density not yet calibrated"""
+
 _PAGE_BYTES = 32
 """of the smallest description of a page: a count, two tags, and where the next one is"""
 
-_VIEWS = (
-    *SUFFIXES,
-    ".dcm",
-    ".ima",
-    ".dicom",
-    ".npy",
-    ".mha",
-    ".mhd",
-    ".png",
-    ".raw",
-    ".bin",
-    ".img",
-)
-"""Endings of files that hold a view; others in a folder are left out"""
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TiffImages:
+    """Images of a file."""
+
+    values: NDArray
+    """(v, rows, columns)"""
+    notes: tuple[str, ...] = ()
 
 
-def read(path: Path) -> NDArray:
-    """(v, rows, columns) of all pages. TIFF's resolution is for printers and not used.
+def read(path: Path) -> TiffImages:
+    """Reads all pages. TIFF's resolution is for printers and not used.
+
+    Values are calibrated as ImageJ says. What tifffile cannot decompress (LZW) is read by ITK.
 
     Raises:
-        LegsimError: no TIFF, one that is broken, pages of several sizes, or colors.
+        LegsimError: no TIFF, one that is broken, pages of several sizes, colors, or images along
+            several axes.
     """
     try:
         with _without_a_word(), tifffile.TiffFile(path) as file:
             pages = _pages(file, path.stat().st_size)
-            first = file.pages.first
-            colors = first.samplesperpixel > 1 and first.planarconfig == 1
-            others = [k for k, page in enumerate(pages) if page != pages[0]]
-            if others:
-                raise file_error(
-                    path,
-                    f"page {others[0]} has {pages[others[0]]}, page 0 {pages[0]}",
-                    "export the views alone, without previews",
-                )
-            # more images than pages: ImageJ's stacks beyond 4 GB have one page
-            values = np.asarray(
-                file.asarray() if len(pages) == 1 else file.asarray(key=slice(None))
-            )
+            _check(path, file, pages)
+            calibrated = _calibration(path, file.imagej_metadata or {})
+            values = _values(path, file, single=len(pages) == 1)
     except LegsimError:
         raise
     except Exception as error:  # tifffile raises many kinds of errors on broken files
@@ -68,15 +65,76 @@ def read(path: Path) -> NDArray:
             path, f"cannot be read as TIFF ({_line(error)})", "export it again, uncompressed"
         ) from error
     values = values[None] if values.ndim == 2 else values
-    if values.ndim != 3 or colors:
-        raise file_error(
-            path,
-            f"holds images of shape {values.shape}",
-            "expected views of rows and columns; export gray images, not colors",
-        )
+    if values.ndim != 3:
+        raise _colors(path, values.shape)
     if values.dtype.kind not in "fiu":
         raise file_error(path, f"holds {values.dtype} numbers", "export real numbers")
-    return values
+    if calibrated == (0.0, 1.0):
+        return TiffImages(values)
+    zero, slope = calibrated
+    note = f"values calibrated as ImageJ says: times {slope:g} plus {zero:g}"
+    return TiffImages(values * slope + zero, (note,))
+
+
+def _values(path: Path, file: "tifffile.TiffFile", *, single: bool) -> NDArray:
+    try:
+        # more images than pages: ImageJ's stacks beyond 4 GB have one page
+        return np.asarray(file.asarray() if single else file.asarray(key=slice(None)))
+    except ValueError as error:
+        if "imagecodecs" not in str(error):
+            raise
+        return image_files.read_stored(path)[0]
+
+
+def _check(path: Path, file: "tifffile.TiffFile", pages: list[tuple[Any, Any]]) -> None:
+    """Refuses what is not one gray image per view."""
+    others = [k for k, page in enumerate(pages) if page != pages[0]]
+    if others:
+        raise file_error(
+            path,
+            f"page {others[0]} has {pages[others[0]]}, page 0 {pages[0]}",
+            "export the views alone, without previews",
+        )
+    first = file.pages.first
+    if (first.samplesperpixel > 1 and first.planarconfig == 1) or first.photometric == _PALETTE:
+        raise _colors(path, first.shape)
+    if file.is_imagej or file.is_ome:
+        series = file.series[0]
+        sizes = dict(zip(series.axes, series.shape, strict=True))
+        long = {axis: sizes[axis] for axis in "TZC" if sizes.get(axis, 1) > 1}
+        if len(long) > 1:
+            raise file_error(
+                path,
+                "holds images along several axes: "
+                + ", ".join(f"{size} {_AXES[axis]}" for axis, size in long.items()),
+                "export the views alone, as a stack with one axis",
+            )
+
+
+def _colors(path: Path, shape: tuple[int, ...]) -> LegsimError:
+    return file_error(
+        path,
+        f"holds colors, or images of shape {shape}",
+        "expected views of rows and columns; export gray images, not colors",
+    )
+
+
+def _calibration(path: Path, stated: dict[str, Any]) -> tuple[float, float]:
+    """(zero, slope) that ImageJ states; signed numbers are stored so.
+
+    Raises:
+        LegsimError: another function than a line.
+    """
+    function = stated.get("cf", _UNCALIBRATED[0])
+    if function in _UNCALIBRATED:
+        return 0.0, 1.0
+    if function != 0:
+        problem = f"is calibrated by ImageJ's function {function}, no line"
+        raise file_error(path, problem, "export it without calibration")
+    zero, slope = float(stated.get("c0", 0)), float(stated.get("c1", 1))
+    if not within(np.array([zero, slope])) or slope == 0:
+        raise ValueError(f"calibrated by {zero:g} and {slope:g}")
+    return zero, slope
 
 
 def _pages(file: "tifffile.TiffFile", size: int) -> list[tuple[Any, Any]]:
@@ -108,60 +166,3 @@ def _without_a_word() -> Iterator[None]:
 
 def _line(error: Exception) -> str:
     return (str(error).strip().splitlines() or [type(error).__name__])[0]
-
-
-def members(place: Path) -> tuple[list[Path], tuple[str, ...]]:
-    """(images in a folder or of a pattern, a note on what is left out).
-
-    Raises:
-        LegsimError: there are none.
-    """
-    folder, pattern = (place, "*") if place.is_dir() else (place.parent, place.name)
-    files = [path for path in folder.glob(pattern) if path.is_file() and path.name[0] != "."]
-    found = [path for path in files if path.suffix.lower() in _VIEWS or not path.suffix]
-    if not found:
-        raise file_error(place, "holds no images", f"expected files like {', '.join(_VIEWS)}")
-    left = sorted({path.name for path in files} - {path.name for path in found})
-    return found, (f"not images, left out: {', '.join(left[:5])}",) if left else ()
-
-
-def by_number(place: Path, members: list[Path]) -> tuple[list[Path], tuple[str, ...]]:
-    """(files in the order of the last number in their names, notes).
-
-    Raises:
-        LegsimError: files of several kinds or names, or one number twice.
-    """
-    kinds: dict[tuple[str, str], list[Path]] = {}
-    for path in members:
-        stem = re.sub(r"\d+(?!.*\d)", "#", path.stem)
-        kinds.setdefault((stem, path.suffix.lower()), []).append(path)
-    if len(kinds) > 1:
-        names = ", ".join(f"{stem}{ending} ({len(p)})" for (stem, ending), p in kinds.items())
-        raise file_error(
-            place,
-            f"holds images of several names: {names[:200]}",
-            "give a pattern, as in 'folder/view_*.tif', or a folder with the views alone",
-        )
-    numbered = sorted((_number(path), path) for path in members)
-    numbers = [number for number, _ in numbered]
-    twice = [k for k, number in enumerate(numbers[1:]) if number == numbers[k]]
-    if twice:
-        raise file_error(
-            numbered[twice[0]][1],
-            f"has the same view number, {numbers[twice[0]]}, as {numbered[twice[0] + 1][1].name}",
-            "leave one of them out",
-        )
-    steps = np.diff(numbers)
-    notes = []
-    if len(steps) and (steps != np.median(steps)).any():
-        k = int(np.flatnonzero(steps != np.median(steps))[0])
-        notes.append(
-            f"view numbers jump from {numbers[k]} to {numbers[k + 1]}: views may be missing"
-        )
-    return [path for _, path in numbered], tuple(notes)
-
-
-def _number(path: Path) -> int:
-    """The last number in a file's name; -1 without any."""
-    found = re.findall(r"\d+", path.stem)
-    return int(found[-1]) if found else -1

@@ -6,7 +6,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from legsim.core.errors import LegsimError
-from legsim.core.values import Float32Array, FloatArray, frozen_owned
+from legsim.core.values import (
+    Float32Array,
+    FloatArray,
+    frozen_owned,
+    plain_numbers,
+    whole_counts,
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -20,7 +26,8 @@ class VolumeGrid:
     """(x, y, z) m in world of the middle of the grid"""
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "shape_zyx", tuple(int(n) for n in self.shape_zyx))
+        counts = whole_counts("VolumeGrid.shape_zyx", self.shape_zyx)
+        object.__setattr__(self, "shape_zyx", counts)
         object.__setattr__(self, "spacing_xyz", tuple(float(s) for s in self.spacing_xyz))
         object.__setattr__(self, "center", tuple(float(c) for c in self.center))
         if len(self.shape_zyx) != 3 or min(self.shape_zyx) < 1:
@@ -127,7 +134,8 @@ class Volume:
     """(z, y, x) float32, 1/m; taken over as in :class:`Projections`"""
 
     def __post_init__(self) -> None:
-        values = np.ascontiguousarray(self.attenuation, np.float32)
+        numbers = plain_numbers("Volume.attenuation", self.attenuation)
+        values = np.ascontiguousarray(numbers, np.float32)
         if values.shape != self.grid.shape_zyx:
             raise LegsimError(
                 f"Volume.attenuation has shape {values.shape}; the grid says "

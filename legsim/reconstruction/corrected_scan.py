@@ -2,9 +2,15 @@
 
 from typing import Protocol
 
+import numpy as np
+
 from legsim.core.errors import LegsimError
-from legsim.deformation.models import Motion
+from legsim.core.values import FloatArray
+from legsim.deformation.models import Motion, RigidMotion
 from legsim.geometry.cone_beam import Projections
+
+_RIGID = 0.01
+"""by which elements of a rigid transform may be off: numbers of files are rounded"""
 
 
 class CorrectedScan(Protocol):
@@ -27,9 +33,11 @@ def images_and_motion(
     """Images to reconstruct and the motion to follow.
 
     Raises:
-        LegsimError: a corrected scan comes with a second motion, or ``scan`` is something else.
+        LegsimError: a corrected scan comes with a second motion, ``scan`` is something else,
+            images hold values that are not finite, or a rigid motion is none.
     """
     if isinstance(scan, Projections):
+        _check(scan, motion)
         return scan, motion
     images = getattr(scan, "projections", None)
     if not isinstance(images, Projections) or not hasattr(scan, "motion"):
@@ -42,4 +50,31 @@ def images_and_motion(
             "the correction has a motion of its own; leave out motion=, or give the correction's "
             "projections alone"
         )
+    _check(images, scan.motion)
     return images, scan.motion
+
+
+def _check(projections: Projections, motion: Motion | None) -> None:
+    """Refuses values that would spread over the whole volume, and motions that change shapes."""
+    for view, image in enumerate(projections.line_integrals):
+        # a sum is finite where all values are: line integrals are far from overflow
+        if not np.isfinite(image.sum(dtype=np.float64)):
+            raise LegsimError(
+                f"view {view} of the projections holds values that are not finite numbers; replace "
+                "them before reconstructing"
+            )
+    if isinstance(motion, RigidMotion):
+        off = _off_rigid(motion.moved_from_reference)
+        if off.max() > _RIGID:
+            raise LegsimError(
+                f"RigidMotion.moved_from_reference is not rigid in view {int(off.argmax())}: give "
+                "a rotation and a translation in m, the last row 0, 0, 0, 1"
+            )
+
+
+def _off_rigid(matrices: FloatArray) -> FloatArray:
+    """(v,) how far matrices (v, 4, 4) are from rotations with a translation."""
+    turned = matrices[:, :3, :3]
+    off = np.abs(np.swapaxes(turned, -1, -2) @ turned - np.eye(3)).max((1, 2))
+    off = np.maximum(off, np.abs(matrices[:, 3] - [0, 0, 0, 1]).max(1))
+    return np.where(np.linalg.det(turned) > 0, off, np.inf)

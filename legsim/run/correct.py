@@ -75,7 +75,7 @@ class CorrectResult:
 
 def correct(
     scan: Path | str | MeasuredScanConfig,
-    names: Sequence[str],
+    names: Sequence[str] | str,
     out: Path | str,
     *,
     folder: Path | str = ".",
@@ -88,7 +88,7 @@ def correct(
 
     Args:
         scan: a SCAN.toml, or its settings.
-        names: methods, as in methods.run of a run: the package's own, installed ones, or
+        names: methods, or one, as in methods.run of a run: the package's own, installed ones, or
             path/to/file.py:function.
         out: folder of the results; made where it is missing. It must not hold the inputs.
         folder: to which the files of given settings are relative; a SCAN.toml's is its own.
@@ -100,7 +100,8 @@ def correct(
 
     >>> correct("run/scan.toml", ["rigid"], "corrected").sharpness
     """
-    out, names = Path(out), tuple(dict.fromkeys([BASELINE, *names]))
+    wanted = [names] if isinstance(names, str) else names
+    out, names = Path(out), tuple(dict.fromkeys([BASELINE, *wanted]))
     methods.check_names(names, "--method")
     on_progress("reading", 0, 1)
     if isinstance(scan, MeasuredScanConfig):

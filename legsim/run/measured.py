@@ -11,19 +11,18 @@ from legsim.config.imu_file import ImuFileConfig, StartConfig
 from legsim.config.measured_scan import JointConfig, MeasuredGridConfig, MeasuredScanConfig
 from legsim.core import transforms
 from legsim.core.errors import LegsimError, file_error
-from legsim.core.values import within
 from legsim.correction import initialization
 from legsim.correction.control_points import AttachedPoint
-from legsim.correction.fiducials import FIDUCIAL_NAMES, Fiducials
+from legsim.correction.fiducials import Fiducials
 from legsim.correction.method import Scan
 from legsim.correction.standing_start import standing_start
 from legsim.geometry.cone_beam import ConeBeamGeometry, Projections
 from legsim.geometry.volume import VolumeGrid
-from legsim.imu import plausibility, recording, strapdown, table_rows
+from legsim.imu import plausibility, recording, strapdown
 from legsim.imu.recording import JoinedSignals
 from legsim.imu.signals import ImuSignals, SensorStart
 from legsim.imu.strapdown import Scheme
-from legsim.run import imu_files, projection_files
+from legsim.run import imu_files, projection_files, shadow_files
 from legsim.run.grids import WantedGrid
 from legsim.run.imu_files import WornSensor
 
@@ -222,7 +221,11 @@ def _start(
     assert given is not None  # only sensors with one are asked for
     try:
         if given.fiducials:
-            pixels = load_fiducials(sensor.folder / given.fiducials)
+            path = sensor.folder / given.fiducials
+            pixels = shadow_files.load_fiducials(
+                path, geometry, bounded=given.detector == "bounded"
+            )
+            pixels = shadow_files.first_views(path, pixels)
             fiducials = Fiducials(1e-3 * given.axis_length_mm)
             found = initialization.start_from_fiducials(
                 signals,
@@ -296,48 +299,6 @@ def stated_pose(given: StartConfig) -> np.ndarray:
     else:
         rotation = transforms.rotation_from_vector(np.radians(given.rotation_deg or (0, 0, 0)))
     return transforms.rigid(rotation, 1e-3 * np.array(given.position_mm))
-
-
-def load_fiducials(path: Path) -> np.ndarray:
-    """Reads pixels (k, 4, 2) of a CSV ``view,point,u,v``: four points in each of the first views.
-
-    Points are origin, x, y and z; views count from 0.
-
-    Raises:
-        LegsimError: missing columns, points or views.
-    """
-    rows = table_rows.read_rows(path, ("view", "point", "u", "v")).rows
-    seen: dict[tuple[int, str], tuple[float, float]] = {}
-    for number, (view, point, u, v) in rows:
-        try:
-            key, pixel = (int(view), point.lower()), (float(u), float(v))
-            if not within(np.array(pixel)):
-                raise ValueError
-        except ValueError:
-            raise file_error(
-                path, f"{view}, {u} or {v} is not a number", "correct it", place=f"line {number}"
-            ) from None
-        if point.lower() not in FIDUCIAL_NAMES or key in seen:
-            raise file_error(
-                path,
-                f"point {point!r} of view {view} is unknown or there twice",
-                f"name the points {', '.join(FIDUCIAL_NAMES)}",
-                place=f"line {number}",
-            )
-        seen[key] = pixel
-    count = 1 + max(view for view, _ in seen)
-    # views cannot outnumber the points by what is there, whatever the largest number says
-    needed = ((k, name) for k in range(count) for name in FIDUCIAL_NAMES)
-    missing = next((one for one in needed if one not in seen), None)
-    if missing:
-        raise file_error(
-            path,
-            f"lacks point {missing[1]!r} of view {missing[0]}",
-            "give all four points of consecutive views from 0",
-        )
-    if len(seen) > 4 * count:
-        raise file_error(path, "holds points of views below 0", "count views from 0")
-    return np.array([[seen[k, name] for name in FIDUCIAL_NAMES] for k in range(count)])
 
 
 def _joints(

@@ -1,8 +1,7 @@
 """What aids the sensors of a measured scan: what is known of them, how worn, metal points."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 
@@ -10,23 +9,18 @@ from legsim.config.imu_file import StartConfig
 from legsim.core.constants import STANDARD_GRAVITY
 from legsim.core.errors import file_error
 from legsim.core.files import key_of, sha256
-from legsim.core.values import FloatArray
 from legsim.correction.bead_scan import BeadScan
-from legsim.correction.fiducials import FIDUCIAL_NAMES, Fiducials
+from legsim.correction.fiducials import Fiducials
 from legsim.correction.fused import SensorPriors
 from legsim.correction.method import Scan
 from legsim.correction.rough_start import StartErrors
 from legsim.correction.smoother import BeadShadows, FiducialShadows, triangulated
-from legsim.geometry.cone_beam import ConeBeamGeometry
-from legsim.imu import table_rows
 from legsim.imu.catalogue import CataloguedSensor, field_of, load_sensor
 from legsim.imu.errors import TERMS
 from legsim.imu.signals import SensorStart
-from legsim.run import measured, methods
+from legsim.run import measured, methods, shadow_files
 from legsim.run.measured import MeasuredScan
 from legsim.run.sensors import unconfirmed_sentence
-
-_MOST_BEADS = 4
 
 _FEWEST_BY_HAND = 2
 """views that give a bead its place in space"""
@@ -88,10 +82,22 @@ def as_worn(scan: MeasuredScan) -> Scan:
 
 
 def doubts(scan: MeasuredScan, names: Sequence[str]) -> tuple[str, ...]:
-    """Sentences on methods whose sensors drift by more than a person who stands moves."""
+    """Sentences on methods whose sensors drift by more than a person who stands moves, and on
+    pixels of beads or points that images or geometry speak against.
+    """
     said = methods.undetermined(names, scan.seen, followed(scan), priors(scan))
     model = scan.settings.methods.sensor_model
-    return tuple(f"In doubt: {line}; its errors are taken for those of {model}." for line in said)
+    lines = [f"{line}; its errors are taken for those of {model}" for line in said]
+    projections, given = scan.seen.projections, scan.settings
+    if given.beads is not None:
+        path = scan.folder / given.beads.file
+        pixels = shadow_files.load_beads(path, projections.geometry)
+        lines += shadow_files.doubts(path, "bead", pixels, projections)
+    if given.fiducials is not None:
+        path = scan.folder / given.fiducials.file
+        pixels = shadow_files.load_fiducials(path, projections.geometry)
+        lines += shadow_files.doubts(path, "point", pixels, projections)
+    return tuple(f"In doubt: {line}." for line in lines)
 
 
 _DECISIVE = ("turn-on-bias", "white-noise")
@@ -139,7 +145,7 @@ def beads(scan: MeasuredScan) -> Callable[[], BeadShadows | BeadScan] | None:
     if given is None:
         return None
     path = scan.folder / given.file
-    pixels = load_beads(path, geometry)
+    pixels = shadow_files.load_beads(path, geometry)
     if not given.track:
         return lambda: BeadShadows(pixels, given.error_px).enough()
     counts = np.isfinite(pixels).all(-1).sum(0)
@@ -162,80 +168,6 @@ def fiducials(scan: MeasuredScan) -> Callable[[], FiducialShadows] | None:
     given = scan.settings.fiducials
     if given is None:
         return None
-    pixels = load_fiducials(scan.folder / given.file, scan.seen.projections.geometry)
+    pixels = shadow_files.load_fiducials(scan.folder / given.file, scan.seen.projections.geometry)
     places = Fiducials(1e-3 * given.axis_length_mm).points_sensor
     return lambda: FiducialShadows(pixels, places, given.error_px).enough()
-
-
-def load_beads(path: Path, geometry: ConeBeamGeometry) -> FloatArray:
-    """Reads pixels (v, b, 2) of a CSV ``view,bead,u,v``; NaN where a bead is not named.
-
-    Views and beads count from 0.
-
-    Raises:
-        LegsimError: missing columns, what is no number, a view or bead that is not there or there
-            twice, or a pixel beyond the detector.
-    """
-    known = {str(number): number for number in range(_MOST_BEADS)}
-    fix = f"beads from 0 to {_MOST_BEADS - 1}"
-    seen = _shadows(path, "bead", known, fix, geometry)
-    named = sorted({bead for _, bead in seen})
-    if named != list(range(len(named))):
-        raise file_error(path, f"has beads {named}", "count beads from 0 without gaps")
-    return _table(seen, len(geometry), len(named))
-
-
-def load_fiducials(path: Path, geometry: ConeBeamGeometry) -> FloatArray:
-    """Reads pixels (v, 4, 2) of a CSV ``view,point,u,v``, as :func:`load_beads`; the points are
-    origin, x, y and z.
-    """
-    known = {name: number for number, name in enumerate(FIDUCIAL_NAMES)}
-    fix = f"name the points {', '.join(FIDUCIAL_NAMES)}"
-    return _table(_shadows(path, "point", known, fix, geometry), len(geometry), len(known))
-
-
-def _shadows(
-    path: Path, what: str, known: Mapping[str, int], fix: str, geometry: ConeBeamGeometry
-) -> dict[tuple[int, int], tuple[float, float]]:
-    """Pixels by view and number of a CSV ``view,<what>,u,v``."""
-    views, (rows, columns) = len(geometry), geometry.shape_vu
-    seen: dict[tuple[int, int], tuple[float, float]] = {}
-    for line, (view, name, u, v) in table_rows.read_rows(path, ("view", what, "u", "v")).rows:
-        place = f"line {line}"
-        try:
-            number, pixel = int(view), (float(u), float(v))
-        except ValueError:
-            problem = f"{view}, {name}, {u} or {v} is not a number"
-            raise file_error(path, problem, "correct it", place=place) from None
-        one = known.get(name.strip().lower())
-        if one is None or not 0 <= number < views or not np.isfinite(pixel).all():
-            raise file_error(
-                path,
-                f"view {view}, {what} {name} at {u}, {v} is none of this scan",
-                f"count views from 0 to {views - 1}, {fix}, and leave out what is not seen",
-                place=place,
-            )
-        if not (-0.5 <= pixel[0] <= columns - 0.5 and -0.5 <= pixel[1] <= rows - 0.5):
-            raise file_error(
-                path,
-                f"{what} {name} of view {view} at {u}, {v} is beyond the {columns} columns and "
-                f"{rows} rows",
-                "give pixels of these images, (column, row) counted from 0, in the order of the "
-                "geometry's rows, and leave out what is not seen",
-                place=place,
-            )
-        if (number, one) in seen:
-            problem = f"{what} {name} of view {view} is there twice"
-            raise file_error(path, problem, "keep one of the lines", place=place)
-        seen[number, one] = pixel
-    return seen
-
-
-def _table(
-    seen: Mapping[tuple[int, int], tuple[float, float]], views: int, count: int
-) -> FloatArray:
-    """(views, count, 2) pixels; NaN where nothing was seen."""
-    pixels = np.full((views, count, 2), np.nan)
-    for (view, one), pixel in seen.items():
-        pixels[view, one] = pixel
-    return pixels

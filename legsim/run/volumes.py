@@ -7,11 +7,9 @@ from functools import partial
 import numpy as np
 
 from legsim.config import RunConfig
-from legsim.core import transforms
 from legsim.core.constants import STANDARD_GRAVITY
 from legsim.core.errors import LegsimError
 from legsim.core.files import key_of
-from legsim.core.values import FloatArray
 from legsim.correction import bead_scan, initialization
 from legsim.correction.articulated_beads import BeadedLeg
 from legsim.correction.bead_scan import Beads, BeadScan
@@ -27,7 +25,7 @@ from legsim.run import sensors as run_sensors
 from legsim.run.corrected import Reconstructed, Reconstructor
 from legsim.run.methods import MethodInputs
 from legsim.run.stages import StageContext
-from legsim.simulation.setup import ScanSetup, Side, sensor_on
+from legsim.simulation.setup import ScanSetup, Side, knee_on_thigh
 from legsim.simulation.simulated_scan import SimulatedScan
 
 _BEADS = 3
@@ -227,20 +225,6 @@ def _beaded_leg(stage: StageContext, scan: SimulatedScan) -> BeadedLeg | None:
         return _fused_beads(stage, scan, settings, _TIED)
 
     return BeadedLeg(beads, knee)
-
-
-def knee_on_thigh(setup: ScanSetup) -> FloatArray | None:
-    """The scanned knee (3,) m in the thigh's sensor at the first view; None without such a sensor.
-
-    Taken from the truth, as :func:`legsim.simulation.setup.joints_on_sensors` takes the joints.
-    """
-    name = sensor_on(setup.sensors, setup.named("femur"))
-    if name is None:
-        return None
-    person = setup.person
-    poses = simulation.sensor_poses(person.leg, person.splines, setup.sensors, setup.times[:2])
-    knee = person.leg.joint_centers(setup.poses).of(setup.named("knee"))[0]
-    return transforms.apply(transforms.inverse(poses.of(name)[0]), knee[None])[0]
 
 
 def _fused_beads(

@@ -223,11 +223,8 @@ def joints_on_sensors(
         sides: legs to follow; None for the scanned one.
         points_per_segment: further points, evenly between the joints of a segment.
     """
-    poses = simulation.sensor_poses(
-        setup.person.leg, setup.person.splines, setup.sensors, setup.times[:2]
-    )
+    poses, legs = _first_poses(setup), []
     centers = setup.person.leg.joint_centers(setup.poses)
-    legs = []
     for side in sides or (setup.side,):
         end = side[0]
         thigh, shank = (sensor_on(setup.sensors, f"{bone}_{end}") for bone in ("femur", "tibia"))
@@ -242,3 +239,20 @@ def joints_on_sensors(
             tuple(AttachedPoint.at_start(name, poses.of(name)[0], point) for name, point in points)
         )
     return tuple(legs)
+
+
+def knee_on_thigh(setup: ScanSetup) -> FloatArray | None:
+    """The scanned knee (3,) m in the thigh's sensor, as :func:`joints_on_sensors` takes the joints;
+    None without such a sensor.
+    """
+    name = sensor_on(setup.sensors, setup.named("femur"))
+    if name is None:
+        return None
+    knee = setup.person.leg.joint_centers(setup.poses).of(setup.named("knee"))[0]
+    return AttachedPoint.at_start(name, _first_poses(setup).of(name)[0], knee).position_sensor
+
+
+def _first_poses(setup: ScanSetup) -> SegmentPoses:
+    """True poses of the sensors at the first two views."""
+    person = setup.person
+    return simulation.sensor_poses(person.leg, person.splines, setup.sensors, setup.times[:2])

@@ -1,11 +1,17 @@
 import os
+import re
+import shlex
 import signal
 import subprocess
 import sys
 import time
+from pathlib import Path
+from typing import Any
 
 import pytest
+import typer
 
+from legsim import config
 from legsim.cli import main as cli_main
 from legsim.cli.main import _warn
 from legsim.run import pipeline
@@ -261,3 +267,24 @@ def test_a_name_that_is_no_utf8_is_read_written_and_printed(tmp_path):
     assert (done.returncode, done.stderr) == (0, b"")
     assert done.stdout.startswith(b"2 samples of 1 joint coordinates: ")
     assert os.path.exists(out)
+
+
+def commands_in_the_documents() -> list[str]:
+    """Lines of blocks of code and of the examples' docstrings that are commands of legsim."""
+    root = Path(__file__).parents[2]
+    pages = [root / "README.md", *sorted((root / "docs").glob("*.md"))]
+    blocks = [b for page in pages for b in re.findall(r"```\w*\n(.*?)```", page.read_text(), re.S)]
+    blocks += [example.read_text() for example in sorted((root / "docs/examples").glob("*.py"))]
+    lines = [line for b in blocks for line in re.sub(r"\\\n\s*", " ", b).splitlines()]
+    found = [line.partition("  #")[0].strip() for line in lines]
+    return sorted({line for line in found if line.startswith("legsim ")})
+
+
+@pytest.mark.parametrize("line", commands_in_the_documents())
+def test_commands_in_the_documents_have_options_and_settings_that_exist(line):
+    _, *words = shlex.split(line)
+    command: Any = typer.main.get_command(cli_main.app)
+    while hasattr(command, "commands"):
+        command = command.commands[words.pop(0)]
+    given = command.make_context("legsim", words).params
+    config.load_settings(overrides=tuple(given.get("settings") or ()))

@@ -2,7 +2,14 @@ import numpy as np
 import pytest
 
 from legsim.core.errors import LegsimError
-from legsim.core.values import LARGEST, frozen, increasing_times, within
+from legsim.core.values import (
+    LARGEST,
+    frozen,
+    increasing_times,
+    plain_numbers,
+    whole_counts,
+    within,
+)
 
 
 def test_frozen_arrays_are_copied_once_and_cannot_be_written():
@@ -59,3 +66,18 @@ def test_numbers_are_within_up_to_the_largest():
     assert within(np.array([], int))
     for wrong in (np.nan, np.inf, -np.inf, 1.1 * LARGEST):
         assert not within(np.array([0, wrong]))
+
+
+def test_plain_numbers_hide_nothing():
+    masked = np.ma.masked_equal([1.0, 2.0, 3.0], 2.0)
+    for bad in (masked, np.ones(2, complex), np.array(["1"]), np.array([None])):
+        with pytest.raises(LegsimError, match=r"a is a masked array|a holds"):
+            plain_numbers("a", bad)
+    for good in (np.ma.array(np.ones(3)), np.ones(3, np.dtype(">f4")), [1, 2, 3], np.ones(3, bool)):
+        assert plain_numbers("a", good).shape == (3,)
+
+
+def test_counts_are_whole():
+    assert whole_counts("n", np.array([3.0, 4.0])) == (3, 4)
+    with pytest.raises(LegsimError, match="expected whole numbers"):
+        whole_counts("n", (24.9, 24, 24))

@@ -229,3 +229,14 @@ def test_rows_that_are_higher_than_wide_have_a_pitch_of_their_own():
     assert geometry.row_pitch() == geometry.pixel_pitch
     twice = replace(geometry, matrices=np.array([1, 0.5, 1])[:, None] * geometry.matrices)
     assert twice.row_pitch() == pytest.approx(2 * geometry.pixel_pitch, rel=1e-12)
+
+
+def test_counts_are_no_line_integrals():
+    """Whole numbers of a detector, or of a mask that is none."""
+    matrices = np.tile([[1.0, 0, 3, 0], [0, 1, 2, 0], [0, 0, 1, 1]], (2, 1, 1))
+    geometry = ConeBeamGeometry(np.arange(2.0), matrices, (3, 4))
+    with pytest.raises(LegsimError, match="counts of a detector; make line integrals"):
+        Projections(geometry, np.full((2, 3, 4), 50000, np.uint16))
+    assert not Projections(geometry, np.zeros((2, 3, 4), int)).line_integrals.any()
+    with pytest.raises(LegsimError, match="whole numbers"):
+        ConeBeamGeometry(np.arange(2.0), matrices, (3.5, 4))

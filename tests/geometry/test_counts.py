@@ -118,3 +118,12 @@ def test_line_integrals_pass_with_noise_metal_and_bodies_beyond_the_view(rng):
     metal[0, 8, 12] = 60.0
     for images in (integrals(), noisy, metal, 3 + integrals(), np.zeros((2, 4, 5), np.float32)):
         counts.refuse_counts(images, "p.mha")
+
+
+def test_the_air_region_may_be_its_text(rng):
+    images = rng.integers(20000, 30000, (2, 8, 9)).astype(np.uint16)
+    texts, regions = (
+        counts.line_integrals(images, counts.Counts(air=air)).values  # pyright: ignore[reportArgumentType]
+        for air in ("0:3,0:8", counts.Region((0, 3), (0, 8)))
+    )
+    np.testing.assert_array_equal(texts, regions)

@@ -7,6 +7,8 @@ import pytest
 
 from legsim.core.errors import LegsimError
 from legsim.geometry import dicom, projection_images
+from legsim.geometry.cone_beam import ConeBeamGeometry
+from legsim.geometry.counts import Counts
 
 pydicom = pytest.importorskip("pydicom")
 
@@ -142,3 +144,96 @@ def test_elements_that_are_no_numbers_are_refused(tmp_path, values, element, val
     path.write_bytes(path.read_bytes().replace(element, value))
     with pytest.raises(LegsimError, match=r"x\.dcm: (its rescaling|holds no image)"):
         dicom.read_projections(path)
+
+
+def rescaled_group(slope, intercept):
+    """A functional group that rescales frames."""
+    inner, group = pydicom.Dataset(), pydicom.Dataset()
+    inner.RescaleSlope, inner.RescaleIntercept, inner.RescaleType = slope, intercept, "US"
+    group.PixelValueTransformationSequence = pydicom.Sequence([inner])
+    return group
+
+
+def test_frames_are_rescaled_by_groups_of_all_or_of_each(tmp_path, values):
+    shared = pydicom.Sequence([rescaled_group(2, -1)])
+    found = dicom.read_projections(
+        written(tmp_path / "x.dcm", values, SharedFunctionalGroupsSequence=shared)
+    )
+    np.testing.assert_array_equal(found.values, 2.0 * values - 1)
+    each = pydicom.Sequence([rescaled_group(k + 1, -k) for k in range(len(values))])
+    path = written(
+        tmp_path / "x.dcm", values,
+        SharedFunctionalGroupsSequence=shared, PerFrameFunctionalGroupsSequence=each,
+    )  # fmt: skip
+    found = dicom.read_projections(path)
+    k = np.arange(len(values))[:, None, None]
+    np.testing.assert_array_equal(found.values, (k + 1.0) * values - k)
+    assert "times 1 to 6 plus -5 to 0" in found.notes[0]
+    few = pydicom.Sequence(list(each)[:2])
+    with pytest.raises(LegsimError, match="2 frames rescaled"):
+        dicom.read_projections(
+            written(tmp_path / "x.dcm", values, PerFrameFunctionalGroupsSequence=few)
+        )
+
+
+def test_files_of_a_series_have_rescalings_of_their_own(tmp_path, values):
+    """The one whose slope is 1 holds whole numbers."""
+    for k in range(6):
+        written(
+            tmp_path / f"{k}.dcm", values[k : k + 1], InstanceNumber=k, SeriesInstanceUID="1.2",
+            RescaleSlope=f"{1 + k}", RescaleIntercept="0",
+        )  # fmt: skip
+    found = projection_images.read_images(tmp_path)
+    np.testing.assert_array_equal(found.values, np.arange(1, 7)[:, None, None] * values)
+    assert found.notes[-1] == "and 2 more of this kind"
+
+
+def test_values_that_a_table_or_bits_shift_are_refused(tmp_path, values):
+    table = pydicom.Dataset()
+    table.LUTDescriptor, table.ModalityLUTType, table.LUTData = [2, 0, 16], "US", b"\0\0\1\0"
+    path = written(tmp_path / "x.dcm", values, ModalityLUTSequence=pydicom.Sequence([table]))
+    with pytest.raises(LegsimError, match=r"by a table \(Modality LUT\)"):
+        dicom.read_projections(path)
+    path = written(tmp_path / "x.dcm", values, BitsStored=12, HighBit=15)
+    with pytest.raises(LegsimError, match="12 bits up to bit 15"):
+        dicom.read_projections(path)
+
+
+@pytest.mark.parametrize(
+    ("elements", "said"),
+    [
+        ({}, ""),
+        ({"PixelIntensityRelationship": "LIN", "PixelIntensityRelationshipSign": 1}, ""),
+        ({"PixelIntensityRelationship": "LOG"}, "not linear in intensity"),
+        ({"PixelIntensityRelationshipSign": -1}, "fall where intensity rises"),
+    ],
+)
+def test_a_file_says_whether_its_values_are_counts(tmp_path, values, elements, said):
+    found = dicom.read_projections(written(tmp_path / "x.dcm", values, **elements))
+    assert said in found.no_counts
+    assert bool(said) == bool(found.no_counts)
+
+
+def test_other_files_in_a_folder_of_a_series_are_left_out(tmp_path, values):
+    for k in range(2):
+        written(tmp_path / f"IM{k}", values[k : k + 1], InstanceNumber=k)
+    written(tmp_path / "DICOMDIR", values)
+    (tmp_path / "README").write_text("made by a scanner")
+    found = projection_images.read_images(tmp_path)
+    np.testing.assert_array_equal(found.values, values[:2])
+    assert found.notes == ("not images, left out: DICOMDIR, README",)
+
+
+def test_a_file_without_preamble_is_refused_with_the_fix(tmp_path, values):
+    path = written(tmp_path / "x.dcm", values)
+    path.write_bytes(path.read_bytes()[132:])
+    with pytest.raises(LegsimError, match="has no preamble of DICOM files; write it as one"):
+        dicom.read_projections(path)
+
+
+def test_images_that_are_no_counts_are_doubted_where_they_are_taken_for_some(tmp_path, values):
+    path = written(tmp_path / "x.dcm", values + 1, PixelIntensityRelationship="LOG")
+    matrices = np.tile([[1.0, 0, 3, 0], [0, 1, 2, 0], [0, 0, 1, 1]], (6, 1, 1))
+    geometry = ConeBeamGeometry(np.arange(6.0), matrices, values.shape[1:])
+    _, notes = projection_images.read_projections(path, geometry, counts=Counts(i0=60000.0))
+    assert any(n.startswith("In doubt: the images say that their values are not") for n in notes)

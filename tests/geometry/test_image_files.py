@@ -315,3 +315,14 @@ def test_half_a_file_is_never_left(tmp_path: Path, ending: str, missing: int, rn
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, before)
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("name", ["V.MHA", "V.NII", "V.NII.GZ", "V.NRRD"])
+def test_endings_in_capitals_are_written_and_read(tmp_path, name, rng):
+    grid = VolumeGrid((4, 5, 6), (1e-3, 2e-3, 3e-3), (0.1, 0.2, 0.3))
+    values = rng.random(grid.shape_zyx, np.float32)
+    image_files.save_volume(tmp_path / name, Volume(grid, values))
+    assert [path.name for path in tmp_path.iterdir()] == [name]
+    found = image_files.load_volume(tmp_path / name)
+    np.testing.assert_allclose(found.attenuation, values, rtol=1e-6)
+    assert found.grid.alike(grid)

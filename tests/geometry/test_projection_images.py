@@ -169,3 +169,13 @@ def test_other_sizes_than_the_geometrys_and_odd_numbers_are_refused(tmp_path):
     values[3, 2, 1] = np.nan
     with pytest.raises(LegsimError, match=r"\(view 3\): holds values that are not finite"):
         read_projections(as_npy(tmp_path, values), circular())
+
+
+def test_files_of_unequal_numbers_of_views_are_refused(tmp_path, rng):
+    values = rng.random((7, 3, 4)).astype(np.float32)
+    for k, views in enumerate((values[:3], values[3:6], values[6:])):
+        np.save(tmp_path / f"p{k}.npy", views)
+    np.testing.assert_array_equal(projection_images.read_images(tmp_path).values, values)
+    np.save(tmp_path / "p1.npy", values[3:5])
+    with pytest.raises(LegsimError, match=r"p1\.npy: holds 2 views, p0\.npy 3"):
+        projection_images.read_images(tmp_path)

@@ -80,3 +80,24 @@ def test_pixels_that_nobody_knows_are_asked_for(tmp_path, images):
     with pytest.raises(LegsimError, match="does not say how large its pixels are"):
         read_scan(images, tmp_path / "g.xml")
     assert read_scan(images, tmp_path / "g.xml", pixel_mm=0.616).geometry.shape_vu == (48, 62)
+
+
+def test_pixels_that_images_state_otherwise_are_noted(tmp_path, rng):
+    files.save_geometry(tmp_path / "g.json", circular())
+    image = sitk.GetImageFromArray(rng.uniform(0, 3, (5, 48, 62)).astype(np.float32))
+    for pixel, noted in ((0.616, False), (1.0, False), (0.308, True)):
+        image.SetSpacing([pixel, pixel, 1.0])
+        sitk.WriteImage(image, str(tmp_path / "p.mha"))
+        notes = read_scan(tmp_path / "p.mha", tmp_path / "g.json").notes
+        said = "the images state pixels of 0.308 x 0.308 mm, the geometry 0.616 x 0.616 mm"
+        assert any(said in note for note in notes) == noted
+
+
+@pytest.mark.parametrize("size", [0.616, np.float32(0.616), [0.616, 0.616], np.full(2, 0.616)])
+def test_a_pixels_size_is_a_number_or_two_of_any_kind(tmp_path, images, size):
+    path = tmp_path / "g.txt"
+    files.save_geometry(path, circular(), format="matrices")
+    found = read_scan(images, path, pixel_mm=size).geometry
+    assert found.pixel_pitch == pytest.approx(0.616e-3)
+    with pytest.raises(LegsimError, match="give one size, or"):
+        read_scan(images, path, pixel_mm=(1.0, 2.0, 3.0))

@@ -1,10 +1,10 @@
-"""TIFF: stacks, folders in the order of their numbers, and what is refused."""
+"""TIFF: stacks, and what is refused."""
 
 import contextlib
-from pathlib import Path
 
 import numpy as np
 import pytest
+import SimpleITK as sitk
 import tifffile
 
 from legsim.core.errors import LegsimError
@@ -15,63 +15,21 @@ def some_views(rng, views=12):
     return rng.integers(0, 60000, (views, 5, 7)).astype(np.uint16)
 
 
-def series(place: Path) -> tuple[list[Path], tuple[str, ...]]:
-    """The images of a folder in order, and all notes."""
-    members, notes = tiff.members(place)
-    ordered, more = tiff.by_number(place, members)
-    return ordered, (*more, *notes)
-
-
 @pytest.mark.parametrize(
     "options", [{}, {"imagej": True}, {"compression": "zlib"}, {"bigtiff": True}]
 )
 def test_a_stack_is_its_views(tmp_path, rng, options):
     tifffile.imwrite(tmp_path / "s.tif", some_views(rng), **options)
-    found = tiff.read(tmp_path / "s.tif")
+    found = tiff.read(tmp_path / "s.tif").values
     np.testing.assert_array_equal(found, some_views(np.random.default_rng(20260)))
     assert found.dtype == np.uint16
-
-
-def test_views_are_taken_by_the_last_number_in_their_names(tmp_path):
-    for k in (10, 2, 1, 3, 12, 11):
-        (tmp_path / f"scan7_view{k}.tif").touch()
-    (tmp_path / "notes.txt").touch()
-    members, notes = series(tmp_path)
-    assert [int(path.stem.rpartition("view")[2]) for path in members] == [1, 2, 3, 10, 11, 12]
-    assert "view numbers jump from 3 to 10" in notes[0]
-    assert "left out: notes.txt" in notes[1]
-
-
-def test_a_pattern_picks_one_series(tmp_path):
-    for name in ("flat_1.tif", "v_1.tif", "v_2.tif"):
-        (tmp_path / name).touch()
-    with pytest.raises(LegsimError, match=r"holds images of several names: .*flat_#\.tif \(1\)"):
-        series(tmp_path)
-    members, notes = series(tmp_path / "v_*.tif")
-    assert [path.name for path in members] == ["v_1.tif", "v_2.tif"]
-    assert not notes
-
-
-@pytest.mark.parametrize(
-    ("names", "message"),
-    [
-        ([], "holds no images"),
-        (["v_1.tif", "v_01.tif"], "has the same view number, 1, as"),
-        (["v_1.tif", "v_1.png"], "several names"),
-    ],
-)
-def test_folders_without_an_order_are_refused(tmp_path, names, message):
-    for name in names:
-        (tmp_path / name).touch()
-    with pytest.raises(LegsimError, match=message):
-        series(tmp_path)
 
 
 def test_three_views_are_no_colors(tmp_path, rng):
     """What tifffile itself writes of three images, without a word on colors."""
     values = some_views(rng, 3)
     tifffile.imwrite(tmp_path / "p.tif", values, photometric="rgb", planarconfig="separate")
-    np.testing.assert_array_equal(tiff.read(tmp_path / "p.tif"), values)
+    np.testing.assert_array_equal(tiff.read(tmp_path / "p.tif").values, values)
 
 
 def test_colors_previews_and_broken_files_are_refused(tmp_path, rng):
@@ -113,3 +71,47 @@ def test_broken_tags_are_refused_without_a_word_elsewhere(tmp_path, rng, caplog)
         with contextlib.suppress(LegsimError):
             tiff.read(tmp_path / "s.tif")
     assert not caplog.records
+
+
+def test_what_tifffile_cannot_decompress_is_read_by_itk(tmp_path, rng):
+    values = rng.integers(0, 60000, (4, 5, 7)).astype(np.uint16)
+    writer = sitk.ImageFileWriter()
+    writer.SetFileName(str(tmp_path / "s.tif"))
+    writer.UseCompressionOn()
+    writer.SetCompressor("LZW")
+    writer.Execute(sitk.GetImageFromArray(values))
+    found = tiff.read(tmp_path / "s.tif").values
+    np.testing.assert_array_equal(found, values)
+    assert found.dtype == np.uint16
+
+
+def test_numbers_are_calibrated_as_imagej_says(tmp_path, rng):
+    """It stores signed numbers as unsigned ones less 32768."""
+    values = rng.integers(-3000, 3000, (4, 5, 7))
+    stored = (values + 32768).astype(np.uint16)
+    for function, expected in ((0, values), (20, stored)):
+        stated = {"axes": "ZYX", "cf": function, "c0": -32768.0, "c1": 1.0}
+        tifffile.imwrite(tmp_path / "s.tif", stored, imagej=True, metadata=stated)
+        np.testing.assert_array_equal(tiff.read(tmp_path / "s.tif").values, expected)
+    tifffile.imwrite(tmp_path / "s.tif", stored, imagej=True, metadata={"axes": "ZYX", "cf": 4})
+    with pytest.raises(LegsimError, match="ImageJ's function 4, no line"):
+        tiff.read(tmp_path / "s.tif")
+
+
+@pytest.mark.parametrize("options", [{"imagej": True}, {"ome": True}])
+def test_images_along_several_axes_are_refused(tmp_path, rng, options):
+    """Their pages would be taken for views, channels among them."""
+    values = some_views(rng).reshape(6, 2, 5, 7)
+    tifffile.imwrite(tmp_path / "s.tif", values, metadata={"axes": "ZCYX"}, **options)
+    with pytest.raises(LegsimError, match="several axes: 6 slices, 2 channels"):
+        tiff.read(tmp_path / "s.tif")
+    tifffile.imwrite(tmp_path / "s.tif", values[:, 0], metadata={"axes": "TYX"}, **options)
+    np.testing.assert_array_equal(tiff.read(tmp_path / "s.tif").values, values[:, 0])
+
+
+def test_numbers_of_colors_are_refused(tmp_path, rng):
+    values = rng.integers(0, 250, (4, 5, 7)).astype(np.uint8)
+    colors = np.zeros((3, 256), np.uint16)
+    tifffile.imwrite(tmp_path / "p.tif", values, photometric="palette", colormap=colors)
+    with pytest.raises(LegsimError, match="not colors"):
+        tiff.read(tmp_path / "p.tif")

@@ -15,7 +15,7 @@ from legsim.deformation.models import Motion, RigidMotion
 from legsim.geometry.cone_beam import ConeBeamGeometry, Projections
 from legsim.geometry.volume import Volume, VolumeGrid
 from legsim.opencl.device import open_device
-from legsim.reconstruction import cgls, fdk
+from legsim.reconstruction import cgls, corrected_scan, fdk
 
 GRID = VolumeGrid.cubic(14, 0.0044, (0.0, 0.0, 0.0))
 RECONSTRUCTIONS = [fdk.fdk, cgls.cgls]
@@ -72,3 +72,30 @@ def test_the_examples_in_the_docstrings_run(module: ModuleType) -> None:
     found = doctest.testmod(module)
     assert found.attempted > 0
     assert found.failed == 0
+
+
+def test_values_that_are_not_finite_are_refused_with_their_view():
+    matrices = np.tile([[1.0, 0, 3, 0], [0, 1, 2, 0], [0, 0, 1, 1]], (3, 1, 1))
+    geometry = ConeBeamGeometry(np.arange(3.0), matrices, (3, 4))
+    images = np.ones((3, 3, 4), np.float32)
+    for bad in (np.nan, np.inf):
+        values = images.copy()
+        values[1, 2, 3] = bad
+        with pytest.raises(LegsimError, match="view 1 of the projections holds values"):
+            corrected_scan.images_and_motion(Projections(geometry, values), None)
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [2 * np.eye(4), np.diag([1.0, 1, -1, 1]), np.eye(4) + np.eye(4)[:, ::-1] * 0.1],
+)
+def test_matrices_that_are_not_rigid_are_refused_with_their_view(wrong):
+    """Another scale, a mirror, a translation in the last row."""
+    matrices = np.tile([[1.0, 0, 3, 0], [0, 1, 2, 0], [0, 0, 1, 1]], (3, 1, 1))
+    geometry = ConeBeamGeometry(np.arange(3.0), matrices, (3, 4))
+    motion = np.tile(np.eye(4), (3, 1, 1))
+    motion[2] = wrong
+    moved = RigidMotion(np.arange(3.0), motion)
+    images = Projections(geometry, np.ones((3, 3, 4), np.float32))
+    with pytest.raises(LegsimError, match="is not rigid in view 2"):
+        corrected_scan.images_and_motion(images, moved)

@@ -183,29 +183,6 @@ def test_a_view_that_hides_a_bead_has_no_row(tmp_path):
     np.testing.assert_allclose(found.pixels[5:], pixels[5:], atol=1e-3)
 
 
-@pytest.mark.parametrize(
-    ("rows", "said"),
-    [
-        ("0,0,x,1\n50,0,3,3", r"line 2.: 0, 0, x or 1 is not a number"),
-        (
-            "62,0,1,1\n50,0,3,3",
-            r"line 2.: view 62, bead 0 .* count views from 0 to 61, beads from 0 to 3",
-        ),
-        ("0,4,1,1\n50,0,3,3", r"bead 4 at 1, 1 is none of this scan"),
-        ("0,0,nan,1\n50,0,3,3", r"none of this scan; .* leave out what is not seen"),
-        ("0,0,1,1\n0,0,1,2", r"line 3.: bead 0 of view 0 is there twice; keep one"),
-        ("0,1,1,1\n50,1,3,3", r"has beads \[1\]; count beads from 0"),
-        ("0,0,12345,3\n5,0,3,3", r"line 2.: bead 0 of view 0 at 12345, 3 is beyond"),
-        ("", "holds no samples"),
-    ],
-)
-def test_what_is_wrong_with_a_file_of_beads_is_named_with_its_line(tmp_path, rows, said):
-    path = tmp_path / "beads.csv"
-    path.write_text(f"view,bead,u,v\n{rows}\n")
-    with pytest.raises(LegsimError, match=said):
-        measured_aids.load_beads(path, GEOMETRY)
-
-
 def test_one_click_is_no_place(tmp_path):
     scan = loaded(
         tmp_path, more=f"{BEADS}track = true\n", beads="view,bead,u,v\n0,0,9,9\n0,1,8,8\n"
@@ -254,23 +231,23 @@ def test_fiducials_in_the_sensor_undo_a_sway_from_files_alone(tmp_path):
     assert (tmp_path / "out/motion-fused-fiducials.npz").read_bytes() != before
 
 
-@pytest.mark.parametrize(
-    ("rows", "said"),
-    [
-        ("0,a,1,1\n50,x,3,3", r"line 2.: view 0, point a .* name the points origin, x, y, z"),
-        ("62,x,1,1\n50,x,3,3", r"line 2.: view 62, point x .* count views from 0 to 61"),
-        ("0,x,1,1\n0,x,2,2", r"line 3.: point x of view 0 is there twice"),
-        ("0,x,1,-9\n50,x,3,3", r"line 2.: point x of view 0 at 1, -9 is beyond the \d+ columns"),
-        ("0,x,one,1\n50,x,3,3", r"line 2.: 0, x, one or 1 is not a number"),
-    ],
-)
-def test_what_is_wrong_with_a_file_of_fiducials_is_named_with_its_line(tmp_path, rows, said):
-    path = tmp_path / "points.csv"
-    path.write_text(f"view,point,u,v\n{rows}\n")
-    with pytest.raises(LegsimError, match=said):
-        measured_aids.load_fiducials(path, GEOMETRY)
-
-
 def test_a_scan_without_beads_says_where_they_go(tmp_path):
     with pytest.raises(LegsimError, match=r"fused-beads follows beads .* \[beads\] in SCAN"):
         ls.correct(write(tmp_path, more=""), ["fused-beads"], tmp_path / "out")
+
+
+def test_shadows_that_fit_no_path_of_the_sensor_are_refused_in_a_line(tmp_path):
+    with pytest.raises(LegsimError, match="no path of the sensor goes with"):
+        ls.correct(
+            write(tmp_path, beads=table(bead_pixels()[::-1])), ["fused-beads"], tmp_path / "o"
+        )
+
+
+def test_beads_that_are_exchanged_are_doubted(tmp_path):
+    pixels = bead_pixels()
+    pixels[20:] = pixels[20:, ::-1]
+    (said,) = measured_aids.doubts(loaded(tmp_path, beads=table(pixels)), ["fused-beads"])
+    assert said.startswith(
+        f"In doubt: {tmp_path / 'beads.csv'}: the rays of a bead miss each other"
+    )
+    assert not measured_aids.doubts(loaded(tmp_path), ["fused-beads"])

@@ -145,6 +145,21 @@ def test_joints_on_sensors_are_the_true_ones_at_the_first_view(person):
     assert [p.sensor for p in leg] == ["thigh_r", "shank_r", "shank_r", "thigh_r", "shank_r"]
 
 
+def test_the_knee_on_the_thigh_is_where_the_shanks_sensor_has_it(person):
+    setup = prepare_scan(person, ARM, side="right")
+    knee = simulation_setup.knee_on_thigh(setup)
+    assert knee is not None
+    (leg,) = simulation_setup.joints_on_sensors(setup)
+    carried = {s.name: s for s in setup.sensors}
+    places = []
+    for name, place in (("thigh_r", knee), ("shank_r", leg[1].position_sensor)):
+        pose = setup.poses.of(carried[name].segment)[0] @ carried[name].segment_from_sensor
+        places.append(pose[:3, :3] @ place + pose[:3, 3])
+    np.testing.assert_allclose(*places, atol=1e-9)
+    shank = prepare_scan(person, ARM, sensors=(Sensor.placed("shank_l", "tibia_l", 0.14),))
+    assert simulation_setup.knee_on_thigh(shank) is None
+
+
 def test_its_repr_names_leg_person_and_c_arm(person):
     shown = repr(prepare_scan(person, ARM, side="right"))
     assert shown == f"ScanSetup(right leg of {person.name} in {ARM!r})"

@@ -18,7 +18,7 @@ from legsim.kinematics import ik_tasks, osim_file, osim_scaling
 from legsim.mocap import marker_sets
 from legsim.phantom import label_maps, label_structures
 from legsim.run import imu_files as run_imu_files
-from legsim.run import measured, projection_files
+from legsim.run import measured, projection_files, shadow_files
 from legsim.run.folder import RunFolder
 from legsim.scan import spectrum
 from legsim.study import config as study_config
@@ -87,6 +87,11 @@ def _imu_table(path: Path) -> object:
     if not described.exists():
         described.write_text(samples.IMU_TOML.replace("table.csv", path.name))
     return [sensor.recording for sensor in run_imu_files.load(described)]
+
+
+def _fiducials(path: Path) -> object:
+    pixels = shadow_files.load_fiducials(path, samples.geometry(), bounded=False)
+    return shadow_files.first_views(path, pixels)
 
 
 def _scan(path: Path) -> object:
@@ -206,7 +211,7 @@ READERS: dict[str, Reader] = {
     "imu_sto": Reader(".sto", imu_files.load_recordings, (samples.imu_storage,)),
     "imu_table": Reader(".csv", _imu_table, (samples.imu_table,)),
     "imu_toml": Reader(".toml", _imu_toml, (samples.content(samples.IMU_TOML),)),
-    "fiducials": Reader(".csv", measured.load_fiducials, (samples.content(samples.FIDUCIALS),)),
+    "fiducials": Reader(".csv", _fiducials, (samples.content(samples.FIDUCIALS),)),
     "sensor": Reader(".toml", catalogue.load_sensor, (samples.sensor_toml,)),
     "spectrum": Reader(".csv", spectrum.load, (samples.spectrum,)),
     "motion": Reader(".npz", motion_files.load_motion, (samples.motion,)),

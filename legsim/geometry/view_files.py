@@ -1,0 +1,109 @@
+"""Files of a folder or a pattern that hold one view each, in the order of their view numbers."""
+
+import re
+from pathlib import Path
+
+import numpy as np
+
+from legsim.core.errors import file_error
+
+_VIEWS = (
+    ".tif",
+    ".tiff",
+    ".dcm",
+    ".ima",
+    ".dicom",
+    ".npy",
+    ".mha",
+    ".mhd",
+    ".png",
+    ".raw",
+    ".bin",
+    ".img",
+)
+"""Endings of files that hold a view; others in a folder are left out"""
+
+
+def is_pattern(path: Path) -> bool:
+    """Whether a path's last part stands for several files, by * or ?; brackets do not."""
+    return any(mark in path.name for mark in "*?") and not path.exists()
+
+
+def matching(pattern: Path) -> list[Path]:
+    """Files of a pattern."""
+    return [p for p in pattern.parent.glob(pattern.name.replace("[", "[[]")) if p.is_file()]
+
+
+def members(place: Path) -> tuple[list[Path], tuple[str, ...]]:
+    """(images in a folder or of a pattern, a note on what is left out).
+
+    Raises:
+        LegsimError: there are none.
+    """
+    files = matching(place / "*" if place.is_dir() else place)
+    files = [path for path in files if path.name[0] != "."]
+    found = [path for path in files if path.suffix.lower() in _VIEWS or not path.suffix]
+    if not found:
+        raise file_error(place, "holds no images", f"expected files like {', '.join(_VIEWS)}")
+    left = sorted({path.name for path in files} - {path.name for path in found})
+    return found, (f"not images, left out: {', '.join(left[:5])}",) if left else ()
+
+
+def by_number(place: Path, members: list[Path]) -> tuple[list[Path], tuple[str, ...]]:
+    """(files in the order of the number that differs between their names, notes).
+
+    Raises:
+        LegsimError: files of several kinds or names, one number twice, no number, or names that
+            differ in several numbers.
+    """
+    _check_alike(place, members)
+    numbered = sorted(zip(_numbers(place, members), members, strict=True))
+    numbers = [number for number, _ in numbered]
+    twice = [k for k, number in enumerate(numbers[1:]) if number == numbers[k]]
+    if twice:
+        raise file_error(
+            numbered[twice[0]][1],
+            f"has the same view number, {numbers[twice[0]]}, as {numbered[twice[0] + 1][1].name}",
+            "leave one of them out",
+        )
+    steps = np.diff(numbers)
+    notes = []
+    if len(steps) and (steps != np.median(steps)).any():
+        k = int(np.flatnonzero(steps != np.median(steps))[0])
+        notes.append(
+            f"view numbers jump from {numbers[k]} to {numbers[k + 1]}: views may be missing"
+        )
+    return [path for _, path in numbered], tuple(notes)
+
+
+def _check_alike(place: Path, members: list[Path]) -> None:
+    """Refuses files whose names differ in more than their numbers."""
+    kinds: dict[str, int] = {}
+    for path in members:
+        kind = re.sub(r"\d+", "#", path.stem) + path.suffix.lower()
+        kinds[kind] = kinds.get(kind, 0) + 1
+    if len(kinds) > 1:
+        names = ", ".join(f"{kind} ({count})" for kind, count in kinds.items())
+        raise file_error(
+            place,
+            f"holds images of several names: {names[:200]}",
+            "give a pattern, as in 'folder/view_*.tif', or a folder with the views alone",
+        )
+
+
+def _numbers(place: Path, members: list[Path]) -> list[int]:
+    """The number of each file, whose names are alike, that differs between them."""
+    found = [[int(digits) for digits in re.findall(r"\d+", path.stem)] for path in members]
+    if len(members) == 1:
+        return [0]
+    if not found[0]:
+        raise file_error(place, "holds images without view numbers", "number the files")
+    differing = [k for k, column in enumerate(zip(*found, strict=True)) if len(set(column)) > 1]
+    if len(differing) > 1:
+        raise file_error(
+            place,
+            f"holds images whose names differ in {len(differing)} numbers, as {members[0].name} "
+            f"and {members[1].name}",
+            "rename them so that only the view number differs, or give a pattern for one scan",
+        )
+    return [numbers[differing[0] if differing else -1] for numbers in found]

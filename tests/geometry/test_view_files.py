@@ -1,0 +1,76 @@
+"""Files of single views: their order, patterns, and names that say none."""
+
+from pathlib import Path
+
+import pytest
+
+from legsim.core.errors import LegsimError
+from legsim.geometry import view_files
+
+
+def series(place: Path) -> tuple[list[Path], tuple[str, ...]]:
+    """The images of a folder in order, and all notes."""
+    members, notes = view_files.members(place)
+    ordered, more = view_files.by_number(place, members)
+    return ordered, (*more, *notes)
+
+
+def test_views_are_taken_by_the_number_that_differs_between_their_names(tmp_path):
+    for k in (10, 2, 1, 3, 12, 11):
+        (tmp_path / f"scan7_view{k}.tif").touch()
+    (tmp_path / "notes.txt").touch()
+    members, notes = series(tmp_path)
+    assert [int(path.stem.rpartition("view")[2]) for path in members] == [1, 2, 3, 10, 11, 12]
+    assert "view numbers jump from 3 to 10" in notes[0]
+    assert "left out: notes.txt" in notes[1]
+
+
+def test_a_pattern_picks_one_series(tmp_path):
+    for name in ("flat_1.tif", "v_1.tif", "v_2.tif"):
+        (tmp_path / name).touch()
+    with pytest.raises(LegsimError, match=r"holds images of several names: .*flat_#\.tif \(1\)"):
+        series(tmp_path)
+    members, notes = series(tmp_path / "v_*.tif")
+    assert [path.name for path in members] == ["v_1.tif", "v_2.tif"]
+    assert not notes
+
+
+@pytest.mark.parametrize(
+    ("names", "message"),
+    [
+        ([], "holds no images"),
+        (["v_1.tif", "v_01.tif"], "has the same view number, 1, as"),
+        (["v_1.tif", "v_1.png"], "several names"),
+    ],
+)
+def test_folders_without_an_order_are_refused(tmp_path, names, message):
+    for name in names:
+        (tmp_path / name).touch()
+    with pytest.raises(LegsimError, match=message):
+        series(tmp_path)
+
+
+def test_the_number_that_differs_need_not_be_the_last(tmp_path):
+    for k in (10, 2, 1):
+        (tmp_path / f"scan7_{k}_2024-01-02.tif").touch()
+    assert [path.name.split("_")[1] for path in series(tmp_path)[0]] == ["1", "2", "10"]
+
+
+def test_names_that_differ_in_several_numbers_are_refused(tmp_path):
+    """Two scans in a folder, or angles with decimals."""
+    for name in ("scan1_1.tif", "scan1_2.tif", "scan2_1.tif"):
+        (tmp_path / name).touch()
+    with pytest.raises(LegsimError, match="names differ in 2 numbers"):
+        series(tmp_path)
+    assert [path.name for path in series(tmp_path / "scan1_*.tif")[0]] == [
+        "scan1_1.tif", "scan1_2.tif",
+    ]  # fmt: skip
+
+
+def test_patterns_take_brackets_as_they_are(tmp_path):
+    for name in ("leg [2]_1.tif", "leg [2]_2.tif", "leg 2_1.tif", "leg [2]_10.tif"):
+        (tmp_path / name).touch()
+    pattern = tmp_path / "leg [2]_?.tif"
+    assert view_files.is_pattern(pattern)
+    assert [path.name for path in series(pattern)[0]] == ["leg [2]_1.tif", "leg [2]_2.tif"]
+    assert not view_files.is_pattern(tmp_path / "leg [2]_1.tif")
