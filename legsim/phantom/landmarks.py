@@ -27,6 +27,9 @@ _HEAD_RADIUS = (0.016, 0.034)
 _CONDYLE_RADIUS = (0.010, 0.036)
 """m: radii of a sphere that may be the back of a condyle"""
 
+_NARROWEST = 0.045
+"""m: width of condyles; a shaft is up to 35 mm wide"""
+
 _ROUND = 1.5e-3
 """m: greatest RMS distance of a head from its sphere"""
 
@@ -35,6 +38,12 @@ _WHOLE = 3.4
 
 _PASSES = 4
 """searches for landmarks, each on the bone as the one before stood it upright"""
+
+_LARGE = 2e-3
+"""m: edges of triangles that are small beside what is fitted to them"""
+
+_EDGE = 0.008
+"""m"""
 
 _SLAB = 0.015
 """m: thickness of the slices whose middles show a shaft"""
@@ -50,9 +59,28 @@ class BoneSurface:
     """(t, 3)"""
 
     def samples(self) -> tuple[FloatArray, FloatArray]:
-        """Middles (t, 3) of the triangles and their areas (t,)."""
-        a, b, c = np.moveaxis(self.vertices[self.triangles], 1, 0)
+        """Middles (n, 3) of the triangles, cut where they are large, and their areas (n,)."""
+        a, b, c = np.moveaxis(self.divided().corners(), 1, 0)
         return (a + b + c) / 3, np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2
+
+    def corners(self) -> FloatArray:
+        """(t, 3, 3) m, of each triangle."""
+        return self.vertices[self.triangles]
+
+    def divided(self) -> "BoneSurface":
+        """Same surface; triangles with an edge above :data:`_LARGE` are cut in four, repeatedly."""
+        done, corners = [], self.corners()
+        while len(corners):
+            a, b, c = np.moveaxis(corners, 1, 0)
+            edges = np.linalg.norm(np.stack([b - a, c - b, a - c]), axis=-1)
+            large = edges.max(axis=0) > _LARGE
+            done.append(corners[~large])
+            a, b, c = a[large], b[large], c[large]
+            ab, bc, ca = (a + b) / 2, (b + c) / 2, (c + a) / 2
+            parts = ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))
+            corners = np.concatenate([np.stack(part, 1) for part in parts])
+        cut = np.concatenate(done)
+        return BoneSurface(cut.reshape(-1, 3), np.arange(3 * len(cut)).reshape(-1, 3))
 
 
 def read(path: Path, tables: Any) -> dict[str, dict[str, FloatArray]]:
@@ -172,16 +200,22 @@ def _condyles(points: FloatArray, areas: FloatArray, side: str) -> dict[str, Flo
     bottom = points[:, 1].min()
     distal = points[:, 1] < bottom + 0.06
     width = float(np.ptp(points[distal, 2]))
+    if width < _NARROWEST:
+        raise LegsimError(
+            f"femur_{side}: no condyles at its lower end, which is {1e3 * width:.0f} mm wide; "
+            "image the knee too, or give the landmarks in PHANTOM.toml"
+        )
     low = points[:, 1] < bottom + 0.75 * width
     middle = (points[low].max(0) + points[low].min(0)) / 2
-    back = low & (points[:, 0] < middle[0]) & (points[:, 1] < bottom + 0.6 * width)
+    back = _below(points[:, 1], bottom + 0.6 * width) * _below(points[:, 0], middle[0])
     found = {}
     for name, outward in (("condyle_medial", -1.0), ("condyle_lateral", 1.0)):
         away = (points[:, 2] - middle[2]) * outward * (1 if side == "r" else -1)
-        chosen = back & (away > 0.18 * width) & (away < 0.40 * width)
+        share = back * _below(0.18 * width, away) * _below(away, 0.40 * width)
+        chosen = share > 0
         if chosen.sum() < 10:
             raise LegsimError(f"femur_{side}: too few triangles at its condyles")
-        center, radius, _ = _sphere(points[chosen], areas[chosen])
+        center, radius, _ = _sphere(points[chosen], (share * areas)[chosen])
         if not _CONDYLE_RADIUS[0] <= radius <= _CONDYLE_RADIUS[1]:
             raise LegsimError(
                 f"femur_{side}: no condyle was found at its lower end (a sphere of "
@@ -206,6 +240,14 @@ def _head(points: FloatArray, areas: FloatArray, side: str) -> FloatArray | None
     center, radius, error = _sphere(points[chosen], areas[chosen])
     inside = _HEAD_RADIUS[0] <= radius <= _HEAD_RADIUS[1] and error < _ROUND
     return center if inside else None
+
+
+def _below(values: FloatArray | float, limit: FloatArray | float) -> FloatArray:
+    """1 below a limit, 0 above, and a slope across :data:`_EDGE` between them.
+
+    Without the slope landmarks would jump with the triangles at the edges of what is fitted.
+    """
+    return np.clip(0.5 - (values - limit) / _EDGE, 0, 1)
 
 
 def _sphere(points: FloatArray, areas: FloatArray) -> tuple[FloatArray, float, float]:

@@ -45,14 +45,39 @@ def test_a_leg_that_lies_otherwise_has_them_at_the_same_places_of_its_bones():
     before, after = (landmarks.find(bones("l", m), "l") for m in (np.eye(4), motion))
     assert before.keys() == after.keys()
     for name, point in before.items():
-        # ends of slices and boxes fall between other triangles: coarse ones, 4 mm wide
+        # ends of slices and boxes are where other triangles end, small as they are
         carried = transforms.apply(motion, point[None])[0]
-        assert np.linalg.norm(after[name] - carried) < 0.0015, name
+        assert np.linalg.norm(after[name] - carried) < 0.0005, name
+
+
+def test_finer_triangles_of_the_same_surface_have_the_same_landmarks():
+    whole = bones()
+    fine = {}
+    for name, bone in whole.items():
+        a, b, c = np.moveaxis(bone.corners(), 1, 0)
+        middle = (a + b + c) / 3
+        corners = np.concatenate(
+            [np.stack(t, 1) for t in ((a, b, middle), (b, c, middle), (c, a, middle))]
+        )
+        fine[name] = BoneSurface(corners.reshape(-1, 3), np.arange(3 * len(corners)).reshape(-1, 3))
+    before, after = landmarks.find(whole, "l"), landmarks.find(fine, "l")
+    for name, point in before.items():
+        assert np.linalg.norm(after[name] - point) < 0.0003, name
+
+
+def test_cutting_large_triangles_keeps_the_surface():
+    bone = bones()["femur"]
+    fine = bone.divided()
+    edges = np.linalg.norm(np.diff(fine.corners(), axis=1), axis=-1)
+    assert edges.max() <= landmarks._LARGE
+    volumes = [np.linalg.det(b.corners()).sum() / 6 for b in (bone, fine)]
+    assert volumes[0] == pytest.approx(volumes[1], rel=1e-12)
 
 
 def cut(bone: BoneSurface, low: float, high: float) -> BoneSurface:
-    middle = bone.vertices[bone.triangles].mean(1)[:, 1]
-    return BoneSurface(bone.vertices, bone.triangles[(middle > low) & (middle < high)])
+    fine = bone.divided()
+    middle = fine.corners().mean(1)[:, 1]
+    return BoneSurface(fine.vertices, fine.triangles[(middle > low) & (middle < high)])
 
 
 def test_bones_that_are_cut_have_the_middles_of_their_shafts():
@@ -62,15 +87,18 @@ def test_bones_that_are_cut_have_the_middles_of_their_shafts():
     found = landmarks.find(short, "l")
     assert found.keys() == {"condyle_medial", "condyle_lateral", "thigh", "shank"}
     assert found["thigh"][1] == pytest.approx(knee + 0.135, abs=0.005)
-    same = landmarks.find(whole, "l", thigh_reach=0.135, shank_reach=0.135)
-    assert np.linalg.norm(same["thigh"] - found["thigh"]) < 0.005
+    middle = landmarks.middle_of_knee(found)
+    reach = [float(np.linalg.norm(found[name] - middle)) for name in ("thigh", "shank")]
+    same = landmarks.find(whole, "l", thigh_reach=reach[0], shank_reach=reach[1])
+    for name, point in found.items():
+        assert np.linalg.norm(same[name] - point) < 0.002, name
 
 
 def test_without_a_femur_or_its_condyles_there_are_none():
     with pytest.raises(LegsimError, match="no femur of side l"):
         landmarks.find(bones("l", np.eye(4), "tibia"), "l")
     shaft = cut(bones()["femur"], -0.3, -0.1)
-    with pytest.raises(LegsimError, match=r"femur_l: .*condyle"):
+    with pytest.raises(LegsimError, match=r"femur_l: no condyles .* is \d+ mm wide"):
         landmarks.find({"femur": shaft}, "l")
 
 
