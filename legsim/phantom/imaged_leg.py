@@ -143,6 +143,12 @@ def image_pose(path: Path, read: PhantomFile, scales: SegmentScales) -> FloatArr
             imaged, of_bones = _landmarks(read, bones, side)
         except LegsimError as error:
             raise LegsimError(f"{path}: {error}") from error
+        if "femur" in bones and of_bones and landmarks.of_other_side(bones["femur"], imaged, side):
+            warnings.warn(
+                f"{path}: the femur of side {side} leans as one of the other leg: check the sides",
+                ImagedLegWarning,
+                stacklevel=3,
+            )
         own = bones if of_bones else {}  # landmarks that somebody moved count as they are
         placed, flexed = _registered(path, imaged, own, model, scales, side)
         for k, name in enumerate(SEGMENTS):

@@ -102,6 +102,68 @@ def test_without_a_femur_or_its_condyles_there_are_none():
         landmarks.find({"femur": shaft}, "l")
 
 
+def turned(motion, *names: str) -> dict[str, BoneSurface]:
+    """Bones of which the named ones have moved."""
+    whole = bones()
+    return {
+        name: BoneSurface(transforms.apply(motion, bone.vertices), bone.triangles)
+        if name in names
+        else bone
+        for name, bone in whole.items()
+    }
+
+
+@pytest.mark.parametrize(
+    ("motion", "names"),
+    [
+        (transforms.rigid(np.diag([1.0, -1, -1]), (0, -0.8, -0.17)), ("femur", "tibia")),
+        (transforms.rigid(np.diag([-1.0, -1, 1]), (0, -1.2, 0)), ("femur", "tibia")),
+        (transforms.translation((0, -0.06, 0)), ("tibia",)),
+        (transforms.translation((0, 0.2, 0)), ("tibia",)),
+    ],
+    ids=["upside down", "upside down and back to front", "torn apart", "shifted into the thigh"],
+)
+def test_bones_that_form_no_knee_have_no_landmarks(motion, names):
+    with pytest.raises(LegsimError, match=r"(tibia_l: its upper end|femur_l: no condyle)"):
+        landmarks.find(turned(motion, *names), "l")
+
+
+@pytest.mark.parametrize("lean", [-0.25, 0.25])
+def test_a_head_is_found_on_a_femur_that_leans_to_either_side(lean):
+    turn = transforms.rigid(transforms.axis_rotation((1, 0, 0), lean), (0, 0, 0))
+    upright, leaning = (landmarks.find(bones("l", m), "l") for m in (STILL, turn))
+    carried = transforms.apply(turn, upright["hip"][None])[0]
+    assert np.linalg.norm(leaning["hip"] - carried) < 0.0005
+
+
+def test_a_femur_whose_head_is_cut_off_has_none():
+    head = landmarks.find(bones(), "l")["hip"]
+    bone = bones()["femur"].divided()
+    far = np.linalg.norm(bone.corners().mean(1) - head, axis=1) > 0.026
+    found = landmarks.find({"femur": BoneSurface(bone.vertices, bone.triangles[far])}, "l")
+    assert "hip" not in found
+    assert "thigh" in found
+
+
+@pytest.mark.parametrize("above", [0.07, 0.2])
+def test_a_knee_that_is_called_by_the_other_side_is_noticed(above):
+    femur = bones()["femur"]
+    knee = landmarks.middle_of_knee(landmarks.find({"femur": femur}, "l"))[1]
+    short = cut(femur, knee - 0.1, knee + above)
+    for side, expected in (("l", False), ("r", True)):
+        found = landmarks.find({"femur": short}, side)
+        assert landmarks.of_other_side(short, found, side) is expected
+
+
+def test_a_short_stump_and_a_head_raise_no_doubt_about_the_side():
+    femur = bones()["femur"]
+    whole = landmarks.find({"femur": femur}, "l")
+    assert not landmarks.of_other_side(femur, whole, "l")
+    stump = cut(femur, -1.0, landmarks.middle_of_knee(whole)[1] + 0.045)
+    found = landmarks.find({"femur": stump}, "r")
+    assert not landmarks.of_other_side(stump, found, "r")
+
+
 def test_those_of_a_file_are_read_in_mm():
     read = landmarks.read(Path("p.toml"), {"l": {"hip": [1, 2.5, -3]}})
     np.testing.assert_allclose(read["l"]["hip"], (0.001, 0.0025, -0.003))
