@@ -32,6 +32,14 @@ from legsim.phantom.meshes import Phantom
 _FLEXION_DEG = (-15.0, 45.0)
 """knee angles of an imaged leg that its soft tissue can be straightened from"""
 
+_SHAFTS = ("thigh", "shank")
+
+_STUMP, _STUMP_DEG = 0.10, 10.0
+"""m from the knee within which a shaft's middle shows its direction to degrees only
+
+Widths of people's knees differ by some mm from the model's, and so does where their shafts begin.
+"""
+
 _KNEE_DEG = (-20.0, 120.0)
 """where the model's knee goes while its flexion is sought"""
 
@@ -267,19 +275,49 @@ def _registered(
     for _ in range(_FLEXION_STEPS):
         # the knee does not turn about the middle of its condyles, nor by just this angle
         flexion += _shank_angle(model, frames[1], moved(flexion)["tibia"]) - wanted
+    stumps = {n: _length(p, middle_of_knee(imaged)) for n, p in imaged.items() if n in _SHAFTS}
     if bones.keys() == {"femur", "tibia"}:
         fitted = _bone_fit.fit(bones, _model_bones(legs, side), moved, placed, flexion)
         if fitted.same_shape:
-            placed, flexion = fitted.placed, fitted.flexion
-    if not _FLEXION_DEG[0] <= np.degrees(flexion) <= _FLEXION_DEG[1]:
+            placed, flexion, stumps = fitted.placed, fitted.flexion, {}
+    flexion = _plausible(path, flexion, stumps, side)
+    _warn_of_lengths(path, imaged, model, side)
+    return placed, _at_flexion(legs, scales, side, flexion)
+
+
+def _plausible(path: Path, flexion: float, stumps: Mapping[str, float], side: str) -> float:
+    """Flexion (rad) within what soft tissue can be straightened from.
+
+    Args:
+        path: of the phantom.
+        flexion: rad, as found.
+        stumps: lengths (m) of the shafts that gave it, where no joint beyond the knee did.
+        side: "l" or "r".
+
+    Raises:
+        LegsimError: it is outside, by more than short stumps may be off.
+    """
+    low, high = np.radians(_FLEXION_DEG)
+    short = {name: length for name, length in stumps.items() if length < _STUMP}
+    slack = np.radians(_STUMP_DEG) if short else 0.0
+    if not low - slack <= flexion <= high + slack:
         raise file_error(
             path,
             f"the knee of side {side} is flexed by {np.degrees(flexion):.0f} degrees",
             f"expected {_FLEXION_DEG[0]:g} to {_FLEXION_DEG[1]:g}: check the axes of the image and "
             "the landmarks",
         )
-    _warn_of_lengths(path, imaged, model, side)
-    return placed, _at_flexion(legs, scales, side, flexion)
+    taken = float(np.clip(flexion, low, high))
+    if short:
+        seen = " and ".join(f"{name} {1e3 * length:.0f} mm" for name, length in short.items())
+        warnings.warn(
+            f"{path}: of side {side} little is imaged beyond the knee ({seen}), so that its "
+            f"flexion, taken as {np.degrees(taken):.0f} degrees, may be {_STUMP_DEG:g} degrees "
+            "off; correct thigh and shank in [landmarks] where you know the leg's axes",
+            ImagedLegWarning,
+            stacklevel=5,
+        )
+    return taken
 
 
 def _warn_of_lengths(

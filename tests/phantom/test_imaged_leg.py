@@ -227,6 +227,16 @@ def test_a_knee_turned_the_wrong_way_is_refused(bones):
         imaged_leg.image_pose(bones, replace(read, landmarks=wrong), PERSON.leg.scales)
 
 
+@pytest.mark.parametrize(("angle", "outcome"), [(5, "as 5"), (-20, "as -15"), (-30, "by -30")])
+def test_short_stumps_are_reported_and_their_flexion_kept_plausible(angle, outcome):
+    stumps = {"thigh": 0.06, "shank": 0.07}
+    with pytest.raises((LegsimError, ImagedLegWarning), match=outcome):
+        warnings.simplefilter("error", ImagedLegWarning)
+        imaged_leg._plausible(Path("p.toml"), np.radians(angle), stumps, "l")
+    with pytest.raises(LegsimError, match="flexed by -20"):
+        imaged_leg._plausible(Path("p.toml"), np.radians(-20), {"shank": 0.3}, "l")
+
+
 def test_the_key_follows_every_mesh(bones):
     before = imaged_leg.content_key(bones)
     mesh = next(bones.parent.glob("femur*.ply"))
