@@ -9,39 +9,40 @@ which the rates agree best.
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.interpolate import make_interp_spline
-from scipy.signal import butter, correlate, sosfiltfilt
 
 from legsim.core import transforms
 from legsim.core.constants import STANDARD_GRAVITY
-from legsim.core.errors import LegsimError
 from legsim.core.values import FloatArray
+from legsim.imu.lag import REACH, find_far_lag, find_lag
 from legsim.imu.recording import ImuRecording
+from legsim.imu.shared_time import (
+    HIGHEST,
+    MOVEMENT_HZ,
+    Quantity,
+    at,
+    in_band,
+    overlap,
+    shares_time,
+)
+from legsim.imu.worn_place import WornPlace, find_place
 
-BANDS_HZ = ((0.2, 6.0), (6.0, 12.0), (12.0, 40.0))
+BANDS_HZ = (MOVEMENT_HZ, (6.0, 12.0), (12.0, 40.0))
 """movement; tissue and tremor; tissue and noise"""
 
-REACH = 1.0
-"""s, the largest lag that is searched"""
+_QUANTITIES: tuple[Quantity, Quantity] = ("rate", "force")
 
-_SHORTEST = 3.0
-"""s of overlap"""
+_SURE, _BETTER = 0.7, 0.15
+"""correlation below which lags far away are searched, and by which one of them must be higher"""
 
 _TRUSTED = 0.4
 """correlation of the rates below which a lag or a turn is not known"""
-
-_ROUNDS, _SETTLED = 30, 2e-5
-"""of the search for the lag, which is settled when a round changes it by less, in s"""
-
-_HIGHEST = 0.45
-"""of the sampling rate: above it a band is not measured"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BandAgreement:
     """RMS of the vector in one band, and how alike both are."""
 
-    quantity: str
+    quantity: Quantity
     """"rate" (deg/s) or "force" (mg)"""
     band_hz: tuple[float, float]
     measured: float
@@ -67,6 +68,10 @@ class SensorComparison:
     bands: tuple[BandAgreement, ...]
     mean_rate: FloatArray
     """(3,) rad/s, mean of measured minus predicted in the sensor's axes: the gyroscope's bias"""
+    began_apart: bool
+    """whether the lag was searched over the whole recordings, since a lag nearby does not agree"""
+    place: WornPlace
+    """where on the segment the accelerometer fits better"""
 
     @property
     def trusted(self) -> bool:
@@ -93,7 +98,7 @@ def compare(
         LegsimError: recordings that overlap by less than 3 s.
     """
     step = 1 / min(predicted.rate_hz, measured.rate_hz)
-    lag, correlation = find_lag(predicted, measured, step=step, reach=reach)
+    lag, correlation, began_apart = _lag(predicted, measured, step, reach)
     on_time = measured.shifted(-lag)
     if rotation is None:
         rotation = find_mounting(predicted, on_time, step=step)
@@ -106,62 +111,37 @@ def compare(
     )
     bands = tuple(
         agreement
-        for quantity in ("rate", "force")
+        for quantity in _QUANTITIES
         for band in BANDS_HZ
         if (agreement := _agreement(predicted, turned, quantity, band)) is not None
     )
-    times = _overlap(predicted, turned, step)
-    ours, theirs = (_at(r, times, "rate").mean(0) for r in (predicted, turned))
+    times = overlap(predicted, turned, step)
+    ours, theirs = (at(r, times, "rate").mean(0) for r in (predicted, turned))
     bias = rotation.T @ (theirs - ours)
-    return SensorComparison(predicted, turned, lag, rotation, correlation, bands, bias)
+    place = find_place(predicted, turned, step=step)
+    return SensorComparison(
+        predicted, turned, lag, rotation, correlation, bands, bias, began_apart, place
+    )
 
 
-def find_lag(
-    predicted: ImuRecording, measured: ImuRecording, *, step: float, reach: float = REACH
-) -> tuple[float, float]:
-    """Lag (s) of the measured clock at which the rates agree best, and their correlation.
-
-    Repeated on what both share at the lag found so far: the ends of the shared time are alike in
-    both only where that is right.
+def _lag(
+    predicted: ImuRecording, measured: ImuRecording, step: float, reach: float
+) -> tuple[float, float, bool]:
+    """Lag (s), correlation, and whether it is that of recordings that began apart.
 
     Raises:
-        LegsimError: an overlap of less than 3 s.
+        LegsimError: recordings that neither overlap nor agree anywhere.
     """
-    lag, correlation = 0.0, 0.0
-    for _ in range(_ROUNDS):
-        more, correlation = _lag_once(predicted, measured.shifted(-lag), step, reach)
-        lag += more
-        if abs(more) < _SETTLED:
-            break
-    return lag, correlation
-
-
-def _lag_once(
-    predicted: ImuRecording, measured: ImuRecording, step: float, reach: float
-) -> tuple[float, float]:
-    """Lag (s) and correlation on the time that both share now."""
-    times = _overlap(predicted, measured, step)
-    ours, theirs = (_in_band(r, times, BANDS_HZ[0], "rate") for r in (predicted, measured))
-    span = min(int(np.ceil(reach / step)), len(times) // 2)
-    shared = np.stack(
-        [[correlate(theirs[:, j], ours[:, i], mode="same") for j in range(3)] for i in range(3)]
-    )
-    middle = len(times) // 2
-    near = np.moveaxis(shared[..., middle - span : middle + span + 1], -1, 0)
-    scores = _best_agreement(near) / np.sqrt((ours**2).sum() * (theirs**2).sum())
-    k = int(np.argmax(scores))
-    lag = float(k - span)
-    if 0 < k < len(scores) - 1:  # the top of the parabola through three neighbors
-        before, at, after = scores[k - 1 : k + 2]
-        lag += 0.5 * (before - after) / (before - 2 * at + after)
-    return lag * step, float(scores[k])
-
-
-def _best_agreement(covariances: FloatArray) -> FloatArray:
-    """Largest trace (n,) of R C over all rotations R, for (n, 3, 3)."""
-    left, values, right = np.linalg.svd(covariances)
-    values[:, 2] *= np.sign(np.linalg.det(left @ right))
-    return values.sum(-1)
+    if not shares_time(predicted, measured):
+        found = find_far_lag(predicted, measured, step=step)
+        if found is not None:
+            return (*found, True)
+    lag, correlation = find_lag(predicted, measured, step=step, reach=reach)
+    if correlation < _SURE:
+        found = find_far_lag(predicted, measured, step=step)
+        if found is not None and found[1] > correlation + _BETTER:
+            return (*found, True)
+    return lag, correlation, False
 
 
 def find_mounting(predicted: ImuRecording, measured: ImuRecording, *, step: float) -> FloatArray:
@@ -170,10 +150,10 @@ def find_mounting(predicted: ImuRecording, measured: ImuRecording, *, step: floa
     Raises:
         LegsimError: an overlap of less than 3 s.
     """
-    times = _overlap(predicted, measured, step)
-    up, seen = (_unit(_at(r, times, "force").mean(0)) for r in (predicted, measured))
+    times = overlap(predicted, measured, step)
+    up, seen = (_unit(at(r, times, "force").mean(0)) for r in (predicted, measured))
     level = _smallest_turn(seen, up)
-    ours, theirs = (_in_band(r, times, BANDS_HZ[0], "rate") for r in (predicted, measured))
+    ours, theirs = (in_band(r, times, MOVEMENT_HZ, "rate") for r in (predicted, measured))
     theirs = theirs @ level.T
     flat_ours, flat_theirs = (v - np.outer(v @ up, up) for v in (ours, theirs))
     angle = np.arctan2(
@@ -195,49 +175,15 @@ def _unit(vector: FloatArray) -> FloatArray:
     return vector / np.linalg.norm(vector)
 
 
-def _overlap(a: ImuRecording, b: ImuRecording, step: float) -> FloatArray:
-    first, last = max(a.times[0], b.times[0]), min(a.times[-1], b.times[-1])
-    if last - first < _SHORTEST:
-        raise LegsimError(
-            f"sensor {b.name} recorded {b.times[0]:.13g} to {b.times[-1]:.13g} s, the markers "
-            f"{a.times[0]:g} to {a.times[-1]:g} s: they share less than {_SHORTEST:g} s; give "
-            "clock_offset_s (the sensor's clock minus the markers') in a TOML about its file"
-        )
-    return first + step * np.arange(int((last - first) / step + 1e-6) + 1)
-
-
-def _values(recording: ImuRecording, quantity: str) -> FloatArray:
-    return recording.angular_velocity if quantity == "rate" else recording.specific_force
-
-
-def _at(recording: ImuRecording, times: FloatArray, quantity: str) -> FloatArray:
-    inside = np.clip(times, recording.times[0], recording.times[-1])
-    return make_interp_spline(recording.times, _values(recording, quantity), k=3)(inside)
-
-
-def _in_band(
-    recording: ImuRecording, times: FloatArray, band: tuple[float, float], quantity: str
-) -> FloatArray:
-    """Values (n, 3) at even times through a zero-phase Butterworth band-pass of second order."""
-    rate_hz = 1 / float(np.median(np.diff(times)))
-    high = min(band[1], _HIGHEST * rate_hz)
-    sections = butter(2, [band[0], high], "bandpass", fs=rate_hz, output="sos")
-    # mirrored over three periods at each end: scipy's short odd padding lets a movement that begins
-    # at an end ring through the filter, by a third of what a standing person does in 11 s
-    pad = min(len(times) - 1, int(3 * rate_hz / band[0]))
-    values = _at(recording, times, quantity)
-    return sosfiltfilt(sections, values - values.mean(0), axis=0, padtype="even", padlen=pad)
-
-
 def _agreement(
-    predicted: ImuRecording, measured: ImuRecording, quantity: str, band: tuple[float, float]
+    predicted: ImuRecording, measured: ImuRecording, quantity: Quantity, band: tuple[float, float]
 ) -> BandAgreement | None:
     """The numbers of one band; None where either samples too slowly for it."""
     slower = min(predicted.rate_hz, measured.rate_hz)
-    if band[0] >= _HIGHEST * slower:
+    if band[0] >= HIGHEST * slower:
         return None
-    times = _overlap(predicted, measured, 1 / slower)
-    ours, theirs = (_in_band(r, times, band, quantity) for r in (predicted, measured))
+    times = overlap(predicted, measured, 1 / slower)
+    ours, theirs = (in_band(r, times, band, quantity) for r in (predicted, measured))
     unit = np.degrees(1.0) if quantity == "rate" else 1e3 / STANDARD_GRAVITY
     power = np.sqrt((ours**2).sum() * (theirs**2).sum())
     return BandAgreement(

@@ -16,6 +16,7 @@ from legsim.imu.recording import ImuRecording
 from legsim.imu.signals import ImuSignals
 from legsim.imu.tables import SensorColumns, TableLayout
 from legsim.imu.units import AccelerationUnit, AngularVelocityUnit
+from legsim.mocap.c3d_analog import load_analog
 
 _IMU_COLUMNS = ("ax_m_s2", "ay_m_s2", "az_m_s2", "gx_rad_s", "gy_rad_s", "gz_rad_s")
 
@@ -137,6 +138,13 @@ def load_recordings(
     path = Path(path)
     if path.suffix.lower() == ".sto":
         return _load_sto(path, (acceleration_unit or "m/s2", angular_velocity_unit or "rad/s"))
+    if path.suffix.lower() == ".c3d":
+        labels = load_analog(path).labels
+        raise file_error(
+            path,
+            f"has {len(labels)} analog channels: {', '.join(labels)}",
+            "name those of each sensor in a small TOML and give that (docs/formats.md, Sensors)",
+        )
     lines = files.read(path, "table")
     names = _own_names(table_rows.cells_of(lines[0], ","))
     if names is not None:
@@ -150,6 +158,12 @@ def load_recordings(
         )
         return tables.load(path, TableLayout(sensors, time="time_s"))
     if any(_XSENS_COUNTER in line and _XSENS[0][0] in line for line in lines[:50]):
+        if not any(_XSENS[1][0] in line for line in lines[:50]):
+            raise file_error(
+                path,
+                "is an export of Xsens without angular velocities (Gyr_X, Gyr_Y, Gyr_Z)",
+                "export it again with the rate of turn, or calibrated inertial data",
+            )
         if rate_hz is None:
             rate_hz = _xsens_rate(path, lines)
         dot = _is_dot(lines)
@@ -162,6 +176,13 @@ def load_recordings(
             counter_period=1 << 32 if dot else _XSENS_PERIOD,
         )
         return tables.load(path, layout)
+    if lines[0].lstrip().startswith("<"):
+        raise file_error(
+            path,
+            "is XML, not a table",
+            "export the sensors' accelerations and angular velocities as text or CSV",
+            place="line 1",
+        )
     raise file_error(
         path,
         "is no imu.csv of legsim, no text export of Xsens and no .sto",

@@ -1,4 +1,7 @@
-"""Sensors in a table of text: which columns are which, in which units, by which clock."""
+"""Sensors in a table: which columns are which, in which units, by which clock.
+
+A table is of text, or the analog channels of a C3D file, whose clock is that of its markers.
+"""
 
 import datetime
 from collections.abc import Mapping, Sequence
@@ -16,6 +19,7 @@ from legsim.imu import packets, recording, units
 from legsim.imu.recording import ImuRecording, check_plausible, gap_note
 from legsim.imu.table_rows import Column, number_in, read_rows
 from legsim.imu.units import AccelerationUnit, AngularVelocityUnit, TimeUnit
+from legsim.mocap.c3d_analog import load_analog
 
 Units = tuple[AccelerationUnit, AngularVelocityUnit]
 
@@ -30,6 +34,11 @@ class SensorColumns:
     angular_velocity: tuple[Column, Column, Column]
 
 
+_ONE_CLOCK = (
+    "a table of sensors has times by a column (time) or by a rate (rate_hz); give one of them"
+)
+
+
 @dataclass(frozen=True, slots=True)
 class TableLayout:
     """What the columns of a table are."""
@@ -40,7 +49,7 @@ class TableLayout:
     angular_velocity_unit: AngularVelocityUnit | None = None
     """None takes the one that the table states, else rad/s"""
     time: Column | None = None
-    """column of times; None where rate_hz gives them"""
+    """column of times; None where rate_hz gives them, or the channels of a C3D have their own"""
     time_unit: TimeUnit | None = None
     """None takes the one that the table states, or dates where there are any, else s"""
     rate_hz: float | None = None
@@ -54,11 +63,8 @@ class TableLayout:
     """of angular velocities in counts"""
 
     def __post_init__(self) -> None:
-        if (self.time is None) == (self.rate_hz is None):
-            raise LegsimError(
-                "a table of sensors has times by a column (time) or by a rate (rate_hz); give one "
-                "of them"
-            )
+        if self.time is not None and self.rate_hz is not None:
+            raise LegsimError(_ONE_CLOCK)
         if self.counter is not None and self.rate_hz is None:
             raise LegsimError("a packet counter needs rate_hz to become times; give it")
         for unit, counts, name in (
@@ -130,35 +136,80 @@ def _read(
     rates: Sequence[tuple[Column, Column, Column]],
 ) -> _Vectors:
     """Accelerations, then angular velocities."""
-    clock = [c for c in (layout.time, layout.counter) if c is not None]
     of_force, of_rate = ([c for three in kind for c in three] for kind in (forces, rates))
-    wanted = [*clock, *of_force, *of_rate]
-    found = read_rows(path, wanted)
-    stated = dict(zip(wanted, found.units, strict=True))
-    cells = list(zip(*(row for _, row in found.rows), strict=True))
-    lines = [number for number, _ in found.rows]
-    columns = {
-        c: np.array([number_in(path, n, t, c) for n, t in zip(lines, cells[k], strict=True)])
-        for k, c in enumerate(wanted)
-        if c != layout.time
-    }
+    find = _of_channels if path.suffix.lower() == ".c3d" else _of_text
     try:
-        if layout.time is not None:
-            unit = layout.time_unit or _time_unit(stated[layout.time], cells[0])
-            columns[layout.time] = units.SECONDS[unit] * _moments(
-                path, lines, cells[0], layout.time, unit
-            )
-        times, present = _times(columns, layout, len(lines))
+        found = find(path, layout, [*of_force, *of_rate])
         scale = {
-            **dict.fromkeys(of_force, _force_scale(layout, stated, of_force)),
-            **dict.fromkeys(of_rate, _rate_scale(layout, stated, of_rate)),
+            **dict.fromkeys(of_force, _force_scale(layout, found.stated, of_force)),
+            **dict.fromkeys(of_rate, _rate_scale(layout, found.stated, of_rate)),
         }
     except LegsimError as error:
         raise _in_file(path, error) from error
     vectors = (
-        np.stack([scale[c] * columns[c][present] for c in three], -1) for three in (*forces, *rates)
+        np.stack([scale[c] * found.columns[c] for c in three], -1) for three in (*forces, *rates)
     )
-    return _Vectors(times, tuple(vectors))
+    return _Vectors(found.times, tuple(vectors))
+
+
+@dataclass(frozen=True, slots=True)
+class _Found:
+    """Columns as a file has them."""
+
+    times: FloatArray
+    """(n,) s"""
+    columns: Mapping[Column, FloatArray]
+    """(n,) each, in its own unit"""
+    stated: Mapping[Column, str | None]
+    """unit that the file states"""
+
+
+def _of_text(path: Path, layout: TableLayout, wanted: Sequence[Column]) -> _Found:
+    if layout.time is None and layout.rate_hz is None:
+        raise LegsimError(_ONE_CLOCK)
+    asked = [*(c for c in (layout.time, layout.counter) if c is not None), *wanted]
+    found = read_rows(path, asked)
+    stated = dict(zip(asked, found.units, strict=True))
+    cells = list(zip(*(row for _, row in found.rows), strict=True))
+    lines = [number for number, _ in found.rows]
+    columns = {
+        c: np.array([number_in(path, n, t, c) for n, t in zip(lines, cells[k], strict=True)])
+        for k, c in enumerate(asked)
+        if c != layout.time
+    }
+    if layout.time is not None:
+        unit = layout.time_unit or _time_unit(stated[layout.time], cells[0])
+        columns[layout.time] = units.SECONDS[unit] * _moments(
+            path, lines, cells[0], layout.time, unit
+        )
+    times, present = _times(columns, layout, len(lines))
+    return _Found(times, {c: columns[c][present] for c in wanted}, stated)
+
+
+def _of_channels(path: Path, layout: TableLayout, wanted: Sequence[Column]) -> _Found:
+    for name in ("time", "rate_hz", "counter"):
+        if getattr(layout, name) is not None:
+            raise LegsimError(f"the channels of a C3D file have its clock; leave {name} out")
+    found = load_analog(path)
+    at = {column: _channel(path, found.labels, column) for column in wanted}
+    return _Found(
+        found.times,
+        {column: found.values[:, k] for column, k in at.items()},
+        {column: units.known(found.units[k]) for column, k in at.items()},
+    )
+
+
+def _channel(path: Path, labels: Sequence[str], column: Column) -> int:
+    """Index of a channel by its label, or by its number from 1 on."""
+    fitting = (
+        [column - 1] * (1 <= column <= len(labels))
+        if isinstance(column, int)
+        else [k for k, label in enumerate(labels) if label == column]
+    )
+    if len(fitting) == 1:
+        return fitting[0]
+    problem = f"has {len(fitting)} analog channels {column!r} (of {', '.join(labels)})"
+    raise file_error(path, problem, "name one of them, or give its number (the first is 1)")
 
 
 def _force_scale(

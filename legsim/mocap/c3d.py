@@ -48,14 +48,12 @@ def read(path: Path | str) -> RawMarkers:
         LegsimError: as :func:`load`.
     """
     path = Path(path)
-    try:
-        data = path.read_bytes()
-    except OSError as error:
-        raise file_error(path, f"cannot be read ({error.strerror})", "check the path") from error
+    data = file_bytes(path)
     header = read_header(path, data)
     notes = list(header.notes)
-    frames = _frame_count(header, len(data), notes)
-    rate = _rate(header, notes)
+    _check_points(header)
+    frames = frame_count(header, len(data), notes)
+    rate = frame_rate(header, notes)
     positions = _positions(header, data, frames)
     labels, kept = _labels(header, notes)
     _check_positions(header, positions[:, kept])
@@ -66,15 +64,32 @@ def read(path: Path | str) -> RawMarkers:
     )
 
 
-def _frame_count(header: C3dHeader, size: int, notes: list[str]) -> int:
+def file_bytes(path: Path) -> bytes:
+    """Content of a file.
+
+    Raises:
+        LegsimError: it cannot be read.
+    """
+    try:
+        return path.read_bytes()
+    except OSError as error:
+        raise file_error(path, f"cannot be read ({error.strerror})", "check the path") from error
+
+
+def _check_points(header: C3dHeader) -> None:
+    if header.points == 0:
+        raise file_error(header.path, "the file holds no point", _CURE, place="header")
+
+
+def frame_count(header: C3dHeader, size: int, notes: list[str]) -> int:
     """Frames to read: as many as the header says, which must be there.
 
     Raises:
-        LegsimError: no frame or no point, or the file ends before the last frame.
+        LegsimError: no frame, or the file ends before the last frame.
     """
-    if header.points == 0 or header.scale == 0 or not np.isfinite(header.scale):
-        what = "holds no point" if header.points == 0 else f"has the scale {header.scale:g}"
-        raise file_error(header.path, f"the file {what}", _CURE, place="header")
+    if header.scale == 0 or not np.isfinite(header.scale):
+        problem = f"the file has the scale {header.scale:g}"
+        raise file_error(header.path, problem, _CURE, place="header")
     if header.data_block < 2 or (header.data_block - 1) * BLOCK >= size:
         problem = (
             f"the data should start at block {header.data_block}, outside the file of "
@@ -82,7 +97,7 @@ def _frame_count(header: C3dHeader, size: int, notes: list[str]) -> int:
         )
         raise file_error(header.path, problem, _CURE, place="header")
     said = _said_frames(header)
-    held = (size - (header.data_block - 1) * BLOCK) // _frame_bytes(header)
+    held = (size - (header.data_block - 1) * BLOCK) // frame_bytes(header)
     if said < 1:
         raise file_error(
             header.path,
@@ -122,11 +137,12 @@ def _said_frames(header: C3dHeader) -> int:
     return said
 
 
-def _frame_bytes(header: C3dHeader) -> int:
+def frame_bytes(header: C3dHeader) -> int:
+    """Bytes of the points and analog samples of one frame."""
     return (4 * header.points + header.analog_words) * (2 if header.scale > 0 else 4)
 
 
-def _rate(header: C3dHeader, notes: list[str]) -> float:
+def frame_rate(header: C3dHeader, notes: list[str]) -> float:
     """Frames per second: POINT:RATE, or the header's where that is absent.
 
     Raises:
@@ -148,7 +164,7 @@ def _positions(header: C3dHeader, data: bytes, frames: int) -> FloatArray:
     negative.
     """
     start = (header.data_block - 1) * BLOCK
-    block = data[start : start + frames * _frame_bytes(header)]
+    block = data[start : start + frames * frame_bytes(header)]
     if header.scale > 0:
         table = integers(block, header.processor).reshape(frames, -1).astype(float)
         scale = header.scale

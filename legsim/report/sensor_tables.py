@@ -132,18 +132,48 @@ _STANDINGS: dict[Standing, str] = {
 }
 
 
-def records(budgets: Sequence[SensorBudget]) -> list[dict[str, str | float]]:
-    """Every line of the budgets in full precision, in SI units."""
+def records(budgets: Sequence[SensorBudget]) -> list[dict[str, str | float | None]]:
+    """Every line of the budgets in full precision, in SI units, and what its number rests on.
+
+    A term whose number is missing has a line without errors.
+    """
+    return [record for budget in budgets for record in (*_stated(budget), *_missing(budget))]
+
+
+def _stated(budget: SensorBudget) -> list[dict[str, str | float | None]]:
     return [
-        {
-            "sensor": budget.key,
-            "term": line.term,
-            "of": line.triad or "start",
-            **{f"{name}_{_UNITS[name]}": value for name, value in asdict(line.error).items()},
-        }
-        for budget in budgets
+        _record(budget, line.term, line.triad or "start", _weakest(budget.sensor, line), line.error)
         for line in budget.lines
     ]
+
+
+def _missing(budget: SensorBudget) -> list[dict[str, str | float | None]]:
+    lines = {(line.term, line.triad) for line in budget.lines}
+    lacking = {
+        (term, v.triad): None
+        for v in budget.sensor.values
+        if v.standing == "missing" and (term := _term_of(v)) in BUDGET_TERMS
+    }
+    return [
+        _record(budget, str(term), triad, "missing", None)
+        for term, triad in lacking
+        if (term, triad) not in lines
+    ]
+
+
+def _record(
+    budget: SensorBudget, term: str, of: str, standing: str, error: PoseError | None
+) -> dict[str, str | float | None]:
+    errors = dict.fromkeys(_UNITS) if error is None else asdict(error)
+    sizes = {f"{name}_{_UNITS[name]}": value for name, value in errors.items()}
+    return {"sensor": budget.key, "term": term, "of": of, "rests_on": standing, **sizes}
+
+
+def _weakest(sensor: CataloguedSensor, line: BudgetLine) -> str:
+    """The least confirmed of the numbers behind a line, as its standing; "given" where none is."""
+    of_line = [v for v in sensor.values if v.triad == line.triad and _term_of(v) == line.term]
+    found = {v.standing for v in of_line}
+    return next((one for one in ("unverified", "secondary", "sheet") if one in found), "given")
 
 
 _UNITS = {

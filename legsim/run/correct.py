@@ -129,7 +129,7 @@ def correct(
         _write_motions(made, read, corrected)
         sharpness = _sharpness(made, read, corrected)
         notes = (*read.notes, *(note for one in corrected for note in one.notes))
-        notes = (*notes, *measured_aids.doubts(read, names))
+        notes = (*notes, *measured_aids.reliance(read, names), *measured_aids.doubts(read, names))
         notes = (*notes, *_implausible(sharpness, corrected))
         _present(given, key, read, corrected, sharpness, notes)
         return CorrectResult(out, sharpness, notes)

@@ -2,20 +2,25 @@
 
 import csv
 import io
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from legsim.core import transforms
+from legsim.core.constants import STANDARD_GRAVITY
 from legsim.core.errors import LegsimError
 from legsim.core.values import FloatArray
 from legsim.imu import comparison
 from legsim.imu.comparison import SensorComparison
+from legsim.imu.lag import REACH
 from legsim.imu.recording import ImuRecording
-from legsim.imu.sensors import Sensor
+from legsim.imu.sensors import Sensor, default_sensors
 from legsim.imu.signals import ImuSignals
+from legsim.imu.simulation import simulate_imu
+from legsim.imu.worn_segment import better_segment
+from legsim.kinematics.moving_leg import MovingLeg
 from legsim.run import imu_files
 from legsim.run.imu_files import WornSensor
 
@@ -35,6 +40,10 @@ class ComparedSensor:
     sensor: Sensor
     found: SensorComparison
     mounting_given: bool
+    place_given: bool = True
+    """whether it is in imu.sensors"""
+    elsewhere: tuple[str, float, float] | None = None
+    """a segment that it follows clearly better, the correlation there and the further lag (s)"""
 
     @property
     def segment_from_sensor(self) -> FloatArray:
@@ -57,12 +66,53 @@ class ComparedSensor:
             f"{found.correlation:.2f}); mounting rotation ({at}) deg, {known}. "
             f"Its gyroscope reads ({bias}) deg/s too much on average, in its own axes."
         ]
+        if not self.place_given:
+            lines.append(
+                f"Sensor {found.measured.name}: no sensor of imu.sensors is on "
+                f"{self.sensor.segment}; it is predicted "
+                f"{1e3 * self.sensor.distance:.0f} mm below the segment's upper joint."
+            )
+        if found.began_apart:
+            lines.append(
+                f"Sensor {found.measured.name}: no lag below {REACH:g} s agrees; this one was "
+                "searched over both recordings, which were begun apart or by other clocks. Give it "
+                "as clock_offset_s in a TOML about the file to keep it."
+            )
         if not found.trusted:
             lines.append(
                 f"Sensor {found.measured.name}: the rates hardly agree, so that lag and turn about "
-                "the vertical are not known; record a clear movement first."
+                "the vertical are not known; record a clear movement first, or give clock_offset_s."
             )
-        return (*found.measured.notes, *lines)
+        return (*found.measured.notes, *lines, *self._doubts())
+
+    def _doubts(self) -> Iterator[str]:
+        name, place = f"In doubt: sensor {self.found.measured.name}", self.found.place
+        if self.elsewhere is not None:
+            segment, correlation, more = self.elsewhere
+            lag = self.found.lag + more
+            yield (
+                f"{name} turns as {segment} does (correlation of the rates {correlation:.2f} at a "
+                f"lag of {1e3 * lag:.0f} ms), not as {self.sensor.segment} "
+                f"({self.found.correlation:.2f}): give {segment}=FILE if it was worn there."
+            )
+        elif place.is_elsewhere and self.found.trusted:
+            shift, spread = (
+                1e3 * v
+                for v in (self.sensor.segment_from_sensor_rotation @ place.shift, place.spread)
+            )
+            forward, right = 1e3 * self.sensor.offset[[0, 2]] + shift[[0, 2]]
+            yield (
+                f"{name}: its accelerometer fits a place {np.linalg.norm(shift):.0f} mm away on "
+                f"{self.sensor.segment} better (one standard deviation {spread.max():.0f} mm; what "
+                f"is left of the specific force in 0.2 to 6 Hz falls from {_mg(place.left):.0f} to "
+                f"{_mg(place.left_there):.0f} mg). If it was worn there, set its distance_mm to "
+                f"{1e3 * self.sensor.distance - shift[1]:.0f} and its offset_mm to "
+                f"[{forward:.0f}, {1e3 * self.sensor.offset[1]:.0f}, {right:.0f}] in imu.sensors."
+            )
+
+
+def _mg(acceleration: float) -> float:
+    return 1e3 * acceleration / STANDARD_GRAVITY
 
 
 def of_argument(text: str) -> tuple[WornSensor, ...]:
@@ -83,47 +133,86 @@ def of_argument(text: str) -> tuple[WornSensor, ...]:
     return tuple(one.on(segment) for one in found)
 
 
+_BY_SEGMENT = {
+    sensor.segment: sensor for side in ("right", "left") for sensor in default_sensors(side)
+}
+"""the published places on thighs and shanks"""
+
+
 def compare(
-    measured: Sequence[WornSensor], predicted: ImuSignals, clock_offset: float
+    measured: Sequence[WornSensor],
+    predicted: ImuSignals,
+    clock_offset: float,
+    person: MovingLeg | None = None,
 ) -> tuple[ComparedSensor, ...]:
-    """Compares each measured sensor with the configured one of its place.
+    """Compares each measured sensor with the predicted one of its place.
 
     Args:
         measured: sensors by their own clocks, known offsets taken off.
-        predicted: signals with their sensors' places.
+        predicted: signals of the configured sensors, with their places.
         clock_offset: s by which the predicted signals' times are shifted (imu.clock_offset_s).
+        person: who wears them. A thigh or shank without a configured sensor is then predicted at
+            the published place, and a sensor that moves as another segment does is in doubt.
 
     Raises:
         LegsimError: a sensor whose place is not among the configured ones.
     """
+    times = predicted.times - clock_offset
+    placed, segments = predicted.sensors, ()
+    ours = [ImuRecording(s.name, times, *predicted.sensor(s.name)) for s in placed]
+    if person is not None and measured:
+        worn = simulate_imu(person, tuple(_BY_SEGMENT.values()), rate_hz=_rate_hz(times))
+        on_each = [ImuRecording(n, worn.times, *worn.sensor(n)) for n in worn.sensor_names]
+        segments = tuple(
+            replace(one, name=segment) for one, segment in zip(on_each, _BY_SEGMENT, strict=True)
+        )
+        lacking = [k for k, segment in enumerate(_BY_SEGMENT) if segment not in _on(placed)]
+        ours += [on_each[k] for k in lacking]
+        placed = (*placed, *(worn.sensors[k] for k in lacking))
     found = []
     for one in measured:
-        sensor = _place(one, predicted.sensors)
-        rate, force = predicted.sensor(sensor.name)
-        ours = ImuRecording(sensor.name, predicted.times - clock_offset, rate, force)
-        given = one.worn.rotation_deg
-        rotation = None
-        if given is not None:
-            mounted = transforms.rotation_from_vector(np.radians(given))
-            rotation = sensor.segment_from_sensor_rotation.T @ mounted
-        agreement = comparison.compare(ours, one.recording, rotation=rotation)
-        found.append(ComparedSensor(sensor, agreement, given is not None))
+        k = _place(one, placed)
+        compared = _compared(one, placed[k], ours[k], segments)
+        found.append(replace(compared, place_given=k < len(predicted.sensors)))
     return tuple(found)
 
 
-def _place(measured: WornSensor, sensors: Sequence[Sensor]) -> Sensor:
-    """The configured sensor of the same segment, of the same name, or of a name within it."""
+def _rate_hz(times: FloatArray) -> float:
+    return (len(times) - 1) / float(times[-1] - times[0])
+
+
+def _on(sensors: Sequence[Sensor]) -> set[str]:
+    return {sensor.segment for sensor in sensors}
+
+
+def _compared(
+    measured: WornSensor, sensor: Sensor, ours: ImuRecording, segments: Sequence[ImuRecording]
+) -> ComparedSensor:
+    given, rotation = measured.worn.rotation_deg, None
+    if given is not None:
+        mounted = transforms.rotation_from_vector(np.radians(given))
+        rotation = sensor.segment_from_sensor_rotation.T @ mounted
+    found = comparison.compare(ours, measured.recording, rotation=rotation)
+    elsewhere = None
+    if sensor.segment in [one.name for one in segments]:
+        elsewhere = better_segment(measured.recording.shifted(-found.lag), sensor.segment, segments)
+    return ComparedSensor(sensor, found, given is not None, elsewhere=elsewhere)
+
+
+def _place(measured: WornSensor, sensors: Sequence[Sensor]) -> int:
+    """Number of the sensor of the same segment, of the same name, or of a name within it."""
     name, segment = measured.recording.name, measured.worn.segment
     if segment:
-        fitting = [s for s in sensors if s.segment == segment]
+        fitting = [k for k, s in enumerate(sensors) if s.segment == segment]
     else:
-        fitting = [s for s in sensors if s.name == name] or [s for s in sensors if s.name in name]
+        fitting = [k for k, s in enumerate(sensors) if s.name == name]
+        fitting = fitting or [k for k, s in enumerate(sensors) if s.name in name]
     if len(fitting) == 1:
         return fitting[0]
     places = ", ".join(f"{s.name} on {s.segment}" for s in sensors)
     where = f"segment {segment!r}" if segment else f"the name {name!r}"
     raise LegsimError(
-        f"sensor {name}: {where} is that of {len(fitting)} configured sensors ({places}); give "
+        f"sensor {name}: {where} is that of {len(fitting)} sensors ({places}); give "
         "--imu SEGMENT=FILE, and the sensor in imu.sensors"
     )
 

@@ -19,10 +19,12 @@ from legsim.correction.rough_start import StartErrors
 from legsim.correction.smoother import BeadShadows, FiducialShadows, triangulated
 from legsim.geometry.cone_beam import ConeBeamGeometry
 from legsim.imu import table_rows
-from legsim.imu.catalogue import load_sensor
+from legsim.imu.catalogue import CataloguedSensor, field_of, load_sensor
+from legsim.imu.errors import TERMS
 from legsim.imu.signals import SensorStart
 from legsim.run import measured, methods
 from legsim.run.measured import MeasuredScan
+from legsim.run.sensors import unconfirmed_sentence
 
 _MOST_BEADS = 4
 
@@ -36,6 +38,12 @@ def followed(scan: MeasuredScan) -> str:
     return scan.settings.methods.sensor or (names[0] if names else "")
 
 
+def _sensor_model(scan: MeasuredScan) -> CataloguedSensor:
+    """The sensor whose errors are expected: a file beside SCAN.toml, or one of the catalogue."""
+    beside = scan.folder / scan.settings.methods.sensor_model
+    return load_sensor(str(beside) if beside.is_file() else scan.settings.methods.sensor_model)
+
+
 def priors(scan: MeasuredScan) -> SensorPriors:
     """What is known of the followed sensor: its model's data sheet, and how it was worn.
 
@@ -43,9 +51,7 @@ def priors(scan: MeasuredScan) -> SensorPriors:
         LegsimError: an unknown model.
     """
     wanted = scan.settings.methods
-    beside = scan.folder / wanted.sensor_model
-    named = str(beside) if beside.is_file() else wanted.sensor_model
-    errors = load_sensor(named).errors
+    errors = _sensor_model(scan).errors
     start = _start_errors(scan.worn.get(followed(scan)))
     # a start that was leveled at rest is tilted by the accelerometer's bias
     leveled = errors.accelerometer.turn_on_bias / STANDARD_GRAVITY
@@ -86,6 +92,30 @@ def doubts(scan: MeasuredScan, names: Sequence[str]) -> tuple[str, ...]:
     said = methods.undetermined(names, scan.seen, followed(scan), priors(scan))
     model = scan.settings.methods.sensor_model
     return tuple(f"In doubt: {line}; its errors are taken for those of {model}." for line in said)
+
+
+_DECISIVE = ("turn-on-bias", "white-noise")
+"""terms without which a covariance says nothing"""
+
+
+def reliance(scan: MeasuredScan, names: Sequence[str]) -> tuple[str, ...]:
+    """Sentences on what the expected errors of the sensors rest on, where a method uses them."""
+    follow = {*methods.FIND_START, *methods.DEAD_RECKONING}
+    if not (scan.seen.signals.sensor_names and follow.intersection(names)):
+        return ()
+    model, sensor = scan.settings.methods.sensor_model, _sensor_model(scan)
+    unconfirmed = unconfirmed_sentence(model, sensor.values)
+    said = [f"The sensors' errors are taken for those of {model}.{unconfirmed}"]
+    for term in _DECISIVE:
+        lacking = [v for v in sensor.values if v.value is None and field_of(v) in TERMS[term]]
+        if lacking:
+            triads = " and ".join(dict.fromkeys(value.triad for value in lacking))
+            said.append(
+                f"In doubt: {model} states no {term} of its {triads}, which "
+                "methods take for zero: they may follow it as motion. Measure it at rest, and give "
+                "a file with it as methods.sensor_model."
+            )
+    return tuple(said)
 
 
 def fingerprint(scan: MeasuredScan) -> str:

@@ -78,7 +78,7 @@ def _replay(
     on_progress("sensors", 0, 1)
     first = float(person.trajectories.times[0])
     signals = stages.read_sensors(settings, person, folder, key, rest_at=first)
-    compared = imu_comparison.compare(worn, signals, settings.imu.clock_offset_s)
+    compared = imu_comparison.compare(worn, signals, settings.imu.clock_offset_s, person)
     lines = [line for one in compared for line in one.lines()]
     on_progress("sensors", 1, 1)
     on_progress("recording", 0, 1)

@@ -1,7 +1,7 @@
 """The configured sensors and their errors, in SI units."""
 
 import warnings
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -396,15 +396,25 @@ def _standing_sentence(noise: NoiseConfig) -> str:
         "gyroscope": noise.gyroscope.model_dump(exclude_none=True),
     }
     used = [
-        value.standing
+        value
         for value in catalogue.load_sensor(noise.kind).values
         if value.key not in own[value.triad] and catalogue.field_of(value) not in off
     ]
-    counted = (("unverified", "unverified"), ("secondary", "from secondary sources"))
-    found = [f"{n} {words}" for standing, words in counted if (n := used.count(standing))]
+    return unconfirmed_sentence(noise.kind, used)
+
+
+def unconfirmed_sentence(sensor: str, values: Sequence[catalogue.DataSheetValue]) -> str:
+    """Counts what of a sensor's numbers no page of its data sheet confirms, after a space."""
+    standings = [value.standing for value in values]
+    counted = {
+        "unverified": "unverified",
+        "secondary": "from secondary sources",
+        "missing": "missing, whose errors are taken for zero",
+    }
+    found = [f"{n} {words}" for one, words in counted.items() if (n := standings.count(one))]
     if not found:
         return ""
-    return f" Of its numbers {' and '.join(found)}: `legsim sensors {noise.kind}` lists them."
+    return f" Of its numbers {' and '.join(found)}: `legsim sensors {sensor}` lists them."
 
 
 def _recorder_sentences(settings: ImuConfig, view_rate_hz: float) -> list[str]:

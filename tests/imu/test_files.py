@@ -125,8 +125,13 @@ def test_opensims_two_tables_of_vectors_are_one_sensor(tmp_path):
     ("text", "said"),
     [
         ("a,b\n1,2\n", "describe its columns in a small TOML"),
+        ('<?xml version="1.0"?>\n<mvnx version="4"/>\n', "is XML, not a table; export"),
         ("// x\nPacketCounter,Acc_X,Acc_Y,Acc_Z,Gyr_X,Gyr_Y,Gyr_Z\n1,1,1,1,1,1,1\n", "rate_hz"),
-        ("// Update Rate: 9Hz\nPacketCounter,Acc_X,Acc_Y\n1,1,1\n", "'Acc_Z'.*has PacketCounter"),
+        ("// Update Rate: 9Hz\nPacketCounter,Acc_X,Acc_Y\n1,1,1\n", "without angular velocities"),
+        (
+            "// Update Rate: 9Hz\nPacketCounter,Acc_X,Acc_Y,Gyr_X,Gyr_Y,Gyr_Z\n1,1,1,1,1,1\n",
+            "'Acc_Z'.*has PacketCounter",
+        ),
     ],
 )
 def test_what_a_file_lacks_is_named(tmp_path, text, said):

@@ -4,8 +4,11 @@ import numpy as np
 import pytest
 
 from legsim.core.errors import LegsimError
+from legsim.imu import files
+from legsim.imu.recording import ImuRecording
 from legsim.imu.tables import SensorColumns, TableLayout, load
 from tests.examples.sensors import still, swaying
+from tests.references.c3d import Channels, c3d_bytes
 
 SENSOR = SensorColumns("shank", ("ax", "ay", "az"), ("gx", "gy", "gz"))
 NAMES = ("t", "ax", "ay", "az", "gx", "gy", "gz")
@@ -103,9 +106,12 @@ def test_missing_columns_are_named_beside_those_that_there_are(tmp_path):
         load(path, TableLayout((SENSOR,), time="t"))
 
 
-def test_a_layout_has_one_clock():
+def test_a_layout_has_one_clock(tmp_path):
     with pytest.raises(LegsimError, match=r"give one of them"):
-        TableLayout((SENSOR,))
+        TableLayout((SENSOR,), time="t", rate_hz=100)
+    path = write(tmp_path / "a.csv", rows_of(still(count=20)))
+    with pytest.raises(LegsimError, match=r"a.csv.*give one of them"):
+        load(path, TableLayout((SENSOR,)))
     with pytest.raises(LegsimError, match=r"needs rate_hz"):
         TableLayout((SENSOR,), time="t", counter="n")
 
@@ -199,3 +205,33 @@ def test_the_two_instruments_may_lie_in_two_tables(tmp_path):
     table_of(tmp_path / "g.csv", one, ("t", "x", "y", "z"), late)
     with pytest.raises(LegsimError, match=r"hardly overlap in time: .*files of one recording"):
         load(first, layout, angular_velocity_file=second)
+
+
+def in_c3d(path, one: ImuRecording, labels, units) -> None:
+    """Writes a recording as analog channels, in g and deg/s, beside markers of a quarter the rate."""
+    both = np.concatenate([one.specific_force / 9.80665, np.degrees(one.angular_velocity)], 1)
+    channels = Channels(both, labels, units, [1.0] * 6, [0] * 6, rate=one.rate_hz)
+    markers = np.ones((len(one.times) // 4, 1, 3))
+    path.write_bytes(c3d_bytes(markers, ["M"], rate=one.rate_hz / 4, channels=channels))
+
+
+def test_channels_of_a_c3d_are_read_by_the_clock_of_its_markers(tmp_path):
+    one = still(count=400, rate_hz=400)
+    labels = ["EMG", "EMG", "Az", "Gyr X", "Gyr Y", "Gyr Z"]
+    in_c3d(tmp_path / "a.c3d", one, labels, ["g"] * 3 + ["deg/s"] * 3)
+    sensor = SensorColumns("shank", (1, 2, "Az"), ("Gyr X", "Gyr Y", "Gyr Z"))
+    (found,) = load(tmp_path / "a.c3d", TableLayout((sensor,)))
+    np.testing.assert_allclose(found.times, one.times, atol=1e-9)
+    np.testing.assert_allclose(found.specific_force, one.specific_force, atol=1e-5)
+    np.testing.assert_allclose(found.angular_velocity, one.angular_velocity, atol=1e-7)
+    with pytest.raises(LegsimError, match=r"have its clock; leave rate_hz out"):
+        load(tmp_path / "a.c3d", TableLayout((sensor,), rate_hz=100))
+    twice = SensorColumns("shank", ("EMG", 2, "Az"), ("Gyr X", "Gyr Y", "Gyr Z"))
+    with pytest.raises(LegsimError, match=r"has 2 analog channels 'EMG' .* give its number"):
+        load(tmp_path / "a.c3d", TableLayout((twice,)))
+
+
+def test_a_c3d_by_itself_names_its_channels(tmp_path):
+    in_c3d(tmp_path / "a.c3d", still(count=40), ["a", "b", "c", "d", "e", "f"], ["V"] * 6)
+    with pytest.raises(LegsimError, match=r"has 6 analog channels: a, b, c, d, e, f; name those"):
+        files.load_recordings(tmp_path / "a.c3d")

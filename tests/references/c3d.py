@@ -2,6 +2,7 @@
 
 import struct
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,6 +49,47 @@ def texts(name: str, number: int, processor: int, values: Sequence[str]) -> byte
     )
 
 
+@dataclass(frozen=True)
+class Channels:
+    """Analog channels: numbers as stored (frames * per frame, k), and what the file says of them."""
+
+    stored: NDArray
+    labels: Sequence[str]
+    units: Sequence[str]
+    scales: Sequence[float]
+    offsets: Sequence[int]
+    gen_scale: float = 1.0
+    unsigned: bool = False
+    rate: float = 400.0
+
+    @property
+    def values(self) -> NDArray:
+        """(n, k) in the stated units."""
+        return (self.stored - self.offsets) * np.asarray(self.scales) * self.gen_scale
+
+    def records(self, number: int, processor: int) -> bytes:
+        """The group ANALOG."""
+        order, count = ORDER[processor], len(self.labels)
+        offsets = np.asarray(self.offsets, float).astype("u2" if self.unsigned else "i2")
+        made = group("ANALOG", number, processor)
+        made += parameter("USED", number, processor, 2, (), struct.pack(order + "H", count))
+        made += texts("LABELS", number, processor, self.labels)
+        made += texts("UNITS", number, processor, self.units)
+        made += parameter(
+            "SCALE", number, processor, 4, (count,), floats(np.array(self.scales), processor)
+        )
+        made += parameter(
+            "OFFSET", number, processor, 2, (count,),
+            offsets.astype(offsets.dtype.newbyteorder(order)).tobytes(),
+        )  # fmt: skip
+        for name, value in (("GEN_SCALE", self.gen_scale), ("RATE", self.rate)):
+            stored = floats(np.array([value]), processor)
+            made += parameter(name, number, processor, 4, (), stored)
+        return made + texts(
+            "FORMAT", number, processor, ["UNSIGNED" if self.unsigned else "SIGNED"]
+        )
+
+
 def c3d_bytes(
     positions: NDArray,
     labels: Sequence[str],
@@ -60,12 +102,14 @@ def c3d_bytes(
     screens: tuple[str, str] | None = None,
     analog_words: int = 0,
     model_outputs: Sequence[str] = (),
+    channels: Channels | None = None,
 ) -> bytes:
     """File with points (n, m, 3) in the file's unit; a positive scale stores 16-bit numbers.
 
     NaN is written as a leftover position with residual -1.
     """
     n, m = positions.shape[:2]
+    analog = np.full((n, analog_words), 7) if channels is None else channels.stored.reshape(n, -1)
     order = ORDER[processor]
     integer = {"USED": m, "FRAMES": n, "DATA_START": 0}
     records = group("POINT", 1, processor)
@@ -76,7 +120,7 @@ def c3d_bytes(
         parameter(k, 1, processor, 4, (), floats(np.array([v]), processor))
         for k, v in (("SCALE", scale), ("RATE", rate))
     )
-    records += texts("LABELS", 1, processor, labels)
+    records += texts("LABELS", 1, processor, labels) if labels else b""
     records += texts("UNITS", 1, processor, [unit]) if unit else b""
     if screens:
         records += texts("X_SCREEN", 1, processor, [screens[0]]) + texts(
@@ -84,28 +128,32 @@ def c3d_bytes(
         )
     if model_outputs:
         records += texts("ANGLES", 1, processor, model_outputs)
+    if channels is not None:
+        records += channels.records(2, processor)
+    per_frame = 1 if channels is None else len(channels.stored) // n
     blocks = (4 + len(records) + 1 + 511) // 512
     section = (bytes([1, 80, blocks, processor]) + records).ljust(512 * blocks, b"\0")
     header = bytes([2, 80]) + struct.pack(
-        order + "5H", m, analog_words, first_frame, first_frame + n - 1, 10
+        order + "5H", m, analog.shape[1], first_frame, first_frame + n - 1, 10
     )
     header += (
         floats(np.array([scale]), processor)
-        + struct.pack(order + "2H", 2 + blocks, 1)
+        + struct.pack(order + "2H", 2 + blocks, per_frame)
         + floats(np.array([rate]), processor)
     )
-    return header.ljust(512, b"\0") + section + _data(positions, processor, scale, analog_words)
+    return header.ljust(512, b"\0") + section + _data(positions, processor, scale, analog)
 
 
-def _data(positions: NDArray, processor: int, scale: float, analog_words: int) -> bytes:
+def _data(positions: NDArray, processor: int, scale: float, analog: NDArray) -> bytes:
     n, m = positions.shape[:2]
     unseen = np.isnan(positions).any(-1)
-    table = np.zeros((n, 4 * m + analog_words))
+    table = np.zeros((n, 4 * m + analog.shape[1]))
     points = table[:, : 4 * m].reshape(n, m, 4)
     points[..., :3] = np.where(unseen[..., None], 99.0, positions)
     points[..., 3] = np.where(unseen, -1, 0)
-    table[:, 4 * m :] = 7
+    table[:, 4 * m :] = analog
     if scale < 0:
         return floats(table.reshape(-1), processor)
     points[..., :3] /= scale
-    return np.rint(table).astype("<i2" if ORDER[processor] == "<" else ">i2").tobytes()
+    whole = np.rint(table).astype(int) % 65536
+    return whole.astype("<u2" if ORDER[processor] == "<" else ">u2").tobytes()

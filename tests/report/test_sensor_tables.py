@@ -100,9 +100,27 @@ def test_the_standing_of_all_numbers_is_counted():
 def test_records_hold_every_line_in_si():
     found = budget("bmi160")
     records = sensor_tables.records([found])
-    assert len(records) == len(found.lines)
-    assert records[0]["translation_m"] == found.lines[0].error.translation
-    assert records[-1]["of"] == "start"
+    stated = [record for record in records if record["rests_on"] != "missing"]
+    assert len(stated) == len(found.lines)
+    assert stated[0]["translation_m"] == found.lines[0].error.translation
+    assert stated[-1]["of"] == "start"
+    assert stated[-1]["rests_on"] == "given"
+
+
+@pytest.mark.parametrize(
+    ("name", "term", "triad", "standing"),
+    [
+        ("bmi160", "white-noise", "gyroscope", "secondary"),
+        ("bmi160", "g-sensitivity", "gyroscope", "unverified"),
+        ("lsm6dsv", "white-noise", "accelerometer", "sheet"),
+        ("adis16505", "turn-on-bias", "gyroscope", "missing"),
+    ],
+)
+def test_a_record_says_what_its_number_rests_on(name: str, term: str, triad: str, standing: str):
+    records = sensor_tables.records([budget(name)])
+    (one,) = [r for r in records if (r["term"], r["of"]) == (term, triad)]
+    assert one["rests_on"] == standing
+    assert (one["translation_m"] is None) == (standing == "missing")
 
 
 @pytest.mark.parametrize(

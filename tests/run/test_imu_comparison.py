@@ -2,10 +2,12 @@
 
 import csv
 import io
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
+import legsim as ls
 from legsim import config
 from legsim.core import transforms
 from legsim.core.errors import LegsimError
@@ -124,3 +126,28 @@ def test_real_sensors_are_set_beside_the_markers_of_the_same_seconds(shared_data
         assert float(heavy["measured_rms"]) == pytest.approx(force, abs=0.1)
     assert any("standing_thigh_l on femur_l" in line for line in result.lines())
     assert "Measured sensors" in (tmp_path / "report.html").read_text()
+
+
+def test_a_sensor_near_the_ankle_of_the_other_leg_is_found_there(tmp_path):
+    """The right shank's, 33 cm below the knee, given as the left shank's and as the right's."""
+    person = ls.solve_kinematics("subject01/squats.trc")
+    sensor = Sensor.placed("logger", "tibia_r", 0.33, [0.02, 0, 0.04], TURN)
+    signals = ls.simulate_imu(person, [sensor], rate_hz=100)
+    save_imu(tmp_path / "logger.csv", signals)
+    predicted = ls.simulate_imu(person, rate_hz=100)
+    worn = imu_comparison.of_argument(f"tibia_r={tmp_path / 'logger.csv'}")
+    (found,) = imu_comparison.compare(worn, predicted, 0.0, person)
+    (line,) = [one for one in found.lines() if one.startswith("In doubt")]
+    assert "set its distance_mm to 330 and its offset_mm to [20, 0, 40] in imu.sensors" in line
+    assert any("no sensor of imu.sensors is on tibia_r" in one for one in found.lines())
+    turned = transforms.vector_from_rotation(found.segment_from_sensor)
+    np.testing.assert_allclose(turned, TURN, atol=0.01)
+
+
+def test_a_sensor_of_another_segment_is_in_doubt(tmp_path):
+    worn = imu_comparison.of_argument(str(write(tmp_path)))
+    (found,) = imu_comparison.compare(worn, predicted(), 0.0)
+    other = replace(found, elsewhere=("tibia_r", 0.97, 0.026))
+    (line,) = [one for one in other.lines() if one.startswith("In doubt")]
+    assert "turns as tibia_r does (correlation of the rates 0.97 at a lag of 63 ms)" in line
+    assert line.endswith("give tibia_r=FILE if it was worn there.")

@@ -118,6 +118,30 @@ def test_dead_reckoning_is_in_doubt_by_the_sensors_model(tmp_path):
     assert said.endswith("its errors are taken for those of bmi160.")
 
 
+MODEL = '\n[methods]\nsensor_model = "{}"\n'
+
+
+@pytest.mark.parametrize(
+    ("model", "counted"),
+    [("bmi160", "7 unverified and 10 from secondary sources and 4"), ("lsm6dsv", "10 missing")],
+)
+def test_what_the_expected_errors_rest_on_is_counted(tmp_path, model: str, counted: str):
+    scan = loaded(tmp_path, more=BEADS + MODEL.format(model))
+    (said,) = measured_aids.reliance(scan, ["uncorrected", "fused-beads"])
+    assert said.startswith(f"The sensors' errors are taken for those of {model}. Of its numbers ")
+    assert counted in said
+    assert measured_aids.reliance(scan, ["uncorrected", "autofocus"]) == ()
+
+
+def test_a_sensor_without_a_stated_bias_is_in_doubt(tmp_path):
+    scan = loaded(tmp_path, more=BEADS + MODEL.format("adis16505"))
+    said = measured_aids.reliance(scan, ["fused-beads"])[1:]
+    (line,) = said
+    assert line.startswith(
+        "In doubt: adis16505 states no turn-on-bias of its accelerometer and gyroscope"
+    )
+
+
 def test_methods_that_find_the_start_begin_where_the_sensor_was_strapped_on(tmp_path):
     """A biased gyroscope makes standing_start run after its drift."""
     scan = loaded(tmp_path)

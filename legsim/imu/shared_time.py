@@ -1,0 +1,71 @@
+"""Two recordings on the time that both share, as they are and in a band of frequencies."""
+
+from typing import Literal
+
+import numpy as np
+from scipy.interpolate import make_interp_spline
+from scipy.signal import butter, sosfiltfilt
+
+from legsim.core.errors import LegsimError
+from legsim.core.values import FloatArray
+from legsim.imu.recording import ImuRecording
+
+Quantity = Literal["rate", "force"]
+
+MOVEMENT_HZ = (0.2, 6.0)
+"""band of the movement: markers are filtered to 6 Hz"""
+
+HIGHEST = 0.45
+"""of the sampling rate: above it a band is not measured"""
+
+_SHORTEST = 3.0
+"""s of overlap"""
+
+
+def shares_time(a: ImuRecording, b: ImuRecording) -> bool:
+    """Whether both share 3 s."""
+    first, last = max(a.times[0], b.times[0]), min(a.times[-1], b.times[-1])
+    return last - first >= _SHORTEST
+
+
+def overlap(a: ImuRecording, b: ImuRecording, step: float) -> FloatArray:
+    """Even times (n,) that both share.
+
+    Raises:
+        LegsimError: less than 3 s.
+    """
+    first, last = max(a.times[0], b.times[0]), min(a.times[-1], b.times[-1])
+    if not shares_time(a, b):
+        raise LegsimError(
+            f"sensor {b.name} recorded {b.times[0]:.13g} to {b.times[-1]:.13g} s, the markers "
+            f"{a.times[0]:g} to {a.times[-1]:g} s: they share less than {_SHORTEST:g} s; give "
+            "clock_offset_s (the sensor's clock minus the markers') in a TOML about its file"
+        )
+    return first + step * np.arange(int((last - first) / step + 1e-6) + 1)
+
+
+def at(
+    recording: ImuRecording, times: FloatArray, quantity: Quantity, derivative: int = 0
+) -> FloatArray:
+    """Values (n, 3), or their derivative, by a cubic spline; held beyond the ends."""
+    inside = np.clip(times, recording.times[0], recording.times[-1])
+    values = recording.angular_velocity if quantity == "rate" else recording.specific_force
+    return make_interp_spline(recording.times, values, k=3)(inside, nu=derivative)
+
+
+def in_band(
+    recording: ImuRecording, times: FloatArray, band_hz: tuple[float, float], quantity: Quantity
+) -> FloatArray:
+    """Values (n, 3) at even times in a band."""
+    return band_passed(at(recording, times, quantity), times, band_hz)
+
+
+def band_passed(values: FloatArray, times: FloatArray, band_hz: tuple[float, float]) -> FloatArray:
+    """Values (n, ...) at even times through a zero-phase Butterworth band-pass of second order."""
+    rate_hz = 1 / float(np.median(np.diff(times)))
+    high = min(band_hz[1], HIGHEST * rate_hz)
+    sections = butter(2, [band_hz[0], high], "bandpass", fs=rate_hz, output="sos")
+    # mirrored over three periods at each end: scipy's short odd padding lets a movement that begins
+    # at an end ring through the filter, by a third of what a standing person does in 11 s
+    pad = min(len(times) - 1, int(3 * rate_hz / band_hz[0]))
+    return sosfiltfilt(sections, values - values.mean(0), axis=0, padtype="even", padlen=pad)

@@ -1,0 +1,54 @@
+"""The segment that a measured sensor moves with: that whose angular velocity it shares.
+
+Legs that walk do the same half a step apart, so that a sensor of the other leg agrees well with a
+clock that is wrong by as much. Only a movement can tell: people who stand sway as one.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from legsim.core.values import FloatArray
+from legsim.imu.lag import find_lag
+from legsim.imu.recording import ImuRecording
+from legsim.imu.shared_time import MOVEMENT_HZ, in_band, overlap
+
+_MOVING = float(np.radians(20))
+"""rad/s RMS of the angular velocity in 0.2 to 6 Hz: a person who stands has 1 degree per second"""
+
+_ALIKE = 0.75
+"""correlation of the rates from which a segment may be the sensor's"""
+
+_MARGIN = 0.1
+"""by which it is higher there"""
+
+
+def better_segment(
+    measured: ImuRecording, named: str, segments: Sequence[ImuRecording]
+) -> tuple[str, float, float] | None:
+    """Finds a segment that the sensor follows clearly better than the named one.
+
+    Args:
+        measured: by its own clock.
+        named: the segment on which it is said to be.
+        segments: predicted angular velocity of each segment, by its name; ``named`` among them.
+
+    Returns:
+        its name, the correlation of the rates and the lag (s) there; None without one.
+
+    Raises:
+        LegsimError: recordings that overlap by less than 3 s.
+    """
+    step = 1 / min(measured.rate_hz, segments[0].rate_hz)
+    lags, alike = {}, {}
+    for one in segments:
+        lags[one.name], alike[one.name] = find_lag(one, measured, step=step)
+    best = max(alike, key=lambda name: alike[name])
+    times = overlap(next(one for one in segments if one.name == named), measured, step)
+    moves = _rms(in_band(measured, times, MOVEMENT_HZ, "rate")) > _MOVING
+    clearly = alike[best] > max(_ALIKE, alike[named] + _MARGIN)
+    return (best, alike[best], lags[best]) if moves and clearly else None
+
+
+def _rms(vectors: FloatArray) -> float:
+    return float(np.sqrt((vectors**2).sum(-1).mean()))

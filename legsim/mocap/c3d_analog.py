@@ -1,0 +1,102 @@
+"""Analog channels of C3D files: what amplifiers and, in many laboratories, inertial sensors send.
+
+Every frame of the points holds one or more samples of each channel. A sample is (raw - OFFSET) x
+SCALE x GEN_SCALE of the group ANALOG ("The C3D File Format, A Technical User Guide", c3d.org).
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from legsim.core.errors import file_error
+from legsim.core.values import FloatArray
+from legsim.mocap import c3d
+from legsim.mocap._c3d_header import BLOCK, C3dHeader, floats, integers, read_header
+
+_CURE = "export the trial again as C3D"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class AnalogChannels:
+    """All channels of a file, in the file's units."""
+
+    times: FloatArray
+    """(n,) s, by the clock of the markers"""
+    labels: tuple[str, ...]
+    units: tuple[str, ...]
+    """as the file states them; empty where it does not"""
+    values: FloatArray
+    """(n, k)"""
+
+
+def load_analog(path: Path | str) -> AnalogChannels:
+    """Reads the analog channels of a C3D file.
+
+    Raises:
+        LegsimError: a file that is no C3D or is damaged, or that has no channel.
+    """
+    path = Path(path)
+    data = c3d.file_bytes(path)
+    header = read_header(path, data)
+    notes: list[str] = []
+    frames, rate = c3d.frame_count(header, len(data), notes), c3d.frame_rate(header, notes)
+    channels = int(next(iter(header.numbers("ANALOG", "USED")), 0))
+    if channels < 1 or header.analog_words < 1:
+        raise file_error(path, "holds no analog channel", "export the trial with its channels")
+    per_frame, rest = divmod(header.analog_words, channels)
+    if rest:
+        problem = (
+            f"{header.analog_words} analog samples a frame are not those of {channels} channels"
+        )
+        raise file_error(path, problem, _CURE, place="header")
+    stated = _one(header, "RATE", 0.0)
+    if stated and abs(stated - rate * per_frame) > 1e-3 * rate * per_frame:
+        problem = f"states {stated:g} Hz, and holds {per_frame} samples a frame at {rate:g} Hz"
+        raise file_error(path, problem, _CURE, place="ANALOG:RATE")
+    raw = _raw(header, data, frames).reshape(frames * per_frame, channels)
+    scales = _each(header, "SCALE", channels, 1.0) * _one(header, "GEN_SCALE", 1.0)
+    offsets = _each(header, "OFFSET", channels, 0.0)
+    if _unsigned(header):
+        offsets = np.where(offsets < 0, offsets + 65536, offsets)
+    values = (raw - offsets) * scales
+    first = (max(header.first_frame, 1) - 1) / rate
+    labels = _texts(header, "LABELS", channels)
+    named = tuple(label or f"*{k + 1}" for k, label in enumerate(labels))
+    times = first + np.arange(len(values)) / (rate * per_frame)
+    return AnalogChannels(times, named, _texts(header, "UNITS", channels), values)
+
+
+def _raw(header: C3dHeader, data: bytes, frames: int) -> FloatArray:
+    """(frames, samples of all channels) as stored."""
+    size = c3d.frame_bytes(header)
+    start = (header.data_block - 1) * BLOCK
+    block = data[start : start + frames * size]
+    if header.scale < 0:
+        return floats(block, header.processor).reshape(frames, -1)[:, 4 * header.points :]
+    words = integers(block, header.processor).reshape(frames, -1)[:, 4 * header.points :]
+    return (words.view(np.uint16) if _unsigned(header) else words).astype(float)
+
+
+def _unsigned(header: C3dHeader) -> bool:
+    """Whether samples and offsets of 16 bits have no sign."""
+    return "UNSIGNED" in (text.upper() for text in header.texts("ANALOG", "FORMAT"))
+
+
+def _one(header: C3dHeader, name: str, default: float) -> float:
+    return float(next(iter(header.numbers("ANALOG", name)), default))
+
+
+def _each(header: C3dHeader, name: str, count: int, default: float) -> FloatArray:
+    """(count,) numbers of a parameter and its continuations, the default where they end."""
+    parts = [header.numbers("ANALOG", name)]
+    parts += [header.numbers("ANALOG", f"{name}{k}") for k in range(2, 10)]
+    there = np.concatenate(parts)[:count]
+    found = np.full(count, default)
+    found[: len(there)] = there
+    return found
+
+
+def _texts(header: C3dHeader, name: str, count: int) -> tuple[str, ...]:
+    found = header.texts("ANALOG", name)[:count]
+    return (*found, *[""] * (count - len(found)))
