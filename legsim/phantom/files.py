@@ -5,7 +5,6 @@ nest: at each point the last part that contains it decides. Meshes are PLY, STL,
 with coordinates in world, at the reference pose where a part moves with a segment.
 """
 
-import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -13,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from legsim.core import files as core_files
 from legsim.core import transforms
 from legsim.core.errors import LegsimError, file_error
 from legsim.core.values import FloatArray
@@ -151,14 +151,7 @@ class _Content:
 
 
 def _content(path: Path) -> _Content:
-    try:
-        content = tomllib.loads(path.read_text("utf-8"))
-    except OSError as error:
-        raise file_error(
-            path, f"cannot be read ({error.strerror or error})", "check the path"
-        ) from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise file_error(path, f"is not TOML ({error})", "fix that place") from error
+    content = core_files.load_toml(path)
     unknown = sorted(set(content) - {"part", "repair", "overlaps", "landmarks"})
     if unknown:
         known = (

@@ -156,6 +156,12 @@ def _landmarks(bony: Sequence[_Outer], remarks: list[str]) -> dict[str, dict[str
             found[side] = landmarks.find(bones, side)
         except LegsimError as error:
             remarks.append(f"no landmarks, so that this leg can only rest: {error}")
+            continue
+        if landmarks.of_other_side(bones["femur"], found[side], side):
+            remarks.append(
+                f"In doubt: femur_{side} leans as one of the other leg: check --side, the map's "
+                "sides, the axes of the image (--axes) and its directions"
+            )
     return found
 
 

@@ -2,7 +2,8 @@
 
 Landmarks of femur and tibia say how the model's leg stands in the image: where its knee is, how its
 femur is turned, and how far its knee is flexed; the same landmarks of the model's own bones, cut
-alike, say what they are in the model. From that pose on each bone moves as its segment does, so
+alike, say what they are in the model. Bones of the model's own shape are then laid on it with all
+of their surface. From that pose on each bone moves as its segment does, so
 bones keep their size and the joints their imaged fit; soft tissue is straightened by the soft map
 and then follows it.
 """
@@ -21,7 +22,7 @@ from legsim.core.values import FloatArray
 from legsim.kinematics.leg_model import COORDINATES, LegModel
 from legsim.kinematics.skeleton import SEGMENTS, SegmentScales
 from legsim.mocap.trajectories import JointTrajectories
-from legsim.phantom import files, landmarks, leg_phantom, materials
+from legsim.phantom import _bone_fit, files, landmarks, leg_phantom, materials
 from legsim.phantom._leg_template import leg_axes, reference_pose
 from legsim.phantom.files import PhantomFile
 from legsim.phantom.landmarks import BoneSurface, middle_of_knee
@@ -30,6 +31,14 @@ from legsim.phantom.meshes import Phantom
 
 _FLEXION_DEG = (-15.0, 45.0)
 """knee angles of an imaged leg that its soft tissue can be straightened from"""
+
+_SHAFTS = ("thigh", "shank")
+
+_STUMP, _STUMP_DEG = 0.10, 10.0
+"""m from the knee within which a shaft's middle shows its direction to degrees only
+
+Widths of people's knees differ by some mm from the model's, and so does where their shafts begin.
+"""
 
 _KNEE_DEG = (-20.0, 120.0)
 """where the model's knee goes while its flexion is sought"""
@@ -42,6 +51,9 @@ _LENGTH_APART = 0.015
 
 _NOT_STRAIGHTENED = 0.5e-3
 """m between imaged tissue and where the soft map returns it, beyond which a warning reports it"""
+
+_SAME_PLACE = 0.05e-3
+"""m between a landmark of a file and the one found on its bones, if nobody moved it"""
 
 _AT_ONCE = 100_000
 """points straightened in one go"""
@@ -136,10 +148,17 @@ def image_pose(path: Path, read: PhantomFile, scales: SegmentScales) -> FloatArr
         if not bones and not any((s or "").endswith(f"_{side}") for s in read.segments):
             continue
         try:
-            imaged = _landmarks(read, bones, side)
+            imaged, of_bones = _landmarks(read, bones, side)
         except LegsimError as error:
             raise LegsimError(f"{path}: {error}") from error
-        placed, flexed = _registered(path, imaged, model, scales, side)
+        if "femur" in bones and of_bones and landmarks.of_other_side(bones["femur"], imaged, side):
+            warnings.warn(
+                f"{path}: the femur of side {side} leans as one of the other leg: check the sides",
+                ImagedLegWarning,
+                stacklevel=3,
+            )
+        own = bones if of_bones else {}  # landmarks that somebody moved count as they are
+        placed, flexed = _registered(path, imaged, own, model, scales, side)
         for k, name in enumerate(SEGMENTS):
             if name.endswith(f"_{side}"):
                 poses[k] = placed @ flexed[k]
@@ -180,10 +199,19 @@ def _bones(read: PhantomFile, side: str) -> dict[str, BoneSurface]:
 
 def _landmarks(
     read: PhantomFile, bones: Mapping[str, BoneSurface], side: str
-) -> dict[str, FloatArray]:
+) -> tuple[dict[str, FloatArray], bool]:
+    """Landmarks of one side, and whether all of them are those of its bones."""
     given = dict(read.landmarks.get(side, {}))
     enough = {"condyle_medial", "condyle_lateral"} <= given.keys()
-    found = {} if enough and given.keys() & {"hip", "thigh"} else landmarks.find(bones, side)
+    try:
+        found = landmarks.find(bones, side)
+    except LegsimError:
+        if not (enough and given.keys() & {"hip", "thigh"}):
+            raise
+        found = {}
+    of_bones = all(
+        name in found and _length(found[name], point) < _SAME_PLACE for name, point in given.items()
+    )
     for joint, shaft in (("hip", "thigh"), ("ankle", "shank")):
         if given.keys() & {joint, shaft}:
             found = {k: v for k, v in found.items() if k not in (joint, shaft)}
@@ -193,24 +221,29 @@ def _landmarks(
             f"neither a tibia of side {side} nor a landmark ankle or shank is there: nothing says "
             "how far the knee is flexed"
         )
-    return merged
+    return merged, of_bones
 
 
 def _of_model(
     model: LegPhantom, imaged: Mapping[str, FloatArray], side: str
 ) -> dict[str, FloatArray]:
     """The same landmarks on the leg model's own bones, in world of its reference pose."""
-    bones = {}
-    for bone in ("femur", "tibia"):
-        part = model.phantom.parts[model.part_index(f"{bone}_cortex_{side}")]
-        bones[bone] = BoneSurface(part.vertices, part.triangles)
     knee = middle_of_knee(imaged)
     return landmarks.find(
-        bones,
+        _model_bones(model, side),
         side,
         thigh_reach=None if "hip" in imaged else _length(imaged["thigh"], knee),
         shank_reach=None if "ankle" in imaged else _length(imaged["shank"], knee),
     )
+
+
+def _model_bones(model: LegPhantom, side: str) -> dict[str, BoneSurface]:
+    """Outer surfaces of the model's femur and tibia in world of its reference pose."""
+    found = {}
+    for bone in ("femur", "tibia"):
+        part = model.phantom.parts[model.part_index(f"{bone}_cortex_{side}")]
+        found[bone] = BoneSurface(part.vertices, part.triangles)
+    return found
 
 
 def _length(a: FloatArray, b: FloatArray) -> float:
@@ -220,30 +253,76 @@ def _length(a: FloatArray, b: FloatArray) -> float:
 def _registered(
     path: Path,
     imaged: Mapping[str, FloatArray],
+    bones: Mapping[str, BoneSurface],
     legs: LegPhantom,
     scales: SegmentScales,
     side: str,
 ) -> tuple[FloatArray, FloatArray]:
     """(image world from the model's world (4, 4), poses (13, 4, 4) of the model as the knee is
     flexed in the image).
+
+    Landmarks say both; where ``bones`` has femur and tibia, and they are the model's own in shape,
+    their surfaces say it more exactly.
     """
     model = _of_model(legs, imaged, side)
+
+    def moved(flexion: float) -> dict[str, FloatArray]:
+        return _bone_motions(legs, scales, side, flexion)
+
     frames = [landmarks.femur_frame(points, side) for points in (imaged, model)]
+    placed, flexion = frames[0] @ transforms.inverse(frames[1]), 0.0
     wanted = _shank_angle(imaged, frames[0])
-    tibia = SEGMENTS.index(f"tibia_{side}")
-    flexion, flexed = 0.0, legs.reference_world_from_segment
     for _ in range(_FLEXION_STEPS):
         # the knee does not turn about the middle of its condyles, nor by just this angle
-        carried = flexed[tibia] @ transforms.inverse(legs.reference_world_from_segment[tibia])
-        flexion += _shank_angle(model, frames[1], carried) - wanted
-        flexed = _at_flexion(legs, scales, side, float(np.clip(flexion, *np.radians(_KNEE_DEG))))
-    if not _FLEXION_DEG[0] <= np.degrees(flexion) <= _FLEXION_DEG[1]:
+        flexion += _shank_angle(model, frames[1], moved(flexion)["tibia"]) - wanted
+    stumps = {n: _length(p, middle_of_knee(imaged)) for n, p in imaged.items() if n in _SHAFTS}
+    if bones.keys() == {"femur", "tibia"}:
+        fitted = _bone_fit.fit(bones, _model_bones(legs, side), moved, placed, flexion)
+        if fitted.same_shape:
+            placed, flexion, stumps = fitted.placed, fitted.flexion, {}
+    flexion = _plausible(path, flexion, stumps, side)
+    _warn_of_lengths(path, imaged, model, side)
+    return placed, _at_flexion(legs, scales, side, flexion)
+
+
+def _plausible(path: Path, flexion: float, stumps: Mapping[str, float], side: str) -> float:
+    """Flexion (rad) within what soft tissue can be straightened from.
+
+    Args:
+        path: of the phantom.
+        flexion: rad, as found.
+        stumps: lengths (m) of the shafts that gave it, where no joint beyond the knee did.
+        side: "l" or "r".
+
+    Raises:
+        LegsimError: it is outside, by more than short stumps may be off.
+    """
+    low, high = np.radians(_FLEXION_DEG)
+    short = {name: length for name, length in stumps.items() if length < _STUMP}
+    slack = np.radians(_STUMP_DEG) if short else 0.0
+    if not low - slack <= flexion <= high + slack:
         raise file_error(
             path,
             f"the knee of side {side} is flexed by {np.degrees(flexion):.0f} degrees",
             f"expected {_FLEXION_DEG[0]:g} to {_FLEXION_DEG[1]:g}: check the axes of the image and "
             "the landmarks",
         )
+    taken = float(np.clip(flexion, low, high))
+    if short:
+        seen = " and ".join(f"{name} {1e3 * length:.0f} mm" for name, length in short.items())
+        warnings.warn(
+            f"{path}: of side {side} little is imaged beyond the knee ({seen}), so that its "
+            f"flexion, taken as {np.degrees(taken):.0f} degrees, may be {_STUMP_DEG:g} degrees "
+            "off; correct thigh and shank in [landmarks] where you know the leg's axes",
+            ImagedLegWarning,
+            stacklevel=5,
+        )
+    return taken
+
+
+def _warn_of_lengths(
+    path: Path, imaged: Mapping[str, FloatArray], model: Mapping[str, FloatArray], side: str
+) -> None:
     for joint, name in (("hip", "thigh"), ("ankle", "shank")):
         if joint in imaged and joint in model:
             own, models = (_length(p[joint], middle_of_knee(p)) for p in (imaged, model))
@@ -253,9 +332,17 @@ def _registered(
                     f"model's {1e3 * models:.0f} mm; bones keep their size, so that the {joint} "
                     "does not turn about its own center",
                     ImagedLegWarning,
-                    stacklevel=4,
+                    stacklevel=5,
                 )
-    return frames[0] @ transforms.inverse(frames[1]), flexed
+
+
+def _bone_motions(
+    model: LegPhantom, scales: SegmentScales, side: str, flexion: float
+) -> dict[str, FloatArray]:
+    """Motions (4, 4) of femur and tibia from the model's reference pose as its knee is flexed."""
+    flexed, still = _at_flexion(model, scales, side, flexion), model.reference_world_from_segment
+    places = {bone: SEGMENTS.index(f"{bone}_{side}") for bone in ("femur", "tibia")}
+    return {bone: flexed[k] @ transforms.inverse(still[k]) for bone, k in places.items()}
 
 
 def _shank_angle(
@@ -270,6 +357,7 @@ def _shank_angle(
 
 def _at_flexion(model: LegPhantom, scales: SegmentScales, side: str, flexion: float) -> FloatArray:
     """Poses (13, 4, 4) of the model with one knee flexed by rad, its thigh as in the reference."""
+    flexion = float(np.clip(flexion, *np.radians(_KNEE_DEG)))
     values = np.zeros((1, len(COORDINATES)))
     values[0, COORDINATES.index(f"knee_angle_{side}")] = -flexion
     trajectories = JointTrajectories(np.zeros(1), COORDINATES, values)

@@ -1,10 +1,10 @@
 """LABELS.toml: what the numbers of a segmentation are, for :mod:`legsim.phantom.from_labels`."""
 
-import tomllib
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from legsim.core import files as core_files
 from legsim.core import resources
 from legsim.core.errors import LegsimError, file_error
 from legsim.kinematics.skeleton import SEGMENTS
@@ -101,14 +101,7 @@ def load_label_map(name_or_path: Path | str) -> LabelMap:
 
 
 def _content(path: Path) -> dict[str, Any]:
-    try:
-        content = tomllib.loads(path.read_text("utf-8"))
-    except OSError as error:
-        raise file_error(
-            path, f"cannot be read ({error.strerror or error})", "check the path"
-        ) from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise file_error(path, f"is not TOML ({error})", "fix that place") from error
+    content = core_files.load_toml(path)
     unknown = sorted(set(content) - {"label", "left_out"})
     if unknown:
         raise file_error(path, f"unknown key {unknown[0]!r}", "known: [[label]] and [left_out]")

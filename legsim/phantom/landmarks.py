@@ -27,14 +27,38 @@ _HEAD_RADIUS = (0.016, 0.034)
 _CONDYLE_RADIUS = (0.010, 0.036)
 """m: radii of a sphere that may be the back of a condyle"""
 
-_ROUND = 1.5e-3
-"""m: greatest RMS distance of a head from its sphere"""
+_NARROWEST = 0.045
+"""m: width of condyles; a shaft is up to 35 mm wide"""
+
+_KNEE_GAP = 0.045
+"""m along the shank between a tibia's upper end and the condyles' middle; people have 25 mm"""
+
+_LEAN_REACH, _LEAST_LEAN_REACH = 0.08, 0.04
+"""m above the condyles: where the lean of a shaft is seen best, and the least"""
+
+_LEAST_LEAN_DEG = 1.5
+
+_HEAD_DEPTHS = (0.04, 0.06, 0.08)
+"""m from the top of a femur: where its head may end"""
+
+_NEARER = (0.006, 0.004, 0.003, 0.002, 0.002, 0.002)
+"""m: greatest distance from the sphere of what the next one is fitted to"""
+
+_LEAST_OF_HEAD = 0.7
+"""share of its sphere that a head has at least; of people it was 0.8 to 0.9
+"""
 
 _WHOLE = 3.4
 """length over width of a whole femur or tibia; both are about 5"""
 
 _PASSES = 4
 """searches for landmarks, each on the bone as the one before stood it upright"""
+
+_LARGE = 2e-3
+"""m: edges of triangles that are small beside what is fitted to them"""
+
+_EDGE = 0.008
+"""m"""
 
 _SLAB = 0.015
 """m: thickness of the slices whose middles show a shaft"""
@@ -50,9 +74,28 @@ class BoneSurface:
     """(t, 3)"""
 
     def samples(self) -> tuple[FloatArray, FloatArray]:
-        """Middles (t, 3) of the triangles and their areas (t,)."""
-        a, b, c = np.moveaxis(self.vertices[self.triangles], 1, 0)
+        """Middles (n, 3) of the triangles, cut where they are large, and their areas (n,)."""
+        a, b, c = np.moveaxis(self.divided().corners(), 1, 0)
         return (a + b + c) / 3, np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2
+
+    def corners(self) -> FloatArray:
+        """(t, 3, 3) m, of each triangle."""
+        return self.vertices[self.triangles]
+
+    def divided(self) -> "BoneSurface":
+        """Same surface; triangles with an edge above :data:`_LARGE` are cut in four, repeatedly."""
+        done, corners = [], self.corners()
+        while len(corners):
+            a, b, c = np.moveaxis(corners, 1, 0)
+            edges = np.linalg.norm(np.stack([b - a, c - b, a - c]), axis=-1)
+            large = edges.max(axis=0) > _LARGE
+            done.append(corners[~large])
+            a, b, c = a[large], b[large], c[large]
+            ab, bc, ca = (a + b) / 2, (b + c) / 2, (c + a) / 2
+            parts = ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))
+            corners = np.concatenate([np.stack(part, 1) for part in parts])
+        cut = np.concatenate(done)
+        return BoneSurface(cut.reshape(-1, 3), np.arange(3 * len(cut)).reshape(-1, 3))
 
 
 def read(path: Path, tables: Any) -> dict[str, dict[str, FloatArray]]:
@@ -98,7 +141,7 @@ def find(
         shank_reach: depth (m) below the knee at which to take the tibia's shaft instead of its end.
 
     Raises:
-        LegsimError: no femur, or one without condyles.
+        LegsimError: no femur, one without condyles, or a tibia that does not reach up to them.
     """
     if "femur" not in bones:
         raise LegsimError(f"no femur of side {side}: the leg cannot be placed on the leg model")
@@ -117,7 +160,32 @@ def find(
         shank = _carried(upright, _of_tibia(turned, areas, shank_reach))
         (low,) = shank.values()
         upright = _frame(middle_of_knee(thigh) - low, thigh, side)
+    top = float(transforms.apply(transforms.inverse(upright), points)[:, 1].max())
+    if abs(top) > _KNEE_GAP:
+        raise LegsimError(
+            f"tibia_{side}: its upper end is {1e3 * abs(top):.0f} mm from the condyles' middle: "
+            "the bones form no knee, or are upside down; check the map, the axes of the image "
+            "(--axes) and its directions"
+        )
     return thigh | shank
+
+
+def of_other_side(femur: BoneSurface, points: Mapping[str, FloatArray], side: str) -> bool:
+    """Whether a femur with these landmarks leans as one of the other leg.
+
+    Shafts lean outward from the condyles upward, in people by 2 to 10 degrees. Short stumps say
+    nothing, and heads say themselves what is medial.
+    """
+    if "hip" in points or "thigh" not in points:
+        return False
+    reach = min(_LEAN_REACH, float(np.linalg.norm(points["thigh"] - middle_of_knee(points))))
+    if reach < _LEAST_LEAN_REACH:
+        return False
+    found = find({"femur": femur}, side, thigh_reach=reach)
+    outward = found["condyle_lateral"] - found["condyle_medial"]
+    up = found["thigh"] - middle_of_knee(found)
+    lean = np.arcsin(outward @ up / np.linalg.norm(outward) / np.linalg.norm(up))
+    return bool(np.degrees(lean) < -_LEAST_LEAN_DEG)
 
 
 def middle_of_knee(points: Mapping[str, FloatArray]) -> FloatArray:
@@ -172,16 +240,22 @@ def _condyles(points: FloatArray, areas: FloatArray, side: str) -> dict[str, Flo
     bottom = points[:, 1].min()
     distal = points[:, 1] < bottom + 0.06
     width = float(np.ptp(points[distal, 2]))
+    if width < _NARROWEST:
+        raise LegsimError(
+            f"femur_{side}: no condyles at its lower end, which is {1e3 * width:.0f} mm wide; "
+            "image the knee too, or give the landmarks in PHANTOM.toml"
+        )
     low = points[:, 1] < bottom + 0.75 * width
     middle = (points[low].max(0) + points[low].min(0)) / 2
-    back = low & (points[:, 0] < middle[0]) & (points[:, 1] < bottom + 0.6 * width)
+    back = _below(points[:, 1], bottom + 0.6 * width) * _below(points[:, 0], middle[0])
     found = {}
     for name, outward in (("condyle_medial", -1.0), ("condyle_lateral", 1.0)):
         away = (points[:, 2] - middle[2]) * outward * (1 if side == "r" else -1)
-        chosen = back & (away > 0.18 * width) & (away < 0.40 * width)
+        share = back * _below(0.18 * width, away) * _below(away, 0.40 * width)
+        chosen = share > 0
         if chosen.sum() < 10:
             raise LegsimError(f"femur_{side}: too few triangles at its condyles")
-        center, radius, _ = _sphere(points[chosen], areas[chosen])
+        center, radius, _ = _sphere(points[chosen], (share * areas)[chosen])
         if not _CONDYLE_RADIUS[0] <= radius <= _CONDYLE_RADIUS[1]:
             raise LegsimError(
                 f"femur_{side}: no condyle was found at its lower end (a sphere of "
@@ -192,20 +266,48 @@ def _condyles(points: FloatArray, areas: FloatArray, side: str) -> dict[str, Flo
 
 
 def _head(points: FloatArray, areas: FloatArray, side: str) -> FloatArray | None:
-    """Center of the femoral head; None where there is none."""
+    """Center of the femoral head; None where there is none.
+
+    The sphere that shares the most of its surface with the bone's upper end, of those that start
+    from the most medial places of its uppermost centimeters.
+    """
     height = float(np.ptp(points[:, 1]))
     bottom = points[:, 1].min()
     width = float(np.ptp(points[points[:, 1] < bottom + 0.06, 2]))
     if height < _WHOLE * width:
         return None
+    end = points[:, 1] > bottom + height - max(_HEAD_DEPTHS)
+    points, areas = points[end], areas[end]
     medial = points[:, 2] * (-1 if side == "r" else 1)
-    top = points[:, 1] > bottom + height - 0.08
-    chosen = top & (medial > medial[top].max() - 0.025)
-    if chosen.sum() < 10:
-        return None
-    center, radius, error = _sphere(points[chosen], areas[chosen])
-    inside = _HEAD_RADIUS[0] <= radius <= _HEAD_RADIUS[1] and error < _ROUND
-    return center if inside else None
+    most, found = _LEAST_OF_HEAD, None
+    for depth in _HEAD_DEPTHS:
+        top = points[:, 1] > bottom + height - depth
+        chosen = top & (medial > medial[top].max() - 0.025)
+        center, radius, share = _grown(points, areas, chosen)
+        if share > most and _HEAD_RADIUS[0] <= radius <= _HEAD_RADIUS[1]:
+            most, found = share, center
+    return found
+
+
+def _grown(
+    points: FloatArray, areas: FloatArray, chosen: np.ndarray
+) -> tuple[FloatArray, float, float]:
+    """(center, radius, share of its surface) of the sphere that the chosen points grow to."""
+    center, radius = np.zeros(3), 0.0
+    for reach in _NEARER:
+        if chosen.sum() < 10:
+            return center, radius, 0.0
+        center, radius, _ = _sphere(points[chosen], areas[chosen])
+        chosen = np.abs(np.linalg.norm(points - center, axis=1) - radius) < reach
+    return center, radius, float(areas[chosen].sum() / (4 * np.pi * radius**2))
+
+
+def _below(values: FloatArray | float, limit: FloatArray | float) -> FloatArray:
+    """1 below a limit, 0 above, and a slope across :data:`_EDGE` between them.
+
+    Without the slope landmarks would jump with the triangles at the edges of what is fitted.
+    """
+    return np.clip(0.5 - (values - limit) / _EDGE, 0, 1)
 
 
 def _sphere(points: FloatArray, areas: FloatArray) -> tuple[FloatArray, float, float]:

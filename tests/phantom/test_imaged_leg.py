@@ -9,6 +9,7 @@ import pytest
 import trimesh
 from scipy.spatial import cKDTree
 
+from legsim.core import transforms
 from legsim.core.errors import LegsimError
 from legsim.geometry.label_images import load_label_image
 from legsim.geometry.volume import VolumeGrid
@@ -103,18 +104,33 @@ BONES = ("femur_cortex_l", "tibia_cortex_l", "patella_cortex_l")
 def test_the_phantom_imaged_straight_moves_with_the_original_within_half_a_voxel(bones, name):
     found = apart(imaged_leg.load_imaged_leg(bones, scales=PERSON.leg.scales), name)
     # corners of voxels at edges and notches are up to half a voxel's diagonal off before any motion
-    assert (np.quantile(found, 0.97, axis=1) < 0.5).all()
+    assert (np.quantile(found, 0.98, axis=1) < 0.5).all()
     assert found.max() < 0.87
 
 
 @pytest.mark.parametrize("name", BONES)
-def test_a_knee_alone_imaged_bent_moves_with_the_original(tmp_path, name):
+def test_a_knee_alone_imaged_bent_moves_with_the_original_within_half_a_voxel(tmp_path, name):
     path = imported(tmp_path, 15, soft=False, reach=0.12)
     made = imaged_leg.load_imaged_leg(path, scales=PERSON.leg.scales)
-    found = apart(made, name, within=0.10)
-    assert (np.sqrt((found**2).mean(axis=1)) < 0.5).all()
-    # landmarks of a short shaft are good to a third of a voxel, which adds to the corners'
-    assert found.max() < 1.25
+    found = apart(made, name, within=0.11)
+    assert (np.quantile(found, 0.98, axis=1) < 0.5).all()
+    assert found.max() < 0.87
+
+
+@pytest.mark.parametrize(("degrees", "reach"), [(0, None), (15, 0.12), (40, None)])
+def test_the_pose_of_imaged_bones_is_right_to_a_sixth_of_a_voxel(tmp_path, degrees, reach):
+    path = imported(tmp_path, degrees, soft=False, reach=reach)
+    found = imaged_leg.image_pose(path, imaged_leg.files.read(path), PERSON.leg.scales)
+    true = flexed(degrees)
+    for name in ("femur", "tibia"):
+        pose = true.of(f"{name}_l")[0]
+        points = transforms.apply(pose, LEGS.in_segment(f"{name}_cortex_l"))
+        if reach is not None:
+            points = points[np.abs(points[:, 1] - true.of("tibia_l")[0][1, 3]) < reach]
+        motion = found[imaged_leg.SEGMENTS.index(f"{name}_l")] @ transforms.inverse(pose)
+        off = np.linalg.norm(transforms.apply(motion, points) - points, axis=1)
+        # over 36 straight and bent, whole and cut, left and right legs at 1 to 3 mm: at most 0.12
+        assert off.max() < VOXEL / 6, name
 
 
 @pytest.mark.parametrize("degrees", [-10, 15, 40])
@@ -163,16 +179,16 @@ def test_a_phantom_prepared_for_swing_swings_soft_tissue_only(tmp_path):
         assert shift < 1e-9 or segment.startswith("soft")
 
 
-def test_landmarks_of_the_file_replace_those_found(bones, tmp_path):
-    scales = PERSON.leg.scales
+def test_landmarks_that_somebody_moved_count_as_they_are(bones):
     read = imaged_leg.files.read(bones)
-    before = imaged_leg.image_pose(bones, read, scales)
-    moved = {side: dict(points) for side, points in read.landmarks.items()}
-    for name in moved["l"]:
-        moved["l"][name] = moved["l"][name] + (0.01, 0.02, 0.03)
-    after = imaged_leg.image_pose(bones, replace(read, landmarks=moved), scales)
-    k = imaged_leg.SEGMENTS.index("tibia_l")
-    np.testing.assert_allclose(after[k][:3, 3] - before[k][:3, 3], (0.01, 0.02, 0.03), atol=1e-9)
+
+    def shank(*shift: float) -> np.ndarray:
+        moved = {"l": {name: point + shift for name, point in read.landmarks["l"].items()}}
+        pose = imaged_leg.image_pose(bones, replace(read, landmarks=moved), PERSON.leg.scales)
+        return pose[imaged_leg.SEGMENTS.index("tibia_l")][:3, 3]
+
+    apart = shank(0.011, 0.02, 0.03) - shank(0.001, 0, 0)
+    np.testing.assert_allclose(apart, (0.01, 0.02, 0.03), atol=1e-9)
 
 
 def test_found_landmarks_do_as_well_as_those_of_the_file(bones):
@@ -209,6 +225,16 @@ def test_a_knee_turned_the_wrong_way_is_refused(bones):
     wrong["l"]["ankle"] = wrong["l"]["ankle"] + (0.4, 0, 0)
     with pytest.raises(LegsimError, match="flexed by -"), warnings.catch_warnings():
         imaged_leg.image_pose(bones, replace(read, landmarks=wrong), PERSON.leg.scales)
+
+
+@pytest.mark.parametrize(("angle", "outcome"), [(5, "as 5"), (-20, "as -15"), (-30, "by -30")])
+def test_short_stumps_are_reported_and_their_flexion_kept_plausible(angle, outcome):
+    stumps = {"thigh": 0.06, "shank": 0.07}
+    with pytest.raises((LegsimError, ImagedLegWarning), match=outcome):
+        warnings.simplefilter("error", ImagedLegWarning)
+        imaged_leg._plausible(Path("p.toml"), np.radians(angle), stumps, "l")
+    with pytest.raises(LegsimError, match="flexed by -20"):
+        imaged_leg._plausible(Path("p.toml"), np.radians(-20), {"shank": 0.3}, "l")
 
 
 def test_the_key_follows_every_mesh(bones):

@@ -29,6 +29,11 @@ def test_published_numbers_are_whom_they_name():
     assert (slicer[3], slicer[8], slicer[21]) == ("skin", "muscle", "cartilage")
 
 
+def test_a_byte_order_mark_is_no_fault(tmp_path):
+    (tmp_path / "m.toml").write_text(GOOD, "utf-8-sig")
+    assert load_label_map(tmp_path / "m.toml").entries[0].number == 1
+
+
 def test_sides_come_from_the_segment(tmp_path):
     (tmp_path / "m.toml").write_text(GOOD.replace('"femur"', '"femur_left"'))
     entry = load_label_map(tmp_path / "m.toml").entries[0]
