@@ -1,5 +1,5 @@
 """How far the knots of the knee's splines show in the shank's accelerometer: `python -m
-tools.experiments.knee_kinks`, for docs/biomechanics.md.
+tools.experiments.knee_kinks`, for docs/signals.md.
 
 The third derivative of a cubic spline jumps at its knots, and with it the jerk of everything below
 the knee.

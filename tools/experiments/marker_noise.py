@@ -1,5 +1,5 @@
 """What marker noise becomes in the sensors' signals: `python -m tools.experiments.marker_noise`.
-Writes a table for docs/biomechanics.md.
+Writes a table for docs/signals.md.
 
 A rigid body sways on a known quintic spline; four markers on it carry white noise; they are
 filtered at 6 Hz, the pose is fitted, filtered once more, and a spline through it gives what an

@@ -1,7 +1,7 @@
 """What sensors read by bands of frequency: a person who stands beside the virtual subjects, on
 their bones and as a run simulates them.
 
-`python -m tools.experiments.sensor_bands`, for docs/biomechanics.md and motions/README.md.
+`python -m tools.experiments.sensor_bands`, for docs/signals.md and motions/README.md.
 
 "on bones" is the truth of the recordings, "replayed" what a run makes of their markers by itself,
 "on skin" the same with the tremor, the mounts and the vibration of tools/experiments/on_skin.toml
