@@ -136,10 +136,7 @@ def reading(paths: Iterable[Path]) -> Iterator[None]:
 
 
 def is_file(path: Path | str) -> bool:
-    """Whether there is such a file; a name that no file can have, from a file or a user, has none.
-
-    ``Path.is_file`` raises OSError for names that are too long.
-    """
+    """Whether a file exists; False for a name that no file can have, where Path.is_file raises."""
     return os.path.isfile(path)
 
 

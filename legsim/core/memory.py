@@ -36,7 +36,7 @@ def give_back() -> None:
     """Returns memory that nothing uses to the system; does nothing without glibc on Linux.
 
     From the first call on, all threads share one heap. By itself malloc makes a heap for each
-    thread, up to eight a core, and keeps up to 64 MiB of each when its thread has ended.
+    thread, up to eight per core, and keeps up to 64 MiB of each when its thread has ended.
     """
     if sys.platform != "linux":
         return

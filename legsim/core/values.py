@@ -65,7 +65,10 @@ def whole_counts(name: str, values: Sequence[float]) -> tuple[int, ...]:
     Raises:
         LegsimError: one is not a whole number.
     """
-    counts = tuple(int(n) for n in values)
+    try:
+        counts = tuple(int(n) for n in values)
+    except (TypeError, ValueError, OverflowError) as error:
+        raise LegsimError(f"{name} is {values!r}; expected whole numbers") from error
     if any(n != count for n, count in zip(values, counts, strict=True)):
         raise LegsimError(f"{name} is {tuple(values)}; expected whole numbers")
     return counts

@@ -66,8 +66,8 @@ _SETTLED = 0.2
 """standard deviations of the prior, RMS of a step after which no more is made"""
 
 _DOUBT = (
-    "It is a part of how the bones moved at best, and may part femur and tibia by millimeters "
-    "along the rays, which images do not show: compare with the uncorrected volume."
+    "At best it is part of how the bones moved. Femur and tibia may be off by millimeters along "
+    "the rays, which images do not show: compare with the uncorrected volume."
 )
 
 _FLOOR, _FLOOR_PX = 0.6e-3, 0.3

@@ -299,9 +299,9 @@ def solved(matrix: FloatArray, right: FloatArray) -> FloatArray:
     """
     try:
         return cho_solve(cho_factor(matrix), right)
-    except np.linalg.LinAlgError as error:
+    except (np.linalg.LinAlgError, ValueError) as error:
         raise LegsimError(
-            "no path of the sensor goes with its start, its signals and the shadows of beads or "
+            "no path of the sensor fits its start, its signals and the shadows of beads or "
             "points; check which is which, the order of the views, and (column, row) of the pixels"
         ) from error
 

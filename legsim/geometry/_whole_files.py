@@ -1,8 +1,10 @@
 """Whether an image file is whole: several of ITK's readers take what is missing for anything."""
 
+import errno
 import gzip
 import math
 import os
+import re
 import struct
 import zlib
 from pathlib import Path
@@ -10,8 +12,8 @@ from typing import BinaryIO
 
 from legsim.core.errors import file_error
 
-_NOTICED = (".mha", ".mhd", ".nrrd", ".nhdr", ".png", ".tif", ".tiff", ".h5", ".hdf5")
-"""Endings whose readers notice themselves that values are missing"""
+_TRUSTING = (".nii", ".hdr", ".img", ".gipl", ".mrc", ".rec", ".vtk")
+"""Endings (also with .gz) whose readers take what is missing for anything"""
 
 _NIFTI_BYTES = 544
 """that hold the header of either version of NIfTI"""
@@ -28,18 +30,18 @@ def check(path: Path, values: int) -> None:
     Raises:
         LegsimError: values are missing, or the compressed content is damaged.
     """
-    name = path.name.lower()
-    if name.endswith(_NOTICED):
+    name = path.name.lower().removesuffix(".gz")
+    if not name.endswith(_TRUSTING) or _is_text(path):
         return
-    data = path.with_suffix(".img") if name.endswith(".hdr") else path
+    data = _of_values(path)
     try:
         with opened(data) as stream:
-            if name.endswith((".nii", ".nii.gz")):
+            if name.endswith(".nii"):
                 needed = _nifti_needs(stream.read(_NIFTI_BYTES))
             else:
-                needed = values + _BEFORE.get(Path(name.removesuffix(".gz")).suffix, 0)
+                needed = values + _BEFORE.get(Path(name).suffix, 0)
             there = stream.seek(0, os.SEEK_END)
-    except (EOFError, OSError, zlib.error, struct.error) as error:
+    except (EOFError, OSError, OverflowError, ValueError, zlib.error, struct.error) as error:
         problem = f"cannot be read to its end ({error})"
         raise file_error(data, problem, "write or copy it again") from error
     if there < needed:
@@ -48,6 +50,23 @@ def check(path: Path, values: int) -> None:
             f"has {there} bytes, but its values and header take {needed}",
             "write or copy it again, uncompressed",
         )
+
+
+def _of_values(path: Path) -> Path:
+    """The file with the values: a header (.hdr) has them in another beside it."""
+    stem = re.sub(r"\.hdr(\.gz)?$", "", path.name.lower())
+    wanted = (f"{stem}.img", f"{stem}.img.gz")
+    if stem == path.name.lower():
+        return path
+    return next((p for p in sorted(path.parent.iterdir()) if p.name.lower() in wanted), path)
+
+
+def _is_text(path: Path) -> bool:
+    """Whether a file of VTK holds its values as text, of any length."""
+    if path.suffix.lower() != ".vtk":
+        return False
+    with path.open("rb") as stream:
+        return b"\nASCII" in stream.read(512)
 
 
 def opened(path: Path) -> gzip.GzipFile | BinaryIO:
@@ -75,3 +94,27 @@ def _nifti_needs(head: bytes) -> int:
     bytes_each = struct.unpack_from(order + bits[0], head, bits[1])[0] / 8
     first = struct.unpack_from(order + offset[0], head, offset[1])[0]
     return int(max(first, 544 if second else 352) + count * bytes_each)
+
+
+_BEFORE_VALUES = {".mha": b"ElementDataFile = LOCAL\n", ".nrrd": b"\n\n"}
+"""how the header ends; NIfTI's has a fixed size"""
+
+_NIFTI_HEADER = 352
+"""bytes"""
+
+
+def check_written(path: Path, ending: str, values: int) -> None:
+    """Checks that all bytes were written: writers of NIfTI and NRRD do not notice a full disk.
+
+    Raises:
+        OSError: some are missing.
+    """
+    end = _BEFORE_VALUES.get(ending)
+    with gzip.open(path) if ending == ".nii.gz" else path.open("rb") as stream:
+        try:
+            start = stream.read(4096).find(end) + len(end) if end else _NIFTI_HEADER
+            there = stream.seek(0, os.SEEK_END)
+        except EOFError:  # a compressed file without its end
+            start, there = 0, 0
+    if there < max(start, 1) + values:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))

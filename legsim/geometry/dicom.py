@@ -64,12 +64,13 @@ def read_projections(path: Path) -> DicomViews:
         ) from error
     if int(data.get("SamplesPerPixel", 1)) != 1:
         raise file_error(path, "holds colors", "export gray images")
-    if "ModalityLUTSequence" in data:
+    if data.get("ModalityLUTSequence"):
         raise file_error(
             path, "maps its values by a table (Modality LUT)", "export the values themselves"
         )
-    if data.get("HighBit", 15) + 1 != data.get("BitsStored", 16):
-        problem = f"holds {data.BitsStored} bits up to bit {data.HighBit}, shifted ones"
+    high, stored = data.get("HighBit"), data.get("BitsStored")
+    if high is not None and stored is not None and high + 1 != stored:
+        problem = f"holds {stored} bits up to bit {high}, shifted ones"
         raise file_error(path, problem, "export it again")
     values = values[None] if values.ndim == 2 else values
     try:
@@ -106,11 +107,17 @@ def _rescaling(data: "Dataset", views: int) -> FloatArray:
     each = [stated(g, common) for g in data.get("PerFrameFunctionalGroupsSequence") or ()]
     each = each or [common] * views
     numbers = np.array(
-        [[float(one.get("RescaleSlope", 1)), float(one.get("RescaleIntercept", 0))] for one in each]
+        [[_number(one, "RescaleSlope", 1), _number(one, "RescaleIntercept", 0)] for one in each]
     )
     if len(numbers) != views or not within(numbers) or not numbers[:, 0].all():
         raise ValueError(f"{len(numbers)} frames rescaled by {_in_words(numbers)}")
     return numbers
+
+
+def _number(group: "Dataset", name: str, otherwise: float) -> float:
+    """Number of an element; ``otherwise`` where it is missing or empty."""
+    found = group.get(name)
+    return otherwise if found is None else float(found)
 
 
 def _in_words(rescaling: FloatArray) -> str:
@@ -122,7 +129,7 @@ def _in_words(rescaling: FloatArray) -> str:
 
 def _against_counts(data: "Dataset") -> str:
     """What PixelIntensityRelationship and its sign say against counts."""
-    relation = str(data.get("PixelIntensityRelationship", "LIN"))
+    relation = str(data.get("PixelIntensityRelationship") or "LIN")
     if relation != "LIN":
         return f"values are not linear in intensity (PixelIntensityRelationship {relation})"
     if data.get("PixelIntensityRelationshipSign") == -1:

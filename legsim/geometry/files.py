@@ -245,7 +245,10 @@ def _unknown_pixel(given: Given) -> tuple[str, ...]:
 
 def _both_ways(pixel_mm: float | Sequence[float]) -> tuple[float, float]:
     """(between columns, between rows) of one size or both."""
-    sizes = np.asarray(pixel_mm, float).ravel().tolist()
+    try:
+        sizes = np.asarray(pixel_mm, float).ravel().tolist()
+    except (TypeError, ValueError) as error:
+        raise LegsimError(f"pixel_mm is {pixel_mm!r}; give numbers, in mm") from error
     if len(sizes) not in (1, 2):
         raise LegsimError(f"pixel_mm is {pixel_mm}; give one size, or (columns, rows)")
     return sizes[0], sizes[-1]

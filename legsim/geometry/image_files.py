@@ -11,8 +11,6 @@ whole or not at all.
 
 from __future__ import annotations
 
-import errno
-import gzip
 import math
 import os
 import shutil
@@ -352,6 +350,12 @@ def _open(path: Path, dimensions: tuple[int, ...] = (3,)) -> sitk.ImageFileReade
     try:
         reader.ReadImageInformation()
     except RuntimeError as error:
+        if "orthonormal" in str(error):
+            raise file_error(
+                path,
+                "its axes are not at right angles, as of a tilted gantry",
+                "resample it to axes that are",
+            ) from error
         raise file_error(
             path,
             f"not an image that ITK can read ({_last_line(error)})",
@@ -454,7 +458,7 @@ def _write(path: Path, image: sitk.Image) -> None:
         # ITK's writers know endings in small letters alone
         with files.whole(path) as partial, _small(partial, ending) as small:
             sitk.WriteImage(image, str(small), ending == ".nii.gz")
-            _check_whole(small, ending, sitk.GetArrayViewFromImage(image).nbytes)
+            _whole_files.check_written(small, ending, sitk.GetArrayViewFromImage(image).nbytes)
     except RuntimeError as error:
         raise file_error(
             path, f"cannot be written ({_last_line(error)})", "check the folder and the space left"
@@ -467,31 +471,9 @@ def _small(path: Path, ending: str) -> Iterator[Path]:
     small = path.with_name(path.name[: -len(ending)] + ending)
     try:
         yield small
-        small.replace(path)
-    finally:
+    except BaseException:
         if small != path:
             small.unlink(missing_ok=True)
-
-
-_BEFORE_VALUES = {".mha": b"ElementDataFile = LOCAL\n", ".nrrd": b"\n\n"}
-"""how the header ends; NIfTI's has a fixed size"""
-
-_NIFTI_HEADER = 352
-"""bytes"""
-
-
-def _check_whole(path: Path, ending: str, values: int) -> None:
-    """Checks that all bytes were written: the writers of NIfTI and NRRD do not notice a full disk.
-
-    Raises:
-        OSError: some are missing.
-    """
-    end = _BEFORE_VALUES.get(ending)
-    with gzip.open(path) if ending == ".nii.gz" else path.open("rb") as stream:
-        try:
-            start = stream.read(4096).find(end) + len(end) if end else _NIFTI_HEADER
-            there = stream.seek(0, os.SEEK_END)
-        except EOFError:  # a compressed file without its end
-            start, there = 0, 0
-    if there < max(start, 1) + values:
-        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        raise
+    # where case does not matter this gives the file its name
+    small.replace(path)

@@ -7,6 +7,7 @@ are.
 """
 
 import math
+import os
 import re
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
@@ -97,7 +98,7 @@ def read_images(path: Path | str, *, raw: RawLayout | None = None) -> Projection
             a file that is broken; the line says what to do.
     """
     path = Path(path)
-    if not path.is_dir() and not view_files.is_pattern(path):
+    if not os.path.isdir(path) and not view_files.is_pattern(path):
         return _read_file(path, raw)
     return _read_series(path, raw)
 
@@ -105,7 +106,7 @@ def read_images(path: Path | str, *, raw: RawLayout | None = None) -> Projection
 def members(path: Path | str) -> list[Path]:
     """The files that :func:`read_images` reads."""
     path = Path(path)
-    several = path.is_dir() or view_files.is_pattern(path)
+    several = os.path.isdir(path) or view_files.is_pattern(path)
     return sorted(view_files.members(path)[0]) if several else [path]
 
 
@@ -173,7 +174,9 @@ def projections_of(
             geometry_counts.refuse_counts(values, str(path))
     else:
         if images.no_counts:
-            notes.append(f"In doubt: the images say that their {images.no_counts}: no counts?")
+            notes.append(
+                f"In doubt: the images say that their {images.no_counts}, so they may be no counts"
+            )
         made = _integrals(path, values, counts)
         values = made.values
         notes += made.notes
@@ -310,7 +313,7 @@ def _read_series(place: Path, raw: RawLayout | None) -> ProjectionImages:
             raise file_error(
                 path,
                 f"holds {len(part.values)} views, {members[0].name} {len(first.values)}",
-                "give files of as many views each",
+                "give files with equally many views",
             )
         if part.pixel_mm != first.pixel_mm:
             raise file_error(
@@ -333,7 +336,7 @@ def _read_series(place: Path, raw: RawLayout | None) -> ProjectionImages:
 def _few(notes: Iterable[str]) -> list[str]:
     """The first three notes of files, and how many more there are."""
     first = list(notes)
-    return first if len(first) < 5 else [*first[:3], f"and {len(first) - 3} more of this kind"]
+    return first if len(first) < 5 else [*first[:3], f"and {len(first) - 3} more notes"]
 
 
 def _npy_values(path: Path) -> NDArray:

@@ -1,5 +1,6 @@
 """Files of a folder or a pattern that hold one view each, in the order of their view numbers."""
 
+import os
 import re
 from pathlib import Path
 
@@ -26,7 +27,7 @@ _VIEWS = (
 
 def is_pattern(path: Path) -> bool:
     """Whether a path's last part stands for several files, by * or ?; brackets do not."""
-    return any(mark in path.name for mark in "*?") and not path.exists()
+    return any(mark in path.name for mark in "*?") and not os.path.exists(path)
 
 
 def matching(pattern: Path) -> list[Path]:
@@ -40,7 +41,7 @@ def members(place: Path) -> tuple[list[Path], tuple[str, ...]]:
     Raises:
         LegsimError: there are none.
     """
-    files = matching(place / "*" if place.is_dir() else place)
+    files = matching(place / "*" if os.path.isdir(place) else place)
     files = [path for path in files if path.name[0] != "."]
     found = [path for path in files if path.suffix.lower() in _VIEWS or not path.suffix]
     if not found:
@@ -98,12 +99,16 @@ def _numbers(place: Path, members: list[Path]) -> list[int]:
         return [0]
     if not found[0]:
         raise file_error(place, "holds images without view numbers", "number the files")
-    differing = [k for k, column in enumerate(zip(*found, strict=True)) if len(set(column)) > 1]
-    if len(differing) > 1:
+    columns = list(zip(*found, strict=True))
+    differing = [column for column in columns if len(set(column)) > 1]
+    # a number beside its time or angle: those that are each file's own agree on the order
+    own = [column for column in differing if len(set(column)) == len(column)]
+    orders = {tuple(np.argsort(column, kind="stable").tolist()) for column in own}
+    if len(differing) > 1 and len(orders) != 1:
         raise file_error(
             place,
             f"holds images whose names differ in {len(differing)} numbers, as {members[0].name} "
             f"and {members[1].name}",
             "rename them so that only the view number differs, or give a pattern for one scan",
         )
-    return [numbers[differing[0] if differing else -1] for numbers in found]
+    return list((own or differing or columns[-1:])[0])

@@ -68,7 +68,7 @@ class SensorComparison:
     bands: tuple[BandAgreement, ...]
     mean_rate: FloatArray
     """(3,) rad/s, mean of measured minus predicted in the sensor's axes: the gyroscope's bias"""
-    began_apart: bool
+    started_apart: bool
     """whether the lag was searched over the whole recordings, since a lag nearby does not agree"""
     place: WornPlace
     """where on the segment the accelerometer fits better"""
@@ -98,7 +98,7 @@ def compare(
         LegsimError: recordings that overlap by less than 3 s.
     """
     step = 1 / min(predicted.rate_hz, measured.rate_hz)
-    lag, correlation, began_apart = _lag(predicted, measured, step, reach)
+    lag, correlation, started_apart = _lag(predicted, measured, step, reach)
     on_time = measured.shifted(-lag)
     if rotation is None:
         rotation = find_mounting(predicted, on_time, step=step)
@@ -120,14 +120,14 @@ def compare(
     bias = rotation.T @ (theirs - ours)
     place = find_place(predicted, turned, step=step)
     return SensorComparison(
-        predicted, turned, lag, rotation, correlation, bands, bias, began_apart, place
+        predicted, turned, lag, rotation, correlation, bands, bias, started_apart, place
     )
 
 
 def _lag(
     predicted: ImuRecording, measured: ImuRecording, step: float, reach: float
 ) -> tuple[float, float, bool]:
-    """Lag (s), correlation, and whether it is that of recordings that began apart.
+    """Lag (s), correlation, and whether both recordings were started at different times.
 
     Raises:
         LegsimError: recordings that neither overlap nor agree anywhere.

@@ -9,7 +9,7 @@ from scipy.signal import correlate
 
 from legsim.core.values import FloatArray
 from legsim.imu.recording import ImuRecording
-from legsim.imu.shared_time import MOVEMENT_HZ, in_band, overlap
+from legsim.imu.shared_time import MOVEMENT_HZ, MOVING, SHORTEST, in_band, overlap, rms
 
 REACH = 1.0
 """s, the largest lag that is searched around a clock that is about right"""
@@ -19,9 +19,6 @@ _ROUNDS, _SETTLED = 30, 2e-5
 
 _SHARED = 0.5
 """part of the shorter recording that both must share: short parts agree by chance"""
-
-_MOVING = float(np.radians(20))
-"""rad/s RMS in 0.2 to 6 Hz from which a movement tells when it was: who stands has a twentieth"""
 
 _FAR = 0.8
 """correlation from which a lag anywhere in the recordings is believed"""
@@ -59,13 +56,26 @@ def _lag_once(
     )
     middle = len(times) // 2
     near = np.moveaxis(shared[..., middle - span : middle + span + 1], -1, 0)
-    scores = _best_agreement(near) / np.sqrt((ours**2).sum() * (theirs**2).sum())
+    power = float(np.sqrt((ours**2).sum() * (theirs**2).sum()))
+    if power == 0:  # a gyroscope that is off agrees with nothing
+        return 0.0, 0.0
+    shifts, scores = np.arange(-span, span + 1)[: len(near)], _best_agreement(near) / power
+    enough = (shifts == 0) | (
+        _shared_s(predicted, measured, shifts * float(step)) >= SHORTEST + step
+    )
+    shifts, scores = shifts[enough], scores[enough]
     k = int(np.argmax(scores))
-    lag = float(k - span)
+    lag = float(shifts[k])
     if 0 < k < len(scores) - 1:  # the top of the parabola through three neighbors
         before, at, after = scores[k - 1 : k + 2]
         lag += 0.5 * (before - after) / (before - 2 * at + after)
     return lag * step, float(scores[k])
+
+
+def _shared_s(predicted: ImuRecording, measured: ImuRecording, lags: FloatArray) -> FloatArray:
+    """Seconds (n,) that both share when each lag is taken off the measured clock."""
+    first = np.maximum(predicted.times[0], measured.times[0] - lags)
+    return np.minimum(predicted.times[-1], measured.times[-1] - lags) - first
 
 
 def _best_agreement(covariances: FloatArray) -> FloatArray:
@@ -78,14 +88,16 @@ def _best_agreement(covariances: FloatArray) -> FloatArray:
 def find_far_lag(
     predicted: ImuRecording, measured: ImuRecording, *, step: float
 ) -> tuple[float, float] | None:
-    """Lag (s) and correlation of recordings that were begun apart, or by clocks of other days.
+    """Lag (s) and correlation of recordings of different starts, or of unrelated clocks.
 
     Every lag at which they share half of the shorter one is tried. None where there is no movement,
     or no lag at which it clearly agrees.
     """
+    if predicted.is_mostly_gaps or measured.is_mostly_gaps:
+        return None
     begun = float(measured.times[0] - predicted.times[0])
     ours, theirs = (_whole(r, step) for r in (predicted, measured))
-    if min(_rms(ours), _rms(theirs)) < _MOVING:
+    if min(rms(ours), rms(theirs)) < MOVING:
         return None
     shared = np.stack(
         [[correlate(theirs[:, j], ours[:, i], mode="full") for j in range(3)] for i in range(3)]
@@ -94,7 +106,8 @@ def find_far_lag(
     norms = np.sqrt(_shared_power(ours, theirs, shifts, of_theirs=False))
     norms *= np.sqrt(_shared_power(ours, theirs, shifts, of_theirs=True))
     first, last = np.maximum(0, -shifts), np.minimum(len(ours), len(theirs) - shifts)
-    enough = last - first >= _SHARED * min(len(ours), len(theirs))
+    least = max(_SHARED * min(len(ours), len(theirs)), SHORTEST / step + 2)
+    enough = last - first >= least
     scores = np.where(enough, _best_agreement(np.moveaxis(shared, -1, 0)) / norms, 0)
     best = int(np.argmax(scores))
     if scores[best] < _FAR:
@@ -120,7 +133,3 @@ def _shared_power(
     values = theirs if of_theirs else ours
     power = np.concatenate([[0.0], np.cumsum((values**2).sum(-1))])
     return np.maximum(power[last] - power[first], 1e-12)
-
-
-def _rms(vectors: FloatArray) -> float:
-    return float(np.sqrt((vectors**2).sum(-1).mean()))

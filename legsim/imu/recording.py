@@ -74,6 +74,11 @@ class ImuRecording:
         """Samples per second, by the median step."""
         return 1.0 / float(np.median(np.diff(self.times)))
 
+    @property
+    def is_mostly_gaps(self) -> bool:
+        """Whether nine tenths of its time have no sample."""
+        return self.rate_hz * float(self.times[-1] - self.times[0]) > 10 * len(self.times)
+
     def named(self, name: str) -> "ImuRecording":
         """The same recording under another name."""
         return replace(self, name=name)
@@ -211,7 +216,7 @@ def gyroscope_scale(recording: ImuRecording) -> tuple[float, float]:
     rate_hz = recording.rate_hz
     count = rate_hz * (recording.times[-1] - recording.times[0])
     # of a recording that is mostly gaps nothing is known between its samples
-    if not 63 < count <= 10 * len(recording.times) or rate_hz < 4 * _TILTING_HZ:
+    if count <= 63 or recording.is_mostly_gaps or rate_hz < 4 * _TILTING_HZ:
         return 1.0, 0.0
     times = np.arange(recording.times[0], recording.times[-1], 1 / rate_hz)
     low = butter(2, [0.1, _TILTING_HZ], "bandpass", fs=rate_hz, output="sos")

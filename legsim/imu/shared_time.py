@@ -15,17 +15,20 @@ Quantity = Literal["rate", "force"]
 MOVEMENT_HZ = (0.2, 6.0)
 """band of the movement: markers are filtered to 6 Hz"""
 
+MOVING = float(np.radians(20))
+"""rad/s RMS of the angular velocity in that band: a person who stands has 1 degree per second"""
+
 HIGHEST = 0.45
 """of the sampling rate: above it a band is not measured"""
 
-_SHORTEST = 3.0
+SHORTEST = 3.0
 """s of overlap"""
 
 
 def shares_time(a: ImuRecording, b: ImuRecording) -> bool:
     """Whether both share 3 s."""
     first, last = max(a.times[0], b.times[0]), min(a.times[-1], b.times[-1])
-    return last - first >= _SHORTEST
+    return last - first >= SHORTEST
 
 
 def overlap(a: ImuRecording, b: ImuRecording, step: float) -> FloatArray:
@@ -38,7 +41,7 @@ def overlap(a: ImuRecording, b: ImuRecording, step: float) -> FloatArray:
     if not shares_time(a, b):
         raise LegsimError(
             f"sensor {b.name} recorded {b.times[0]:.13g} to {b.times[-1]:.13g} s, the markers "
-            f"{a.times[0]:g} to {a.times[-1]:g} s: they share less than {_SHORTEST:g} s; give "
+            f"{a.times[0]:g} to {a.times[-1]:g} s: they share less than {SHORTEST:g} s; give "
             "clock_offset_s (the sensor's clock minus the markers') in a TOML about its file"
         )
     return first + step * np.arange(int((last - first) / step + 1e-6) + 1)
@@ -69,3 +72,8 @@ def band_passed(values: FloatArray, times: FloatArray, band_hz: tuple[float, flo
     # at an end ring through the filter, by a third of what a standing person does in 11 s
     pad = min(len(times) - 1, int(3 * rate_hz / band_hz[0]))
     return sosfiltfilt(sections, values - values.mean(0), axis=0, padtype="even", padlen=pad)
+
+
+def rms(vectors: FloatArray) -> float:
+    """Root mean square length of vectors (n, 3)."""
+    return float(np.sqrt((vectors**2).sum(-1).mean()))

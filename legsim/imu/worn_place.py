@@ -12,13 +12,16 @@ import numpy as np
 from legsim.core import transforms
 from legsim.core.values import FloatArray
 from legsim.imu.recording import ImuRecording
-from legsim.imu.shared_time import MOVEMENT_HZ, at, band_passed, overlap
+from legsim.imu.shared_time import MOVEMENT_HZ, at, band_passed, overlap, rms
 
 _BLOCKS = 8
 """parts of the recording, each left out once for the spread: errors last longer than a sample"""
 
 _SURE = 3.0
 """spreads by which a shift is none of chance"""
+
+_FAR_M = 0.03
+"""m: sensors are placed by hand, and skin moves, by less"""
 
 _KNOWN_M = 0.03
 """spread (m, along the worst axis) beyond which a movement does not tell the place"""
@@ -46,7 +49,8 @@ class WornPlace:
         length = float(np.linalg.norm(self.shift))
         spread = float(np.linalg.norm(self.spread))
         known = float(self.spread.max()) < _KNOWN_M
-        return known and length > _SURE * spread and self.left_there < _WORTH * self.left
+        far = length > max(_FAR_M, _SURE * spread)
+        return known and far and self.left_there < _WORTH * self.left
 
 
 def find_place(predicted: ImuRecording, measured: ImuRecording, *, step: float) -> WornPlace:
@@ -74,14 +78,10 @@ def find_place(predicted: ImuRecording, measured: ImuRecording, *, step: float) 
     )
     # the jackknife's variance
     spread = np.sqrt((_BLOCKS - 1) * left_out.var(0))
-    return WornPlace(found[:3], spread[:3], _rms(sought), _rms(sought - known @ found))
+    return WornPlace(found[:3], spread[:3], rms(sought), rms(sought - known @ found))
 
 
 def _solved(known: FloatArray, sought: FloatArray) -> FloatArray:
     """Least squares over all times and axes."""
     flat = known.reshape(-1, known.shape[-1])
     return np.asarray(np.linalg.lstsq(flat, sought.ravel(), rcond=None)[0], float)
-
-
-def _rms(vectors: FloatArray) -> float:
-    return float(np.sqrt((vectors**2).sum(-1).mean()))

@@ -6,15 +6,9 @@ clock that is wrong by as much. Only a movement can tell: people who stand sway 
 
 from collections.abc import Sequence
 
-import numpy as np
-
-from legsim.core.values import FloatArray
 from legsim.imu.lag import find_lag
 from legsim.imu.recording import ImuRecording
-from legsim.imu.shared_time import MOVEMENT_HZ, in_band, overlap
-
-_MOVING = float(np.radians(20))
-"""rad/s RMS of the angular velocity in 0.2 to 6 Hz: a person who stands has 1 degree per second"""
+from legsim.imu.shared_time import MOVEMENT_HZ, MOVING, in_band, overlap, rms
 
 _ALIKE = 0.75
 """correlation of the rates from which a segment may be the sensor's"""
@@ -45,10 +39,6 @@ def better_segment(
         lags[one.name], alike[one.name] = find_lag(one, measured, step=step)
     best = max(alike, key=lambda name: alike[name])
     times = overlap(next(one for one in segments if one.name == named), measured, step)
-    moves = _rms(in_band(measured, times, MOVEMENT_HZ, "rate")) > _MOVING
+    moves = rms(in_band(measured, times, MOVEMENT_HZ, "rate")) > MOVING
     clearly = alike[best] > max(_ALIKE, alike[named] + _MARGIN)
     return (best, alike[best], lags[best]) if moves and clearly else None
-
-
-def _rms(vectors: FloatArray) -> float:
-    return float(np.sqrt((vectors**2).sum(-1).mean()))

@@ -67,8 +67,9 @@ class Problem:
             column = self._column(prior.coordinate, "prior")
             self.prior_weights[column], self.prior_values[column] = prior.weight, prior.value
         for k in self._hanging():
-            self.prior_weights[k] = max(self.prior_weights[k], config.flat_foot_weight)
-            self.prior_values[k] = leg.default_coordinates[k]
+            if self.prior_weights[k] < config.flat_foot_weight:
+                self.prior_weights[k] = config.flat_foot_weight
+                self.prior_values[k] = leg.default_coordinates[k]
         for task in config.tasks:
             if task.weight > 0:
                 column = self._column(task.coordinate, "task")

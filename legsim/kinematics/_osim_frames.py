@@ -39,7 +39,7 @@ def of_model(model: Element, bodies: Sequence[Element]) -> Frames:
     for _ in waiting:
         for owner, frame in waiting:
             said = socket(frame, "parent").strip()
-            sibling = found.get(f"{owner}/{last(said)}")
+            sibling = None if said.startswith("/") else found.get(f"{owner}/{last(said)}")
             base = sibling or find(found, owner if said in ("", "..") else said)
             if base is not None:
                 at = placed(frame, "translation", "orientation")

@@ -29,22 +29,28 @@ def notes(motion: MarkerTrajectories, sites: MarkerSites) -> tuple[str, ...]:
     if _stands(motion, sites):
         return ()
     return (
-        "warning: the shanks are not upright: somebody lies, with ankles taken as neutral where no "
-        "marker tells; if somebody stands, give the axis that points up, as in --set motion.up=z",
+        "warning: the shanks are not upright, as of somebody who lies or kneels: ankles are taken "
+        "as neutral where no marker shows them; if somebody stands, give the axis that points up, "
+        "as in --set motion.up=z",
     )
 
 
 def _stands(motion: MarkerTrajectories, sites: MarkerSites) -> bool:
-    """Whether thighs are above shanks in half of the frames; also where no frame tells."""
-    heights = []
-    for side in "rl":
-        shank = _middle(motion, sites, tuple(f"{name}_{side}" for name in _BELOW_KNEE))
-        thigh = _middle(motion, sites, (f"femur_{side}",))
-        up = (_middle(motion, sites, ("pelvis",)) if np.isnan(thigh).all() else thigh) - shank
-        heights.append(up[:, 1] / np.linalg.norm(up, axis=1))
-    heights = np.concatenate(heights)
-    heights = heights[np.isfinite(heights)]
-    return heights.size == 0 or float(np.median(heights)) > _UPRIGHT
+    """Whether a thigh is above its shank in half of the frames, on either leg: people stand on one.
+
+    Also where no frame shows it.
+    """
+    upright = np.fmax(*(_height(motion, sites, side) for side in "rl"))
+    upright = upright[np.isfinite(upright)]
+    return upright.size == 0 or float(np.median(upright)) > _UPRIGHT
+
+
+def _height(motion: MarkerTrajectories, sites: MarkerSites, side: str) -> FloatArray:
+    """How far (n,) a thigh is above its shank, of the distance between them; NaN where not seen."""
+    shank = _middle(motion, sites, tuple(f"{name}_{side}" for name in _BELOW_KNEE))
+    thigh = _middle(motion, sites, (f"femur_{side}",))
+    up = (_middle(motion, sites, ("pelvis",)) if np.isnan(thigh).all() else thigh) - shank
+    return up[:, 1] / np.linalg.norm(up, axis=1)
 
 
 def _middle(

@@ -173,8 +173,8 @@ class _Pelvis:
             )
         knees = [_seen(motion, f"epicondyle_lateral_{side}") for side in "rl"]
         over_knees = (up * (self.origin - np.mean(knees, axis=0))).sum(1)
-        upright = np.isnan(over_knees).all() or np.nanmedian(over_knees) > 0
-        if np.nanmedian(up[:, 1]) < 0 and not upright:
+        above = not np.isnan(over_knees).all() and np.nanmedian(over_knees) > 0
+        if np.nanmedian(up[:, 1]) < 0 and not above:
             raise LegsimError(
                 "the pelvis markers stand upside down: right and left are exchanged, or another "
                 "axis points up; "

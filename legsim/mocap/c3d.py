@@ -129,10 +129,12 @@ def _said_frames(header: C3dHeader, held: int) -> int:
     """
     said = header.last_frame - header.first_frame + 1
     told = [
-        int(n[0]) for name in ("LONG_FRAMES", "FRAMES") if (n := header.numbers("POINT", name)).size
+        int(n[0])
+        for name in ("LONG_FRAMES", "FRAMES")
+        if (n := header.numbers("POINT", name)).size and np.isfinite(n[0])
     ]
     start, end = (header.numbers("TRIAL", f"ACTUAL_{which}_FIELD") for which in ("START", "END"))
-    if start.size == 2 and end.size == 2:
+    if start.size == 2 and end.size == 2 and np.isfinite([*start, *end]).all():
         low, high = (int(x[0] % 65536) + 65536 * int(x[1] % 65536) for x in (start, end))
         told.insert(0, high - low + 1)
     stops = header.last_frame >= 65535

@@ -40,19 +40,20 @@ def load_analog(path: Path | str) -> AnalogChannels:
     data = c3d.file_bytes(path)
     header = read_header(path, data)
     notes: list[str] = []
-    frames, rate = c3d.frame_count(header, len(data), notes), c3d.frame_rate(header, notes)
-    channels = int(next(iter(header.numbers("ANALOG", "USED")), 0))
+    used = _one(header, "USED", 0.0)
+    channels = int(used) if np.isfinite(used) else 0
     if channels < 1 or header.analog_words < 1:
         raise file_error(path, "holds no analog channel", "export the trial with its channels")
+    frames, rate = c3d.frame_count(header, len(data), notes), c3d.frame_rate(header, notes)
     per_frame, rest = divmod(header.analog_words, channels)
     if rest:
         problem = (
-            f"{header.analog_words} analog samples a frame are not those of {channels} channels"
+            f"{header.analog_words} analog samples per frame are not those of {channels} channels"
         )
         raise file_error(path, problem, _CURE, place="header")
     stated = _one(header, "RATE", 0.0)
     if stated and abs(stated - rate * per_frame) > 1e-3 * rate * per_frame:
-        problem = f"states {stated:g} Hz, and holds {per_frame} samples a frame at {rate:g} Hz"
+        problem = f"states {stated:g} Hz, and holds {per_frame} samples per frame at {rate:g} Hz"
         raise file_error(path, problem, _CURE, place="ANALOG:RATE")
     raw = _raw(header, data, frames).reshape(frames * per_frame, channels)
     scales = _each(header, "SCALE", channels, 1.0) * _one(header, "GEN_SCALE", 1.0)

@@ -192,7 +192,7 @@ def _without_held(motion: MarkerTrajectories) -> tuple[MarkerTrajectories, dict[
         more = f" and {len(stretches) - 1} times more" if len(stretches) > 1 else ""
         notes[motion.marker_names[k]] = (
             f"{motion.marker_names[k]} repeats one position from {times[0]:.4g} to {times[1]:.4g} s"
-            f"{more} while others move ({int(held[:, k].sum())} samples): taken as not seen"
+            f"{more} ({int(held[:, k].sum())} samples): taken as not seen"
         )
     positions = np.where(held[..., None], np.nan, motion.positions_world)
     return MarkerTrajectories(motion.times, motion.marker_names, positions), notes

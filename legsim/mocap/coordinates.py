@@ -336,25 +336,28 @@ def _check_reach(raw: RawCoordinates, motion: JointTrajectories) -> None:
 
 
 def _check_meters(raw: RawCoordinates) -> None:
-    """Refuses positions of the pelvis that are in millimeters, or another unit."""
-    for name in _PLACES:
-        if name not in raw.names:
-            continue
-        k = raw.names.index(name)
-        limit = _HIGHEST if name == "pelvis_ty" else _FARTHEST
-        middle = float(np.median(raw.values[:, k]))
-        if abs(middle) > limit:
-            unit = min(
-                ("mm", "cm", "in"),
-                key=lambda u: abs(np.log(abs(middle) / UNITS_PER_METER[u] / _USUAL)),
-            )
-            raise file_error(
-                raw.path,
-                f"{name} is {middle:.4g} m in the median, which no pelvis is: its lengths are not "
-                "in meters",
-                f"give their unit, as in --set motion.unit={unit} (in Python: unit={unit!r})",
-                place="coordinates",
-            )
+    """Refuses positions of the pelvis that are in millimeters, or another unit.
+
+    A height that can be settles it: who walks on a belt goes far.
+    """
+    name = next((name for name in _PLACES if name in raw.names), None)
+    if name is None:
+        return
+    middle = float(np.median(raw.values[:, raw.names.index(name)]))
+    if abs(middle) <= (_HIGHEST if name == "pelvis_ty" else _FARTHEST):
+        return
+    unit = min(
+        ("mm", "cm", "in"),
+        key=lambda u: abs(np.log(abs(middle) / UNITS_PER_METER[u] / _USUAL)),
+    )
+    likely = f", as in --set motion.unit={unit} (in Python: unit={unit!r})"
+    raise file_error(
+        raw.path,
+        f"{name} is {middle:.4g} m in the median, which no pelvis is: its lengths are not in "
+        "meters",
+        f"give their unit{likely if name == 'pelvis_ty' else ' (motion.unit)'}",
+        place="coordinates",
+    )
 
 
 def _jumps(motion: JointTrajectories) -> tuple[str, ...]:

@@ -174,7 +174,10 @@ def _tabbed(lines: list[str], end: int) -> list[str]:
     mark = re.match(r"\s*time\s*([;,])", names, re.I)
     if mark is None:
         return lines
-    return [*lines[: end + 1], *(line.replace(mark[1], "\t") for line in lines[end + 1 :])]
+    below = [line.replace(mark[1], "\t") for line in lines[end + 1 :]]
+    if mark[1] == ";":  # the usual reason for semicolons is decimal commas
+        below = [line if line[:1].isalpha() else line.replace(",", ".") for line in below]
+    return [*lines[: end + 1], *below]
 
 
 def _column_names(path: Path, lines: list[str], header: _Header) -> tuple[list[str], int]:

@@ -86,7 +86,7 @@ def _cut(positions: FloatArray, seen: NDArray[np.intp], dt: float) -> tuple[_Pie
     own = np.quantile(adjacent, 0.9) if adjacent.size else 0.0
     # a marker that flickers between two places has no smoothness of its own
     usual = min(SMOOTHNESS * float(own), max(FAR, HARDEST * dt))
-    threshold = MIN_STEP + max(IMPACT * dt**2, usual - MIN_STEP)
+    threshold = max(MIN_STEP + IMPACT * dt**2, usual)
     cut = distance > threshold
     starts, ends = seen[np.r_[True, cut]], seen[np.r_[cut, True]]
     speeds = np.linalg.norm(velocity, axis=1) / dt

@@ -153,11 +153,13 @@ def _landmarks(bony: Sequence[_Outer], remarks: list[str]) -> dict[str, dict[str
         if not bones:
             continue
         try:
-            found[side] = landmarks.find(bones, side)
+            marks = landmarks.find(bones, side)
+            leans = landmarks.of_other_side(bones["femur"], marks, side)
         except LegsimError as error:
             remarks.append(f"no landmarks, so that this leg can only rest: {error}")
             continue
-        if landmarks.of_other_side(bones["femur"], found[side], side):
+        found[side] = marks
+        if leans:
             remarks.append(
                 f"In doubt: femur_{side} leans as one of the other leg: check --side, the map's "
                 "sides, the axes of the image (--axes) and its directions"

@@ -149,9 +149,11 @@ def image_pose(path: Path, read: PhantomFile, scales: SegmentScales) -> FloatArr
             continue
         try:
             imaged, of_bones = _landmarks(read, bones, side)
+            judged = of_bones and "femur" in bones
+            leans = judged and landmarks.of_other_side(bones["femur"], imaged, side)
         except LegsimError as error:
             raise LegsimError(f"{path}: {error}") from error
-        if "femur" in bones and of_bones and landmarks.of_other_side(bones["femur"], imaged, side):
+        if leans:
             warnings.warn(
                 f"{path}: the femur of side {side} leans as one of the other leg: check the sides",
                 ImagedLegWarning,
@@ -313,7 +315,8 @@ def _plausible(path: Path, flexion: float, stumps: Mapping[str, float], side: st
         warnings.warn(
             f"{path}: of side {side} little is imaged beyond the knee ({seen}), so that its "
             f"flexion, taken as {np.degrees(taken):.0f} degrees, may be {_STUMP_DEG:g} degrees "
-            "off; correct thigh and shank in [landmarks] where you know the leg's axes",
+            "off; give thigh and shank in [landmarks] as points 100 mm or more from the knee, "
+            "where you know the leg's axes",
             ImagedLegWarning,
             stacklevel=5,
         )

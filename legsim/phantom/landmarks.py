@@ -58,7 +58,7 @@ _LARGE = 2e-3
 """m: edges of triangles that are small beside what is fitted to them"""
 
 _EDGE = 0.008
-"""m"""
+"""m, width of the slope of :func:`_below`"""
 
 _SLAB = 0.015
 """m: thickness of the slices whose middles show a shaft"""
@@ -83,17 +83,21 @@ class BoneSurface:
         return self.vertices[self.triangles]
 
     def divided(self) -> "BoneSurface":
-        """Same surface; triangles with an edge above :data:`_LARGE` are cut in four, repeatedly."""
+        """Same surface; triangles with an edge above :data:`_LARGE` are cut in two at their longest
+        edge, repeatedly.
+        """
         done, corners = [], self.corners()
         while len(corners):
-            a, b, c = np.moveaxis(corners, 1, 0)
-            edges = np.linalg.norm(np.stack([b - a, c - b, a - c]), axis=-1)
-            large = edges.max(axis=0) > _LARGE
+            edges = np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=-1)
+            large = edges.max(axis=1) > _LARGE
             done.append(corners[~large])
-            a, b, c = a[large], b[large], c[large]
-            ab, bc, ca = (a + b) / 2, (b + c) / 2, (c + a) / 2
-            parts = ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))
-            corners = np.concatenate([np.stack(part, 1) for part in parts])
+            order = (edges[large].argmax(axis=1)[:, None] + np.arange(3)) % 3
+            a, b, c = np.moveaxis(
+                np.take_along_axis(corners[large], order[..., None], axis=1), 1, 0
+            )
+            middle = (a + b) / 2
+            halves = ((a, middle, c), (middle, b, c))
+            corners = np.concatenate([np.stack(half, 1) for half in halves])
         cut = np.concatenate(done)
         return BoneSurface(cut.reshape(-1, 3), np.arange(3 * len(cut)).reshape(-1, 3))
 

@@ -166,7 +166,7 @@ class CodeTree:
         self._models = next((folder for folder in models if folder.is_dir()), None)
         inside = () if self._models is None else self._models.iterdir()
         folders = "|".join(sorted(re.escape(path.name) for path in inside if path.is_dir()))
-        self._model = re.compile(rf"""["']({folders or "-"})\b""")
+        self._model = re.compile(rf"""["']({folders or "-"})(?=[/"'])""")
 
     def fingerprint(self, *codes: Code) -> str:
         """Hash of the code, which is the same wherever the same files are.

@@ -11,6 +11,7 @@ import numpy as np
 from legsim.core import transforms
 from legsim.core.constants import STANDARD_GRAVITY
 from legsim.core.errors import LegsimError
+from legsim.core.files import is_file
 from legsim.core.values import FloatArray
 from legsim.imu import comparison
 from legsim.imu.comparison import SensorComparison
@@ -72,11 +73,11 @@ class ComparedSensor:
                 f"{self.sensor.segment}; it is predicted "
                 f"{1e3 * self.sensor.distance:.0f} mm below the segment's upper joint."
             )
-        if found.began_apart:
+        if found.started_apart:
             lines.append(
                 f"Sensor {found.measured.name}: no lag below {REACH:g} s agrees; this one was "
-                "searched over both recordings, which were begun apart or by other clocks. Give it "
-                "as clock_offset_s in a TOML about the file to keep it."
+                "searched over both recordings, which were started at different times or have "
+                "unrelated clocks. Give it as clock_offset_s in a TOML about the file to keep it."
             )
         if not found.trusted:
             lines.append(
@@ -122,7 +123,7 @@ def of_argument(text: str) -> tuple[WornSensor, ...]:
         LegsimError: a file that cannot be used; a segment beside a file of several sensors.
     """
     segment, separator, name = text.partition("=")
-    if not separator or Path(text).exists():
+    if not separator or is_file(text):
         return imu_files.load(Path(text))
     found = imu_files.load(Path(name))
     if len(found) > 1:
@@ -155,12 +156,14 @@ def compare(
             the published place, and a sensor that moves as another segment does is in doubt.
 
     Raises:
-        LegsimError: a sensor whose place is not among the configured ones.
+        LegsimError: a sensor that no configured or published place fits.
     """
+    if not measured:
+        return ()
     times = predicted.times - clock_offset
     placed, segments = predicted.sensors, ()
-    ours = [ImuRecording(s.name, times, *predicted.sensor(s.name)) for s in placed]
-    if person is not None and measured:
+    ours = [_there(s.name, times, *predicted.sensor(s.name)) for s in placed]
+    if person is not None:
         worn = simulate_imu(person, tuple(_BY_SEGMENT.values()), rate_hz=_rate_hz(times))
         on_each = [ImuRecording(n, worn.times, *worn.sensor(n)) for n in worn.sensor_names]
         segments = tuple(
@@ -175,6 +178,12 @@ def compare(
         compared = _compared(one, placed[k], ours[k], segments)
         found.append(replace(compared, place_given=k < len(predicted.sensors)))
     return tuple(found)
+
+
+def _there(name: str, times: FloatArray, rate: FloatArray, force: FloatArray) -> ImuRecording:
+    """The samples that are there; a run may mark lost ones."""
+    there = np.isfinite(rate).all(-1) & np.isfinite(force).all(-1)
+    return ImuRecording(name, times[there], rate[there], force[there])
 
 
 def _rate_hz(times: FloatArray) -> float:

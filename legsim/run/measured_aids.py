@@ -8,7 +8,7 @@ import numpy as np
 from legsim.config.imu_file import StartConfig
 from legsim.core.constants import STANDARD_GRAVITY
 from legsim.core.errors import file_error
-from legsim.core.files import key_of, sha256
+from legsim.core.files import is_file, key_of, sha256
 from legsim.correction.bead_scan import BeadScan
 from legsim.correction.fiducials import Fiducials
 from legsim.correction.fused import SensorPriors
@@ -35,7 +35,7 @@ def followed(scan: MeasuredScan) -> str:
 def _sensor_model(scan: MeasuredScan) -> CataloguedSensor:
     """The sensor whose errors are expected: a file beside SCAN.toml, or one of the catalogue."""
     beside = scan.folder / scan.settings.methods.sensor_model
-    return load_sensor(str(beside) if beside.is_file() else scan.settings.methods.sensor_model)
+    return load_sensor(str(beside) if is_file(beside) else scan.settings.methods.sensor_model)
 
 
 def priors(scan: MeasuredScan) -> SensorPriors:
@@ -131,7 +131,7 @@ def fingerprint(scan: MeasuredScan) -> str:
     return key_of(
         {name: start.model_dump() for name, start in scan.worn.items()},
         [(one.model_dump(), sha256(scan.folder / one.file)) for one in pixels],
-        sha256(model) if model.is_file() else None,
+        sha256(model) if is_file(model) else None,
     )
 
 

@@ -414,7 +414,7 @@ def unconfirmed_sentence(sensor: str, values: Sequence[catalogue.DataSheetValue]
     found = [f"{n} {words}" for one, words in counted.items() if (n := standings.count(one))]
     if not found:
         return ""
-    return f" Of its numbers {' and '.join(found)}: `legsim sensors {sensor}` lists them."
+    return f" Of its numbers {', '.join(found)}: `legsim sensors {sensor}` lists them."
 
 
 def _recorder_sentences(settings: ImuConfig, view_rate_hz: float) -> list[str]:

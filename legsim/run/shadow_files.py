@@ -22,7 +22,7 @@ _FEWEST_VIEWS = 3
 """views whose rays meet in no point by themselves"""
 
 _APART = 0.015
-"""m RMS between a point and its rays, at the rotation center, as nobody moves who stands"""
+"""m RMS between a point and its rays, at the rotation center, more than a standing person moves"""
 
 _AROUND_PX = 7
 """half of the square about a shadow that it stands out from"""
@@ -96,9 +96,9 @@ def doubts(path: Path, what: str, pixels: FloatArray, projections: Projections) 
     apart = _apart(geometry, pixels)
     if apart > _APART:
         return [
-            f"{path}: the rays of a {what} miss each other by {1e3 * apart:.0f} mm RMS, as nobody "
-            "moves who stands: check which is which, the views' order, and that pixels are "
-            "(column, row) from 0"
+            f"{path}: the rays of a {what} miss each other by {1e3 * apart:.0f} mm RMS, more "
+            f"than a standing person moves: check which {what} is which, the views' order, and "
+            "that pixels are (column, row) from 0"
         ]
     return []
 

@@ -185,7 +185,7 @@ def test_files_of_a_series_have_rescalings_of_their_own(tmp_path, values):
         )  # fmt: skip
     found = projection_images.read_images(tmp_path)
     np.testing.assert_array_equal(found.values, np.arange(1, 7)[:, None, None] * values)
-    assert found.notes[-1] == "and 2 more of this kind"
+    assert found.notes[-1] == "and 2 more notes"
 
 
 def test_values_that_a_table_or_bits_shift_are_refused(tmp_path, values):

@@ -49,3 +49,35 @@ def test_compressed_content_that_is_damaged_is_refused(tmp_path, values):
 def test_plain_content_under_a_compressed_name_is_read(tmp_path, values):
     path = written(tmp_path / "v.nii", values).rename(tmp_path / "v.nii.gz")
     np.testing.assert_array_equal(image_files.read_stored(path)[0], values)
+
+
+@pytest.mark.parametrize("name", ["v.HDR", "v.gipl", "v.mrc", "v.vtk", "v.png", "v.tif"])
+def test_whole_files_are_read_whatever_their_kind(tmp_path, values, name):
+    """ITK writes .hdr in small letters alone; other programs do not."""
+    stored = values[:1].astype(np.uint16) if name.endswith(("png", "tif")) else values
+    path = written(tmp_path / name.lower(), stored)
+    path = path.rename(tmp_path / name)
+    found = image_files.read_samples(path)[0]
+    np.testing.assert_array_equal(np.squeeze(found), np.squeeze(stored))
+
+
+def test_values_written_as_text_may_be_shorter(tmp_path):
+    path = tmp_path / "v.vtk"
+    path.write_text(
+        "# vtk DataFile Version 3.0\nx\nASCII\nDATASET STRUCTURED_POINTS\nDIMENSIONS 4 5 6\n"
+        "SPACING 1 1 1\nORIGIN 0 0 0\nPOINT_DATA 120\nSCALARS s int 1\nLOOKUP_TABLE default\n"
+        + "\n".join(["1 2 3 4"] * 30)
+        + "\n"
+    )
+    assert image_files.read_samples(path)[0].sum() == 300
+
+
+@pytest.mark.parametrize("offset", [np.nan, np.inf])
+def test_an_offset_that_is_no_number_is_refused(tmp_path, values, offset):
+    path = written(tmp_path / "v.nii", values)
+    content = bytearray(path.read_bytes())
+    content[108:112] = np.float32(offset).tobytes()
+    path.write_bytes(content)
+    with pytest.raises(LegsimError) as error:
+        image_files.read_stored(path)
+    assert "\n" not in str(error.value)

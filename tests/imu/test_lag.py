@@ -1,4 +1,4 @@
-"""Lags of clocks: near by, far away, by clocks of other days; none where nothing tells them."""
+"""Lags of clocks: near by, far away, by unrelated clocks; none where nothing tells them."""
 
 import numpy as np
 import pytest
@@ -42,7 +42,7 @@ def test_a_lag_near_by_is_found(clock: float):
     ("first", "last", "clock"),
     [(0, 30, 4.3), (10, 25, -10.0), (8.5, 30, -3.25), (0, 20, 1.7e9), (5, 20, -86400.0)],
 )
-def test_recordings_that_were_begun_apart_find_each_other(first, last, clock):
+def test_recordings_started_at_different_times_find_each_other(first, last, clock):
     one = moving()
     found = find_far_lag(one, part(one, first, last, clock), step=STEP)
     assert found is not None
@@ -53,8 +53,8 @@ def test_recordings_that_were_begun_apart_find_each_other(first, last, clock):
 def test_a_comparison_searches_far_where_nothing_agrees_near_by():
     one = moving()
     near, far = compare(one, part(one, 0, 30, 0.3)), compare(one, part(one, 0, 30, 7.0))
-    assert not near.began_apart
-    assert far.began_apart
+    assert not near.started_apart
+    assert far.started_apart
     assert far.lag == pytest.approx(7.0, abs=2e-3)
     assert compare(one, part(one, 0, 30, 1e6)).lag == pytest.approx(1e6, abs=2e-3)
 
@@ -62,9 +62,36 @@ def test_a_comparison_searches_far_where_nothing_agrees_near_by():
 def test_another_movement_has_no_lag():
     one, other = moving(), moving(seed=4)
     assert find_far_lag(one, part(other, 0, 30, 0.0), step=STEP) is None
-    assert not compare(one, part(other, 0, 30, 0.0)).began_apart
+    assert not compare(one, part(other, 0, 30, 0.0)).started_apart
 
 
-def test_who_stands_does_not_tell_it():
+def test_standing_gives_no_far_lag():
     one = moving(size=0.01)
     assert find_far_lag(one, part(one, 10, 25, 0.0), step=STEP) is None
+
+
+def test_short_recordings_are_compared_and_never_refused():
+    """Lags that leave less than 3 s to share are no candidates."""
+    one = moving(12.0)
+    for start in (1.5, 2.0, 3.0):
+        found = compare(part(one, 0, 4, 0.0), part(one, start, start + 4, -start))
+        assert np.isfinite(found.lag)
+    for seconds in (3.2, 3.6, 5.0):
+        short = moving(seconds, seed=5)
+        lag, _ = find_lag(short, part(moving(seconds, seed=6), 0, seconds, 0.0), step=STEP)
+        assert abs(lag) <= seconds - 3
+
+
+def test_a_gyroscope_that_is_off_agrees_with_nothing():
+    one = moving()
+    off = ImuRecording("m", one.times, np.zeros_like(one.angular_velocity), one.specific_force)
+    assert find_lag(one, off, step=STEP) == (0.0, 0.0)
+    assert not compare(one, off).trusted
+
+
+def test_a_clock_with_one_wild_sample_is_not_searched():
+    one = moving()
+    times = np.concatenate([[0.0], one.times[1:] + 1.7e9])
+    wild = ImuRecording("m", times, one.angular_velocity, one.specific_force)
+    assert wild.is_mostly_gaps
+    assert find_far_lag(one, wild, step=STEP) is None

@@ -59,3 +59,10 @@ def test_a_sway_does_not_tell_the_place():
     found = find_place(one, moved(one, SHIFT, np.zeros(3), 0.05), step=STEP)
     assert found.spread.max() > 0.03
     assert not found.is_elsewhere
+
+
+def test_a_place_two_centimeters_away_is_left_alone():
+    one = swaying(lean=0.5)
+    found = find_place(one, moved(one, SHIFT / 10, np.zeros(3), 0.0), step=STEP)
+    assert np.linalg.norm(found.shift) > 3 * np.linalg.norm(found.spread)
+    assert not found.is_elsewhere

@@ -43,7 +43,7 @@ def test_the_segment_that_wears_the_sensor_is_kept(segment: ImuRecording):
 
 
 @pytest.mark.parametrize(("true", "named"), [(0, 2), (2, 0), (3, 1)])
-def test_another_segment_is_named_with_its_lag(true: int, named: int):
+def test_a_segment_of_another_kind_is_noticed(true: int, named: int):
     found = better_segment(worn(SEGMENTS[true]), SEGMENTS[named].name, SEGMENTS)
     assert found is not None
     name, correlation, lag = found
@@ -55,3 +55,12 @@ def test_another_segment_is_named_with_its_lag(true: int, named: int):
 def test_a_sensor_at_rest_belongs_wherever_it_is_said_to_be():
     quiet = still(count=1500, seed=2)
     assert better_segment(quiet, "tibia_l", SEGMENTS) is None
+
+
+def test_the_other_leg_is_noticed_where_both_differ():
+    """A step of its own length on each side, as all people have."""
+    right = walking("tibia_r", 0.7, sharp=0.4)
+    found = better_segment(worn(right), "tibia_l", (SEGMENTS[0], right))
+    assert found is not None
+    assert found[0] == "tibia_r"
+    assert found[2] == pytest.approx(0.03, abs=0.01)

@@ -71,7 +71,9 @@ def test_a_file_without_channels_is_refused(tmp_path):
 
 def test_a_rate_that_contradicts_the_samples_is_refused(tmp_path):
     path = written(tmp_path / "a.c3d", replace(channels(), rate=1000.0))
-    with pytest.raises(LegsimError, match=r"ANALOG:RATE.*states 1000 Hz, and holds 4 samples"):
+    with pytest.raises(
+        LegsimError, match=r"ANALOG:RATE.*states 1000 Hz, and holds 4 samples per frame"
+    ):
         c3d_analog.load_analog(path)
 
 

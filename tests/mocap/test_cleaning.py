@@ -440,8 +440,7 @@ def test_held_samples_are_not_seen_and_reported():
     assert report.of("epicondyle_lateral_l").missing == 60
     assert np.isnan(cleaned.marker("epicondyle_lateral_l")[300:360]).all()
     assert report.notes == (
-        "LKNE repeats one position from 2.492 to 2.992 s while others move (60 samples): taken as "
-        "not seen",
+        "LKNE repeats one position from 2.492 to 2.992 s (60 samples): taken as not seen",
     )
 
 

@@ -151,3 +151,18 @@ def test_a_sensor_of_another_segment_is_in_doubt(tmp_path):
     (line,) = [one for one in other.lines() if one.startswith("In doubt")]
     assert "turns as tibia_r does (correlation of the rates 0.97 at a lag of 63 ms)" in line
     assert line.endswith("give tibia_r=FILE if it was worn there.")
+
+
+def test_lost_samples_of_the_predicted_sensor_are_left_out(tmp_path):
+    rate = np.array(predicted().angular_velocity)
+    rate[100:103] = np.nan
+    lost = replace(predicted(), angular_velocity=rate)
+    worn = imu_comparison.of_argument(str(write(tmp_path)))
+    (found,) = imu_comparison.compare(worn, lost, 0.0)
+    assert found.found.lag == pytest.approx(0.037, abs=2e-3)
+    assert imu_comparison.compare((), lost, 0.0) == ()
+
+
+def test_a_name_that_no_file_can_have_is_one_line():
+    with pytest.raises(LegsimError, match="cannot be read"):
+        imu_comparison.of_argument("tibia_l=" + "a" * 300)

@@ -123,7 +123,7 @@ MODEL = '\n[methods]\nsensor_model = "{}"\n'
 
 @pytest.mark.parametrize(
     ("model", "counted"),
-    [("bmi160", "7 unverified and 10 from secondary sources and 4"), ("lsm6dsv", "10 missing")],
+    [("bmi160", "7 unverified, 10 from secondary sources, 4"), ("lsm6dsv", "10 missing")],
 )
 def test_what_the_expected_errors_rest_on_is_counted(tmp_path, model: str, counted: str):
     scan = loaded(tmp_path, more=BEADS + MODEL.format(model))
@@ -237,7 +237,7 @@ def test_a_scan_without_beads_says_where_they_go(tmp_path):
 
 
 def test_shadows_that_fit_no_path_of_the_sensor_are_refused_in_a_line(tmp_path):
-    with pytest.raises(LegsimError, match="no path of the sensor goes with"):
+    with pytest.raises(LegsimError, match="no path of the sensor fits"):
         ls.correct(
             write(tmp_path, beads=table(bead_pixels()[::-1])), ["fused-beads"], tmp_path / "o"
         )

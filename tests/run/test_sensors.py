@@ -244,13 +244,13 @@ def test_the_sentence_says_which_errors_and_calibration(overrides: tuple, words:
     [
         (
             ("noise.kind=bmi160",),
-            " Of its numbers 7 unverified and 10 from secondary sources and 4 missing, whose ",
+            " Of its numbers 7 unverified, 10 from secondary sources, 4 missing, whose ",
         ),
-        (("noise.kind=bmi160", "noise.off=['temperature', 'g-sensitivity']"), "4 unverified and 8"),
-        (("noise.kind=bmi160", "noise.gyroscope.misalignment_percent=1"), "6 unverified and 10"),
+        (("noise.kind=bmi160", "noise.off=['temperature', 'g-sensitivity']"), "4 unverified, 8"),
+        (("noise.kind=bmi160", "noise.gyroscope.misalignment_percent=1"), "6 unverified, 10"),
         (
             ("noise.kind=adis16505",),
-            "2 from secondary sources and 14 missing, whose errors are taken for ",
+            "2 from secondary sources, 14 missing, whose errors are taken for ",
         ),
         (("noise.kind=lsm6dsv",), " Of its numbers 10 missing, whose errors are taken for zero: "),
     ],

@@ -28,7 +28,7 @@ from legsim.run import pipeline
 SHIPPED = tuple(f"subject0{k}/squat_{angle}.trc" for k in range(1, 8) for angle in (30, 60))
 
 _QUICK = ("scan.rate_hz=31",)
-"""a scan of 4 s, for who stands still too shortly for one of 8"""
+"""a scan of 4 s, for a person who stands still for less than 8 s"""
 
 REAL: dict[str, tuple[str, ...]] = {
     "standing_bmc/static_run.trc": (),
