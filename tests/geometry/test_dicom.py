@@ -204,6 +204,8 @@ def test_values_that_a_table_or_bits_shift_are_refused(tmp_path, values):
     [
         ({}, ""),
         ({"PixelIntensityRelationship": "LIN", "PixelIntensityRelationshipSign": 1}, ""),
+        ({"PixelIntensityRelationship": ""}, ""),
+        ({"HighBit": None, "RescaleSlope": None, "RescaleIntercept": None}, ""),
         ({"PixelIntensityRelationship": "LOG"}, "not linear in intensity"),
         ({"PixelIntensityRelationshipSign": -1}, "fall where intensity rises"),
     ],

@@ -74,3 +74,22 @@ def test_patterns_take_brackets_as_they_are(tmp_path):
     assert view_files.is_pattern(pattern)
     assert [path.name for path in series(pattern)[0]] == ["leg [2]_1.tif", "leg [2]_2.tif"]
     assert not view_files.is_pattern(tmp_path / "leg [2]_1.tif")
+
+
+@pytest.mark.parametrize(
+    "names",
+    [
+        ["view_001_000deg.tif", "view_002_004deg.tif", "view_010_036deg.tif"],
+        ["p_0001_20260101_115959.tif", "p_0002_20260101_120002.tif", "p_0003_20260101_120005.tif"],
+        ["a1_t99ms.tif", "a2_t1099ms.tif", "a3_t2099ms.tif"],
+    ],
+)
+def test_a_number_beside_an_angle_or_a_time_gives_one_order(tmp_path, names):
+    found, _ = view_files.by_number(tmp_path, [tmp_path / name for name in reversed(names)])
+    assert [path.name for path in found] == names
+
+
+def test_numbers_that_disagree_on_the_order_are_refused(tmp_path):
+    names = ["a1_t3.tif", "a2_t2.tif", "a3_t1.tif"]
+    with pytest.raises(LegsimError, match="differ in 2 numbers"):
+        view_files.by_number(tmp_path, [tmp_path / name for name in names])
