@@ -61,7 +61,7 @@ def _lag_once(
         return 0.0, 0.0
     shifts, scores = np.arange(-span, span + 1)[: len(near)], _best_agreement(near) / power
     enough = (shifts == 0) | (
-        _shared_s(predicted, measured, shifts * float(step)) >= SHORTEST + step
+        _shared_s(predicted, measured, np.asarray(step * shifts, float)) >= SHORTEST + step
     )
     shifts, scores = shifts[enough], scores[enough]
     k = int(np.argmax(scores))
