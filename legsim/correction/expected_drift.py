@@ -29,9 +29,10 @@ def drift_warning(method: str, scan: Scan, sensor: str, priors: SensorPriors) ->
     drift = expected_drift(scan, sensor, priors)
     if drift <= priors.spread:
         return ""
+    far = f"{drift:.2g} m" if drift >= 1 else f"{1e3 * drift:.2g} mm"
     return (
         f"{method} follows {sensor} by dead reckoning, which by the sensor's errors and start is "
-        f"expected to drift by {1e3 * drift:.2g} mm RMS at the knee over the scan; a knee of a "
+        f"expected to drift by {far} RMS at the knee over the scan; a knee of a "
         f"person who stands moves by about {1e3 * priors.spread:.2g} mm: the sensor alone does not "
         "determine it (standing and the fused methods find the drift)"
     )
