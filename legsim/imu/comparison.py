@@ -22,6 +22,7 @@ from legsim.imu.shared_time import (
     at,
     in_band,
     overlap,
+    rms,
     shares_time,
 )
 from legsim.imu.worn_place import WornPlace, find_place
@@ -189,10 +190,6 @@ def _agreement(
     return BandAgreement(
         quantity,
         band,
-        *(float(unit) * _rms(v) for v in (theirs, ours, theirs - ours)),
+        *(float(unit) * rms(v) for v in (theirs, ours, theirs - ours)),
         correlation=float((ours * theirs).sum() / power) if power > 0 else 0.0,
     )
-
-
-def _rms(vectors: FloatArray) -> float:
-    return float(np.sqrt((vectors**2).sum(-1).mean()))

@@ -96,7 +96,8 @@ def _check(times: FloatArray, rate: FloatArray, force: FloatArray, at: FloatArra
 def with_samples(at: FloatArray, times: FloatArray) -> FloatArray:
     """The wanted times ``at`` and the samples between them, but for those that are one of them."""
     between = times[(times > at[0]) & (times < at[-1])]
-    apart = np.abs(between[:, None] - at).min(1) > _ROUNDING
+    after = np.searchsorted(at, between)  # the wanted times around each sample
+    apart = np.minimum(at[after] - between, between - at[after - 1]) > _ROUNDING
     return np.union1d(at, between[apart])
 
 

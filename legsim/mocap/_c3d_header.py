@@ -19,7 +19,7 @@ BLOCK = 512
 
 INTEL, DEC, MIPS = 84, 85, 86
 
-_CURE = "export the trial again as C3D"
+CURE = "export the trial again as C3D"
 
 _TYPE_BYTES = {-1: 1, 1: 1, 2: 2, 4: 4}
 
@@ -79,12 +79,12 @@ def read_header(path: Path, data: bytes) -> C3dHeader:
         LegsimError: the bytes are not C3D, or the parameter section lies outside the file.
     """
     if not data:
-        raise file_error(path, "the file is empty", _CURE)
+        raise file_error(path, "the file is empty", CURE)
     if len(data) < 2 * BLOCK or data[1] != 0x50:
         raise file_error(
             path,
             "the first block is not that of a C3D file (byte 2 should be 80)",
-            "check the file's type, or " + _CURE,
+            "check the file's type, or " + CURE,
             place="header",
         )
     section = (data[0] - 1) * BLOCK
@@ -93,11 +93,11 @@ def read_header(path: Path, data: bytes) -> C3dHeader:
             f"the parameter section should start at block {data[0]}, outside the file of "
             f"{len(data) // BLOCK} blocks"
         )
-        raise file_error(path, problem, _CURE, place="header")
+        raise file_error(path, problem, CURE, place="header")
     processor = data[section + 3]
     if processor not in (INTEL, DEC, MIPS):
         problem = f"processor type {processor} is not 84 (Intel), 85 (DEC) or 86 (MIPS)"
-        raise file_error(path, problem, _CURE, place="parameter section")
+        raise file_error(path, problem, CURE, place="parameter section")
     order = ">" if processor == MIPS else "<"
     words = struct.unpack(order + "5H", data[2:12])
     data_block = struct.unpack(order + "H", data[16:18])[0]
@@ -106,7 +106,7 @@ def read_header(path: Path, data: bytes) -> C3dHeader:
     parameters, notes = _parameters(data[: end if end > section else len(data)], section, processor)
     if not parameters:
         raise file_error(
-            path, "the parameter section holds no parameter", _CURE, place="parameter section"
+            path, "the parameter section holds no parameter", CURE, place="parameter section"
         )
     return C3dHeader(
         path,

@@ -12,11 +12,9 @@ from numpy.typing import NDArray
 
 from legsim.core.errors import file_error
 from legsim.core.values import FloatArray
-from legsim.mocap._c3d_header import BLOCK, C3dHeader, floats, integers, read_header
+from legsim.mocap._c3d_header import BLOCK, CURE, C3dHeader, floats, integers, read_header
 from legsim.mocap.raw import RawMarkers
 from legsim.mocap.trajectories import MarkerTrajectories
-
-_CURE = "export the trial again as C3D"
 
 _MODEL_OUTPUTS = ("ANGLES", "FORCES", "MOMENTS", "POWERS", "SCALARS")
 
@@ -78,7 +76,7 @@ def file_bytes(path: Path) -> bytes:
 
 def _check_points(header: C3dHeader) -> None:
     if header.points == 0:
-        raise file_error(header.path, "the file holds no point", _CURE, place="header")
+        raise file_error(header.path, "the file holds no point", CURE, place="header")
 
 
 def frame_count(header: C3dHeader, size: int, notes: list[str]) -> int:
@@ -89,25 +87,25 @@ def frame_count(header: C3dHeader, size: int, notes: list[str]) -> int:
     """
     if header.scale == 0 or not np.isfinite(header.scale):
         problem = f"the file has the scale {header.scale:g}"
-        raise file_error(header.path, problem, _CURE, place="header")
+        raise file_error(header.path, problem, CURE, place="header")
     if header.data_block < 2 or (header.data_block - 1) * BLOCK >= size:
         problem = (
             f"the data should start at block {header.data_block}, outside the file of "
             f"{size // BLOCK} blocks"
         )
-        raise file_error(header.path, problem, _CURE, place="header")
+        raise file_error(header.path, problem, CURE, place="header")
     held = (size - (header.data_block - 1) * BLOCK) // frame_bytes(header)
     said = _said_frames(header, held)
     if said < 1:
         raise file_error(
             header.path,
             f"frames {header.first_frame} to {header.last_frame} are none",
-            _CURE,
+            CURE,
             place="header",
         )
     if said > held:
         problem = f"the file ends after frame {held} of {said}"
-        raise file_error(header.path, problem, "copy the file again, or " + _CURE, place="header")
+        raise file_error(header.path, problem, "copy the file again, or " + CURE, place="header")
     if held - said > BLOCK // frame_bytes(header):
         notes.append(
             f"warning: the file is long enough for {held} frames, the header says {said}: "
@@ -160,7 +158,7 @@ def frame_rate(header: C3dHeader, notes: list[str]) -> float:
     said = float(numbers[0]) if numbers.size else header.rate
     rate = next((hz for hz in (said, header.rate) if np.isfinite(hz) and 1e-3 < hz < 1e6), None)
     if rate is None:
-        raise file_error(header.path, f"the frame rate is {said:g} Hz", _CURE, place="POINT:RATE")
+        raise file_error(header.path, f"the frame rate is {said:g} Hz", CURE, place="POINT:RATE")
     if rate != said or abs(header.rate - rate) > 1e-3 * rate:
         notes.append(
             f"POINT:RATE says {said:g} Hz, the header {header.rate:g} Hz; {rate:g} Hz is taken"
@@ -231,7 +229,7 @@ def _check_positions(header: C3dHeader, positions: FloatArray) -> None:
             f"coordinate {positions[wild][0]:g} cannot be a position (frame {frame + 1}, "
             f"point {point + 1})"
         )
-        raise file_error(header.path, problem, _CURE, place="data section")
+        raise file_error(header.path, problem, CURE, place="data section")
 
 
 def _screen_up(header: C3dHeader) -> str:

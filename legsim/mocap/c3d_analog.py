@@ -12,9 +12,7 @@ import numpy as np
 from legsim.core.errors import file_error
 from legsim.core.values import FloatArray
 from legsim.mocap import c3d
-from legsim.mocap._c3d_header import BLOCK, C3dHeader, floats, integers, read_header
-
-_CURE = "export the trial again as C3D"
+from legsim.mocap._c3d_header import BLOCK, CURE, C3dHeader, floats, integers, read_header
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -50,11 +48,11 @@ def load_analog(path: Path | str) -> AnalogChannels:
         problem = (
             f"{header.analog_words} analog samples per frame are not those of {channels} channels"
         )
-        raise file_error(path, problem, _CURE, place="header")
+        raise file_error(path, problem, CURE, place="header")
     stated = _one(header, "RATE", 0.0)
     if stated and abs(stated - rate * per_frame) > 1e-3 * rate * per_frame:
         problem = f"states {stated:g} Hz, and holds {per_frame} samples per frame at {rate:g} Hz"
-        raise file_error(path, problem, _CURE, place="ANALOG:RATE")
+        raise file_error(path, problem, CURE, place="ANALOG:RATE")
     raw = _raw(header, data, frames).reshape(frames * per_frame, channels)
     scales = _each(header, "SCALE", channels, 1.0) * _one(header, "GEN_SCALE", 1.0)
     offsets = _each(header, "OFFSET", channels, 0.0)
