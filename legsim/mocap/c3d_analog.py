@@ -26,6 +26,8 @@ class AnalogChannels:
     """as the file states them; empty where it does not"""
     values: FloatArray
     """(n, k)"""
+    notes: tuple[str, ...]
+    """oddities of the file's header"""
 
 
 def load_analog(path: Path | str) -> AnalogChannels:
@@ -37,7 +39,7 @@ def load_analog(path: Path | str) -> AnalogChannels:
     path = Path(path)
     data = c3d.file_bytes(path)
     header = read_header(path, data)
-    notes: list[str] = []
+    notes = list(header.notes)
     used = _one(header, "USED", 0.0)
     channels = int(used) if np.isfinite(used) else 0
     if channels < 1 or header.analog_words < 1:
@@ -63,7 +65,8 @@ def load_analog(path: Path | str) -> AnalogChannels:
     labels = _texts(header, "LABELS", channels)
     named = tuple(label or f"*{k + 1}" for k, label in enumerate(labels))
     times = first + np.arange(len(values)) / (rate * per_frame)
-    return AnalogChannels(times, named, _texts(header, "UNITS", channels), values)
+    units = _texts(header, "UNITS", channels)
+    return AnalogChannels(times, named, units, values, tuple(notes))
 
 
 def _raw(header: C3dHeader, data: bytes, frames: int) -> FloatArray:
