@@ -96,6 +96,10 @@ class MovingLeg:
     """what was put right on the way in"""
     zero: ZeroPose | None = None
     """of :meth:`from_zero`; the movement itself is not changed by it"""
+    knees_turned: bool | None = None
+    """whether the file counted flexion positive, so that the knees' sign was turned; None where
+    nobody judged it
+    """
 
     def from_zero(self) -> JointTrajectories | None:
         """The coordinates counted from the static trial's mean pose; None without one."""
