@@ -31,6 +31,9 @@ _LARGEST_EXTENSION_DEG = 20.0
 _OVEREXTENDED_DEG = 5.0
 """few people stand with both knees overextended by more (Beighton et al. 1973)"""
 
+_OFTEN = 0.25
+"""of the steps: so many long ones are a rate that varies, no samples left out"""
+
 _POSES = 50
 """in which feet are looked at"""
 
@@ -162,12 +165,18 @@ def low_passed(path: Path, values: FloatArray, times: FloatArray, low_pass_hz: f
 def gap_note(times: FloatArray) -> tuple[str, ...]:
     """A word on samples left out, across which the curves are only guessed."""
     steps = np.diff(times)
-    if len(steps) == 0 or steps.max() <= 2.5 * np.median(steps):
+    usual = float(np.median(steps)) if len(steps) else 0.0
+    longer = steps > 1.5 * usual
+    count = int(longer.sum())
+    if count == 0:
         return ()
     k = int(steps.argmax())
+    if count > _OFTEN * len(steps):
+        return (f"the samples are {steps.min():.3g} to {steps[k]:.3g} s apart, bridged by splines",)
+    others = f", and {count - 1} more gap{'s' * (count > 2)}" if count > 1 else ""
     return (
         f"{steps[k]:.3g} s are missing after {times[k]:g} s (elsewhere a sample every "
-        f"{np.median(steps):.3g} s): bridged by splines",
+        f"{usual:.3g} s){others}: bridged by splines",
     )
 
 

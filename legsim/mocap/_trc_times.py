@@ -8,14 +8,11 @@ import numpy as np
 
 from legsim.core.errors import file_error
 from legsim.core.values import FloatArray
-from legsim.mocap._cells import decimals
+from legsim.mocap._stated_times import full_times, last_digit
 from legsim.mocap.trajectories import written_twice
 
 _SLOWEST_HZ = 2.0
 """no marker is followed so slowly"""
-
-_ENOUGH = 10
-"""rows that are not on a grid by chance"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -33,8 +30,8 @@ class TimeColumn:
 def row_times(path: Path, rate: float, column: TimeColumn) -> tuple[FloatArray, tuple[str, ...]]:
     """Times (n,) s, and notes on what is unusual about them.
 
-    The column's times are taken, unless they are multiples of 1 / ``rate`` stated with few digits:
-    then these.
+    The column's times are taken, unless they are multiples of 1 / ``rate``, or even at another rate
+    or on a grid, stated with few digits: then these.
 
     Raises:
         LegsimError: the times do not increase.
@@ -51,7 +48,7 @@ def row_times(path: Path, rate: float, column: TimeColumn) -> tuple[FloatArray, 
         return times, (*said, *_frame_notes(times, frames, rate, timed=False))
     known = ~np.isnan(stated)
     # by how much the column's last digit counts, in seconds
-    step = 10.0 ** -max(decimals(text) for text in column.texts) * unit
+    step = last_digit(column.texts) * unit
     if not known.all():
         notes = (
             *notes,
@@ -60,7 +57,7 @@ def row_times(path: Path, rate: float, column: TimeColumn) -> tuple[FloatArray, 
     times = _even_times(stated, frames, known, rate, step)
     if times is None:
         stated[~known] = np.interp(frames[~known], frames[known], stated[known])
-        times = _on_grid(stated, rate, step)
+        times = full_times(stated, step, rate)
     _check_increase(path, times, column)
     return times, (*notes, *_frame_notes(times, frames, rate, timed=True))
 
@@ -164,25 +161,9 @@ def _even_times(
     # times stated in full are kept to the last bit
     if errors[1] <= 1e-9:
         return None if known.all() else candidates[1]
-    # beyond three quarters of a sample the column tells of something else than rounding
-    tolerance = min(1.001 * step, 0.75 / rate)
+    # beyond three quarters of a sample the column tells of something else than rounding, unless
+    # its digits are coarser than that
+    tolerance = 1.001 * step if 1 / rate < 0.9 * step else min(1.001 * step, 0.75 / rate)
     return next(
         (even for even, error in zip(candidates, errors, strict=True) if error <= tolerance), None
     )
-
-
-def _on_grid(stated: FloatArray, rate: float, step: float) -> FloatArray:
-    """Multiples of 1 / rate where these explain every stated time to its last digit, and that digit
-    hides something: a camera of variable rate, or rows left out. Else the times as stated.
-    """
-    if len(stated) < _ENOUGH or 1.001 * step > 0.25 / rate:
-        return stated
-    for origin in (0.0, float(stated[0])):
-        counts = np.rint((stated - origin) * rate)
-        grid = origin + counts / rate
-        error = float(np.abs(grid - stated).max())
-        if error <= 1e-9:
-            return stated
-        if error <= 1.001 * step and (np.diff(counts) > 0).all():
-            return grid
-    return stated

@@ -18,6 +18,7 @@ from legsim.core import files
 from legsim.core.errors import file_error
 from legsim.core.values import FloatArray
 from legsim.mocap._cells import number
+from legsim.mocap._stated_times import full_times, last_digit
 from legsim.mocap.coordinates import RawCoordinates
 from legsim.mocap.trajectories import JointTrajectories, MarkerTrajectories, written_twice
 
@@ -78,8 +79,9 @@ def read(path: Path | str) -> MarkerTrajectories | RawCoordinates:
     table = np.array(
         [_numbers(path, k, row, header) for k, row in enumerate(rows[1:], start=2)]
     ).reshape(-1, len(header))
-    _check_times(path, table[:, 0])
-    return _value(path, header[1:], table[:, 0], table[:, 1:])
+    times = full_times(table[:, 0], last_digit(row[0] for row in rows[1:]))
+    _check_times(path, times)
+    return _value(path, header[1:], times, table[:, 1:])
 
 
 def _check_times(path: Path, times: FloatArray) -> None:

@@ -195,6 +195,23 @@ def test_samples_left_out_of_coordinates_are_told(tmp_path, solved):
     )
 
 
+def test_one_sample_left_out_is_told_and_a_varying_rate_is_no_gap(tmp_path, solved):
+    def note(kept):
+        motion = JointTrajectories(solved.times[kept], solved.coordinate_names, solved.values[kept])
+        opensim.save(tmp_path / "c.mot", motion)
+        return from_recording.solve_kinematics(str(tmp_path / "c.mot")).notes[1:]
+
+    rows = np.arange(600)
+    assert note(rows) == ()
+    (one,) = note(np.delete(rows, 300))
+    assert one.startswith("0.0167 s are missing after 2.49167 s")
+    (two,) = note(np.delete(rows, [100, 300, 301]))
+    assert "after 2.49167 s" in two
+    assert "and 1 more gap:" in two
+    varying = np.r_[rows[:300], rows[300::2]]
+    assert note(varying) == ("the samples are 0.00833 to 0.0167 s apart, bridged by splines",)
+
+
 def partial(folder, solved: JointTrajectories, names) -> str:
     """A file of some coordinates only."""
     columns = np.stack([solved.coordinate(name) for name in names], 1)
