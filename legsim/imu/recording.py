@@ -35,6 +35,10 @@ _LONG_GAP = 0.1
 """s; motion of 6 Hz cannot be interpolated over more"""
 
 
+_CHANCE = 1e-6
+"""by which digits of a sensor at rest may repeat as long as that"""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class ImuRecording:
     """Signals of one sensor, by its own clock, in its own frame."""
@@ -109,9 +113,11 @@ def merged(
     Raises:
         LegsimError: times that do not increase, or that do not overlap.
     """
+    fallen = force[1].copy()
+    fallen[(fallen == 0).all(-1)] = np.nan
     seen = [
         (times[known], values[known])
-        for times, values in (force, rate)
+        for times, values in ((force[0], fallen), rate)
         for known in (np.isfinite(values).all(-1),)
     ]
     if any(len(times) < _FEWEST for times, _ in seen):
@@ -133,6 +139,31 @@ def merged(
             "are put on those of the faster by cubic splines.",
         )
     return ImuRecording(name, seen[0][0], seen[1][1], seen[0][1], notes)
+
+
+def without_lost(rate: FloatArray, force: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Angular velocities and specific forces (n, 3) with NaN where the force is exactly 0, 0, 0.
+
+    Loggers write so what they lost; integrated it would be a free fall.
+    """
+    lost = (force == 0).all(-1)[:, None]
+    return np.where(lost, np.nan, rate), np.where(lost, np.nan, force)
+
+
+def enough(samples: int) -> bool:
+    """Whether so many samples say something."""
+    return samples >= _FEWEST
+
+
+def checked(recording: ImuRecording) -> ImuRecording:
+    """The recording with a note on readings that stand still, refused in other units than m/s^2,
+    rad/s and s, as far as a body can tell.
+
+    Raises:
+        LegsimError: the line names the quantity, what it reads and the fix.
+    """
+    check_plausible(recording)
+    return replace(recording, notes=(*recording.notes, *held_note(recording)))
 
 
 def check_plausible(recording: ImuRecording) -> None:
@@ -291,7 +322,9 @@ def gap_note(name: str, times: FloatArray) -> tuple[str, ...]:
     """Describes gaps in a sensor's times; nothing where there is none."""
     steps = np.diff(times)
     step = float(np.median(steps))
-    lost = np.rint(steps / step) - 1
+    # a sample that is late makes a long step beside a short one, and none is lost
+    around = np.convolve(np.pad(steps, 1, constant_values=step), np.ones(3), "valid")
+    lost = np.clip(np.minimum(np.rint(steps / step) - 1, np.rint(around / step) - 3), 0, None)
     if not lost.any():
         return ()
     longest = int(np.argmax(steps))
@@ -299,4 +332,27 @@ def gap_note(name: str, times: FloatArray) -> tuple[str, ...]:
     return (
         f"Sensor {name}: {lost.sum():.0f} of {len(times) + lost.sum():.0f} samples are missing, "
         f"the longest gap is {1e3 * steps[longest]:.0f} ms at {times[longest]:.3f} s{advice}.",
+    )
+
+
+def held_note(recording: ImuRecording) -> tuple[str, ...]:
+    """Describes stretches in which all six readings repeat, longer than chance has it; nothing
+    where there is none.
+    """
+    readings = np.concatenate([recording.angular_velocity, recording.specific_force], -1)
+    same = (np.diff(readings, axis=0) == 0).all(-1)
+    # indices of the steps between stretches: one before each, and one after
+    ends = np.flatnonzero(~np.concatenate([[False], same, [False]]))
+    lengths = np.diff(ends) - 1
+    longest = int(lengths.argmax())
+    count = int(lengths[longest])
+    first, last = int(ends[longest]), int(ends[longest]) + count
+    seconds = float(recording.times[last] - recording.times[first])
+    chance = (same.sum() - count) / max(len(same) - count, 1)
+    if seconds < _LONG_GAP or len(same) * chance**count > _CHANCE:
+        return ()
+    return (
+        f"Sensor {recording.name}: all six readings repeat for {seconds:.2f} s at "
+        f"{recording.times[first]:.3f} s, as where packets were lost; nothing is known of the "
+        "motion within it.",
     )

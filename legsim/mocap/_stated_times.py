@@ -8,7 +8,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from legsim.core.values import FloatArray
-from legsim.mocap._cells import decimals
+from legsim.mocap.cells import decimals
 
 _ENOUGH = 10
 """rows that are not even, or on a grid, by chance"""

@@ -17,8 +17,8 @@ import numpy as np
 from legsim.core import files
 from legsim.core.errors import file_error
 from legsim.core.values import FloatArray
-from legsim.mocap._cells import number
 from legsim.mocap._stated_times import full_times, last_digit
+from legsim.mocap.cells import number
 from legsim.mocap.coordinates import RawCoordinates
 from legsim.mocap.trajectories import JointTrajectories, MarkerTrajectories, written_twice
 

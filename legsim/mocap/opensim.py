@@ -15,8 +15,8 @@ import numpy as np
 from legsim.core import files
 from legsim.core.errors import LegsimError, file_error
 from legsim.core.values import FloatArray
-from legsim.mocap._cells import number
 from legsim.mocap._stated_times import full_times, last_digit
+from legsim.mocap.cells import number
 from legsim.mocap.coordinates import RawCoordinates, is_of_leg, is_rotation
 from legsim.mocap.trajectories import JointTrajectories
 

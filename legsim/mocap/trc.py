@@ -14,8 +14,8 @@ import numpy as np
 from legsim.core import files
 from legsim.core.errors import file_error, printable
 from legsim.core.values import LARGEST
-from legsim.mocap._cells import number
 from legsim.mocap._trc_times import TimeColumn, row_times
+from legsim.mocap.cells import number
 from legsim.mocap.raw import RawMarkers
 from legsim.mocap.trajectories import MarkerTrajectories
 

@@ -6,7 +6,14 @@ import numpy as np
 import pytest
 
 from legsim.core.errors import LegsimError
-from legsim.imu.recording import ImuRecording, check_plausible, gap_note, gyroscope_scale, join
+from legsim.imu.recording import (
+    ImuRecording,
+    check_plausible,
+    gap_note,
+    gyroscope_scale,
+    held_note,
+    join,
+)
 from tests.examples.sensors import still, swaying
 
 
@@ -105,3 +112,28 @@ def test_a_recording_that_is_mostly_a_gap_says_nothing_of_the_gyroscopes_unit():
     one = swaying()
     gap = replace(one, times=np.append(one.times[:-1], 1e12))
     assert gyroscope_scale(gap) == (1.0, 0.0)
+
+
+def test_a_late_sample_is_none_lost():
+    times = np.arange(200) / 100
+    times[50] += 0.0065
+    assert gap_note("shank", times) == ()
+    assert "1 of 200 samples are missing" in gap_note("shank", np.delete(times, 120))[0]
+    assert "2 of 200 samples are missing" in gap_note("shank", np.delete(times, [120, 122]))[0]
+
+
+def test_readings_that_stand_still_are_noted_and_coarse_ones_are_not():
+    one = still(count=1000)
+    held = np.array(one.specific_force), np.array(one.angular_velocity)
+    for values in held:
+        values[300:400] = values[299]
+    (note,) = held_note(replace(one, specific_force=held[0], angular_velocity=held[1]))
+    assert note.startswith("Sensor shank: all six readings repeat for 1.00 s at 2.990 s")
+    assert held_note(one) == ()
+    # at rest a digit wider than the noise repeats often
+    coarse = replace(
+        one,
+        specific_force=np.round(one.specific_force / 0.1) * 0.1,
+        angular_velocity=np.round(one.angular_velocity / 0.01) * 0.01,
+    )
+    assert held_note(coarse) == ()

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.interpolate import CubicSpline
 
 from legsim.core.errors import LegsimError
 from legsim.imu import files
@@ -266,3 +267,68 @@ def test_the_notes_of_a_c3d_go_with_the_first_sensor(tmp_path):
     shank, thigh = load(tmp_path / "a.c3d", TableLayout(tuple(two)))
     assert shank.notes == ("a.c3d: POINT:RATE says 100 Hz, the header 50 Hz; 100 Hz is taken",)
     assert thigh.notes == ()
+
+
+def test_rows_of_zeros_are_lost_packets(tmp_path):
+    rows = rows_of(still(count=100))
+    for row in rows[30:60]:
+        row[1:] = [0.0] * 6
+    (read,) = load(write(tmp_path / "a.csv", rows), TableLayout((SENSOR,), time="t"))
+    assert len(read.times) == 70
+    assert "30 of 100 samples are missing, the longest gap is 310 ms" in read.notes[0]
+
+
+def test_sensors_in_rows_of_their_own_are_read(tmp_path):
+    """Three sensors take turns."""
+    names, rows = ["t"], []
+    sensors = [still(count=50, seed=k) for k in range(3)]
+    for k in range(3):
+        names += [f"{column}{k}" for column in NAMES[1:]]
+    for n in range(50):
+        for k, one in enumerate(sensors):
+            numbers = [*one.specific_force[n], *one.angular_velocity[n]]
+            rows.append([one.times[n] + 0.001 * k, *[""] * 6 * k, *numbers, *[""] * 6 * (2 - k)])
+    layout = TableLayout(
+        tuple(
+            SensorColumns(f"s{k}", (f"ax{k}", f"ay{k}", f"az{k}"), (f"gx{k}", f"gy{k}", f"gz{k}"))
+            for k in range(3)
+        ),
+        time="t",
+    )
+    read = load(write(tmp_path / "a.csv", rows, names=names), layout)
+    for k, one in enumerate(read):
+        np.testing.assert_allclose(one.times, sensors[k].times + 0.001 * k)
+        np.testing.assert_array_equal(one.specific_force, sensors[k].specific_force)
+        assert one.notes == ()
+
+
+def test_accelerations_and_angular_velocities_in_alternate_rows_are_read(tmp_path):
+    one = swaying(seconds=3.0)
+    rows = []
+    for row in rows_of(one):
+        rows += [[*row[:4], *[""] * 3], [row[0] + 0.002, *[""] * 3, *row[4:]]]
+    (read,) = load(write(tmp_path / "a.csv", rows), TableLayout((SENSOR,), time="t"))
+    assert len(read.times) == len(one.times) - 1
+    for found, wanted, late in (
+        (read.specific_force, one.specific_force, 0.0),
+        (read.angular_velocity, one.angular_velocity, 0.002),
+    ):
+        by_hand = CubicSpline(one.times + late, wanted)(read.times)
+        np.testing.assert_allclose(found, by_hand, atol=1e-6)
+
+
+def test_a_sensor_beside_faster_channels_is_read(tmp_path):
+    one = still(count=50)
+    rows = []
+    for row in rows_of(one):
+        rows += [row, *([row[0] + 0.001 * k, *[""] * 6] for k in range(1, 10))]
+    (read,) = load(write(tmp_path / "a.csv", rows), TableLayout((SENSOR,), time="t"))
+    np.testing.assert_array_equal(read.specific_force, one.specific_force)
+
+
+@pytest.mark.parametrize("cell", ["NA", "-", "#N/A", "-nan(ind)"])
+def test_missing_numbers_are_lost_packets_in_any_spelling(tmp_path, cell):
+    rows = rows_of(still(count=20))
+    rows[5][4] = cell
+    (read,) = load(write(tmp_path / "a.csv", rows), TableLayout((SENSOR,), time="t"))
+    assert len(read.times) == 19
