@@ -15,7 +15,7 @@ from legsim.core.constants import STANDARD_GRAVITY
 from legsim.core.errors import LegsimError, file_error
 from legsim.core.values import FloatArray
 from legsim.imu import moments, packets, recording, units
-from legsim.imu.recording import ImuRecording, checked, gap_note
+from legsim.imu.recording import ImuRecording, check_steady, checked, gap_note
 from legsim.imu.table_rows import Column, number_in, read_rows
 from legsim.imu.units import AccelerationUnit, AngularVelocityUnit, TimeUnit
 from legsim.mocap.c3d_analog import load_analog
@@ -208,7 +208,7 @@ def _of_channels(path: Path, layout: TableLayout, wanted: Sequence[Column]) -> _
     return _Found(
         found.times,
         {column: found.values[:, k] for column, k in at.items()},
-        {column: units.known(found.units[k]) for column, k in at.items()},
+        {column: units.stated(found.units[k]) for column, k in at.items()},
         tuple(f"{path.name}: {note}" for note in found.notes),
     )
 
@@ -265,15 +265,20 @@ def _unit(
     """The unit of the columns, as given, else as the table states it, else the default."""
     for column in columns:
         own = stated[column]
-        if own is not None and given is not None and own != given:
+        if own is not None and given is None and not units.is_known(own):
+            raise LegsimError(
+                f"column {column!r} is stated to be in {own!r}, which is no unit that is read; "
+                f"state {setting}, or convert it"
+            )
+        if own is not None and given is not None and own != given and units.is_known(own):
             raise LegsimError(
                 f"column {column!r} is stated to be in {own}, but {setting} is {given}; correct "
                 "one of them"
             )
-    there = {stated[column] for column in columns} - {None}
+    there = {own for column in columns if (own := stated[column]) and units.is_known(own)}
     if len(there) > 1:
         raise LegsimError(
-            f"columns of one quantity are in {' and '.join(sorted(map(str, there)))}; read their "
+            f"columns of one quantity are in {' and '.join(sorted(there))}; read their "
             "sensors by a TOML each"
         )
     return given or next(iter(there), None) or default
@@ -316,6 +321,7 @@ def recording_of(
     try:
         if apart:  # rows of accelerations and rows of angular velocities
             return checked(recording.merged(name, (times, force), (times, rate)))
+        check_steady(name, times[seen])
         made = checked(ImuRecording(name, times[seen], rate[seen], force[seen]))
         return replace(made, notes=(*gap_note(name, made.times), *made.notes))
     except LegsimError as error:
@@ -329,6 +335,10 @@ def _time_unit(stated: str | None, cells: Sequence[str]) -> TimeUnit:
     for unit in units.SECONDS:
         if unit == stated:
             return unit
+    if stated is not None:
+        raise LegsimError(
+            f"the column of times is stated to be in {stated!r}; state time_unit, or convert it"
+        )
     return "s"
 
 

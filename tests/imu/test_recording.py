@@ -9,6 +9,7 @@ from legsim.core.errors import LegsimError
 from legsim.imu.recording import (
     ImuRecording,
     check_plausible,
+    check_steady,
     gap_note,
     gyroscope_scale,
     held_note,
@@ -137,3 +138,40 @@ def test_readings_that_stand_still_are_noted_and_coarse_ones_are_not():
         angular_velocity=np.round(one.angular_velocity / 0.01) * 0.01,
     )
     assert held_note(coarse) == ()
+
+
+@pytest.mark.parametrize("bias_deg", [0.0, 0.6])
+def test_a_quiet_standers_gyroscope_in_the_other_unit_is_refused(bias_deg):
+    """Its sway is too small, and too shaken by the muscles, to correlate."""
+    rng = np.random.default_rng(3)
+    one = swaying(seconds=20.0, lean=np.radians(0.15))
+    noise = 0.05 * rng.normal(size=one.specific_force.shape)
+    drift = np.cumsum(0.004 * rng.normal(size=noise.shape), axis=0)
+    rate = one.angular_velocity + np.radians([bias_deg, bias_deg, 0])
+    calm = replace(one, specific_force=one.specific_force + noise + drift, angular_velocity=rate)
+    check_plausible(calm)
+    assert abs(gyroscope_scale(calm)[1]) < 0.6
+    with pytest.raises(LegsimError, match="the accelerometer does not see it; state the unit of"):
+        check_plausible(replace(calm, angular_velocity=np.degrees(rate)))
+
+
+def test_a_poor_gyroscope_at_rest_is_taken():
+    """Off by 15 deg/s, and with 20 times the noise of a good one."""
+    one = still(count=6000)
+    rng = np.random.default_rng(5)
+    noise = np.radians(1.0) * rng.normal(size=one.angular_velocity.shape)
+    check_plausible(replace(one, angular_velocity=noise + np.radians([15.0, 0, 0])))
+
+
+def test_losses_and_late_samples_are_no_bursts():
+    rng = np.random.default_rng(1)
+    times = np.arange(3000) / 100
+    kept = rng.random(600) < 0.4
+    for some in (
+        times[np.repeat(kept, 5)],
+        times[rng.random(3000) < 0.4],
+        np.sort(times + rng.uniform(-0.004, 0.004, 3000)),
+        np.r_[times[:1000], times[2000:]],
+        np.r_[times[:1000], 10 + np.arange(3000) / 400],
+    ):
+        check_steady("shank", some)

@@ -173,6 +173,37 @@ def test_counts_become_si_by_the_data_sheet(tmp_path):
         TableLayout((SENSOR,), "g", time="t", counts_per_g=16384)
 
 
+@pytest.mark.parametrize(("unit", "number", "setting"), [
+    ("rpm", 4, "angular_velocity_unit"), ("cm/s²", 1, "acceleration_unit"), ("min", 0, "time_unit"),
+])  # fmt: skip
+def test_a_unit_that_is_not_read_is_asked_about(tmp_path, unit, number, setting):
+    """No default stands in for it."""
+    names = [f"{name} ({unit})" if k == number else name for k, name in enumerate(NAMES)]
+    path = write(tmp_path / "a.csv", rows_of(still(count=20)), names=names)
+    sensor = SensorColumns("shank", tuple(names[1:4]), tuple(names[4:]))
+    with pytest.raises(LegsimError, match=f"stated to be in '{unit}'.*state {setting}"):
+        load(path, TableLayout((sensor,), time=names[0]))
+    given = {
+        "acceleration_unit": "m/s2", "angular_velocity_unit": "rad/s", "time_unit": "s",
+    }  # fmt: skip
+    (read,) = load(path, TableLayout((sensor,), time=names[0], **given))
+    assert len(read.times) == 20
+
+
+def test_times_of_delivery_are_refused_with_the_rate(tmp_path):
+    one = still(count=500)
+    rows = rows_of(one)
+    for k, row in enumerate(rows):
+        row[0] = 0.05 * (k // 5) + 0.001 * (k % 5)
+    path = write(tmp_path / "a.csv", rows)
+    with pytest.raises(
+        LegsimError, match=r"a.csv: .*in bursts: samples 1 ms .* rate_hz, about 100"
+    ):
+        load(path, TableLayout((SENSOR,), time="t"))
+    (read,) = load(path, TableLayout((SENSOR,), rate_hz=100.0))
+    np.testing.assert_allclose(read.times, one.times)
+
+
 @pytest.mark.parametrize(
     "stamp", ["2025-03-01 23:59:59.{:03d}", "2025/03/01T23:59:59.{:03d}Z", "23:59:59,{:03d}"]
 )
