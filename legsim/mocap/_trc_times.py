@@ -14,6 +14,9 @@ from legsim.mocap.trajectories import written_twice
 _SLOWEST_HZ = 2.0
 """no marker is followed so slowly"""
 
+_OTHER_UNITS = {1e-3: "milliseconds", 1e-6: "microseconds", 60.0: "minutes"}
+"""seconds per unit"""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TimeColumn:
@@ -80,17 +83,19 @@ def _check_increase(path: Path, times: FloatArray, column: TimeColumn) -> None:
 
 
 def _seconds(stated: FloatArray, frames: FloatArray, rate: float) -> tuple[float, tuple[str, ...]]:
-    """Seconds in a unit of the time column, and a note where it is in milliseconds, from frame to
-    frame a thousand times what the rate says, or counts frames.
+    """Seconds in a unit of the time column, and a note where it is in another one, by which it goes
+    from frame to frame as the rate says, or counts frames.
     """
     between = np.diff(frames)
     if len(stated) > 1 and rate > _SLOWEST_HZ and (np.diff(stated) == between).all():
         said = f"the time column counts frames: times are from it and DataRate ({rate:g} Hz)"
         return 1 / rate, (said,)
     steps = np.diff(stated) / np.where(between > 0, between, np.nan)
-    if not np.isfinite(steps).any() or abs(np.nanmedian(steps) * rate / 1000 - 1) > 0.02:
-        return 1.0, ()
-    return 1 / 1000, ("the time column is in milliseconds",)
+    usual = np.nanmedian(steps) if np.isfinite(steps).any() else np.nan
+    for seconds, name in _OTHER_UNITS.items():
+        if abs(usual * seconds * rate - 1) <= 0.02:
+            return seconds, (f"the time column is in {name}",)
+    return 1.0, ()
 
 
 def _frame_notes(
@@ -108,6 +113,11 @@ def _frame_notes(
     if fast > 1.5 * slow:
         return (f"the rate varies between {slow:.3g} and {fast:.3g} Hz by the time column",)
     found = (len(times) - 1) / (times[-1] - times[0])
+    if found <= _SLOWEST_HZ:
+        return (
+            f"warning: a sample every {1 / found:.3g} s: no movement is followed so slowly, see "
+            "whether the times are in seconds",
+        )
     if abs(found / rate - 1) < 0.02:
         return ()
     return (f"the header says {rate:g} Hz, the time column {found:.4g} Hz, which is taken",)

@@ -61,7 +61,7 @@ def load_analog(path: Path | str) -> AnalogChannels:
     if _unsigned(header):
         offsets = np.where(offsets < 0, offsets + 65536, offsets)
     values = (raw - offsets) * scales
-    first = (max(header.first_frame, 1) - 1) / rate
+    first = (c3d.first_frame(header) - 1) / rate
     labels = _texts(header, "LABELS", channels)
     named = tuple(label or f"*{k + 1}" for k, label in enumerate(labels))
     times = first + np.arange(len(values)) / (rate * per_frame)

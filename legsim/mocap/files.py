@@ -42,14 +42,18 @@ def _begins_text(pattern: str) -> Callable[[bytes], bool]:
     return begins
 
 
+_begins_trc = _begins_text(r"\Apathfiletype")
+
+
+def _begins_c3d(start: bytes) -> bool:
+    # a blank line, or a tab, and "P" are such bytes too
+    blocks = len(start) > 1 and start[1] == 0x50 and 2 <= start[0] < 32
+    return blocks and not _begins_trc(start)
+
+
 FORMATS = (
-    Format(
-        "C3D",
-        (".c3d",),
-        lambda start: len(start) > 1 and start[1] == 0x50 and 2 <= start[0] < 32,
-        c3d.read,
-    ),
-    Format("TRC", (".trc",), _begins_text(r"\Apathfiletype"), trc.read, write_markers=trc.save),
+    Format("C3D", (".c3d",), _begins_c3d, c3d.read),
+    Format("TRC", (".trc",), _begins_trc, trc.read, write_markers=trc.save),
     Format(
         "storage",
         (".mot", ".sto"),
