@@ -41,6 +41,14 @@ def document(path: Path, *, bare: Collection[str] = ()) -> Element:
     return root
 
 
+def flag(element: Element, tag: str, *, missing: bool = False) -> bool:
+    """Whether a child element is true, as OpenSim reads it: "true" or "1"; ``missing`` where there
+    is none, or it is empty.
+    """
+    text = (element.findtext(tag) or "").strip().lower()
+    return text in ("true", "1") if text else missing
+
+
 def _as_xml(text: bytes) -> str:
     """What OpenSim reads although it is no XML, as XML: credits in Windows' code page, a bare &,
     names such as HuntCrossleyForce::ContactParameters.

@@ -17,7 +17,7 @@ from legsim.mocap import outliers
 from legsim.mocap.raw import UNITS_PER_METER
 from legsim.mocap.trajectories import JointTrajectories, written_twice
 
-_TRANSLATION = re.compile(r".*_t[xyz]")
+_TRANSLATION = re.compile(r".*_t[xyz](_[rl])?")
 
 _COUPLED = re.compile(r".*_beta")
 
@@ -99,7 +99,7 @@ class RawCoordinates:
     ) -> JointTrajectories:
         """The coordinates in radians and meters, whatever they then are.
 
-        Rotations alone are in degrees: not the translations (``*_tx, *_ty, *_tz``), and not the
+        Rotations alone are in degrees: not the translations (``*_ty``, ``*_ty_r``), and not the
         coupled coordinates (``*_beta``), which OpenSim leaves in radians.
 
         Args:
@@ -165,7 +165,12 @@ class RawCoordinates:
 
 def is_rotation(coordinate: str) -> bool:
     """Whether OpenSim converts a coordinate of this name between degrees and radians."""
-    return not (_TRANSLATION.fullmatch(coordinate) or _COUPLED.fullmatch(coordinate))
+    return not (is_translation(coordinate) or _COUPLED.fullmatch(coordinate))
+
+
+def is_translation(coordinate: str) -> bool:
+    """Whether a coordinate of this name is a length, also a joint's (knee_ty_r)."""
+    return _TRANSLATION.fullmatch(coordinate) is not None
 
 
 def is_of_leg(name: str) -> bool:

@@ -19,7 +19,7 @@ from legsim.core.errors import file_error
 from legsim.core.values import FloatArray
 from legsim.mocap._stated_times import full_times, last_digit
 from legsim.mocap.cells import number
-from legsim.mocap.coordinates import RawCoordinates
+from legsim.mocap.coordinates import RawCoordinates, is_translation
 from legsim.mocap.trajectories import JointTrajectories, MarkerTrajectories, written_twice
 
 _AXES = ("_x_m", "_y_m", "_z_m")
@@ -134,7 +134,7 @@ def _check_unique(path: Path, names: tuple[str, ...]) -> None:
 
 
 def _unit(coordinate: str) -> str:
-    return "_m" if re.fullmatch(r".*_t[xyz]", coordinate) else "_rad"
+    return "_m" if is_translation(coordinate) else "_rad"
 
 
 def _save(path: Path, header: list[str], times: FloatArray, table: FloatArray) -> None:

@@ -40,6 +40,8 @@ def test_coordinates_are_loaded_to_the_last_bit(tmp_path, motion):
 
 def test_the_header_tells_names_and_units(tmp_path):
     path = tmp_path / "table.csv"
+    csv.save_coordinates(path, JointTrajectories([0.0], ("knee_ty_r",), [[-0.4]]))
+    assert path.read_text() == "time_s,knee_ty_r_m\n0.0,-0.4\n"
     csv.save_coordinates(
         path, JointTrajectories([0.0], ("pelvis_tx", "knee_angle_r"), [[1.0, 0.5]])
     )

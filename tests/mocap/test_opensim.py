@@ -195,6 +195,8 @@ def test_what_opensim_cannot_read_is_not_written(tmp_path, name, value, message)
     [
         ("pelvis_tx", False),
         ("pelvis_tilt", True),
+        ("knee_ty_r", False),
+        ("pf_tx_l", False),
         ("knee_angle_l_beta", False),
         ("mtp_angle_r", True),
     ],
