@@ -299,6 +299,13 @@ class MovingLeg:
                 "decided by the stated priors, tasks or locks rather than the markers: "
                 f"{', '.join(loose)}"
             )
+        if self.fit.registration is not None:
+            found = self.fit.registration
+            lines.append(
+                f"lengths and places of markers found from {found.frames} "
+                f"posture{'s' * (found.frames > 1)}, by an error of {1e3 * found.error:.2g} mm per "
+                "marker and axis"
+            )
         lines.append(f"least known, by one standard deviation: {self._least_known()}")
         lines += [f"warning: {line}" for line in self.warnings]
         if len(ik.frames_unconverged):
