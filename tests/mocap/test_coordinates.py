@@ -165,3 +165,21 @@ def test_a_row_written_twice_with_rounded_times_is_left_out():
         "1 row left out, which follow the row before by less than any rounding (first 1e-09 s "
         "after 0.825 s)",
     )
+
+
+def test_every_second_row_written_twice_is_left_out():
+    """A motion of 60 Hz that was written at 120."""
+    given = squat()[np.arange(240) // 2 * 2]
+    motion, notes = raw(given).to_plausible_motion()
+    np.testing.assert_array_equal(motion.values, squat()[::2])
+    np.testing.assert_array_equal(motion.times, TIMES[::2])
+    (note,) = notes
+    assert note.startswith("warning: 120 of 240 frames repeat the frame before exactly")
+
+
+def test_a_computed_movement_may_pause():
+    given = squat()
+    given[100:120] = given[99]
+    motion, notes = raw(given).to_plausible_motion()
+    assert len(motion.times) == 240
+    assert notes == ()
