@@ -100,12 +100,12 @@ def clean(
     """Clean trajectories of the roles, at even times, with a report.
 
     In this order: frames that repeat the frame before are left out (:mod:`legsim.mocap.copies`),
-    samples that only repeat the last one are taken as not seen (:mod:`legsim.mocap.held`), labels are looked up, times made even, jumps removed
-    (:mod:`legsim.mocap.outliers`), short gaps bridged by cubic splines, longer ones from three
-    other markers on the same segment where these are seen (:mod:`legsim.mocap.gap_filling`),
-    several labels of a role averaged, and each unbroken stretch filtered by itself, so that a
-    dropout never smears into motion. Frames before and after the person is in view are left out
-    (:mod:`legsim.mocap.in_view`).
+    samples that only repeat the last one are taken as not seen (:mod:`legsim.mocap.held`), labels
+    are looked up, times made even, jumps removed (:mod:`legsim.mocap.outliers`), short gaps bridged
+    by cubic splines, longer ones from three other markers on the same segment where these are seen
+    (:mod:`legsim.mocap.gap_filling`), several labels of a role averaged, and each unbroken stretch
+    filtered by itself, so that a dropout never smears into motion. Frames before and after the
+    person is in view are left out (:mod:`legsim.mocap.in_view`).
 
     The filter is a second-order Butterworth low-pass run forwards and backwards (zero phase).
     ``filter_hz`` is the cut-off of each pass, not corrected for the second: together they halve the
