@@ -15,6 +15,7 @@ from legsim.kinematics import (
     from_coordinates,
     ik_tasks,
     inverse_kinematics,
+    late_markers,
     marker_sites,
     on_osim_model,
     osim_registration,
@@ -296,7 +297,11 @@ def _solved(
         scaled_from=printable(how.source),
         settled_hz=settled_hz,
     )
-    notes = (*how.notes, *_stance.notes(shown, placed))
+    alone = Problem(leg, placed.only(names), how.options)
+    late = late_markers.notes(
+        late_markers.find_late(alone, solution.trajectories, shown), fit.labels()
+    )
+    notes = (*how.notes, *_stance.notes(shown, placed), *late)
     return MovingLeg(printable(path.name), leg, settled, fit, notes)
 
 
