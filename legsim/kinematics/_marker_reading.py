@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from legsim.core.errors import LegsimError
-from legsim.kinematics import marker_sites, on_osim_model
+from legsim.kinematics import _osim_exchanged, marker_sites, on_osim_model
 from legsim.kinematics._ik_names import Tasks, left_out
 from legsim.kinematics.from_coordinates import named
 from legsim.kinematics.marker_sites import MarkerSites
@@ -99,6 +99,7 @@ def by_own_names(
     )
     named(path, lambda: on_osim_model.check_unit(sites, measured))
     named(path, lambda: on_osim_model.check_sides(sites, measured))
+    named(path, lambda: _osim_exchanged.check(sites, measured))
     sites = sites.only([name for name in sites.names if name in measured.marker_names])
     return (
         measured,
