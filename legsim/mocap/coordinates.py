@@ -258,7 +258,8 @@ def _check_degrees(raw: RawCoordinates) -> None:
     most = float(values.max())
     none_negative = (raw.values[:, turning] >= -1e-9).all()
     alike = joint_most <= _HALF_TURN or (none_negative and joint_most <= _TURN)
-    if (_SMALL < most <= _TURN and alike) or _steps_by_turns(raw.values[:, turning]):
+    wraps = joint_most <= _TURN and _steps_by_turns(raw.values[:, turning])
+    if (_SMALL < most <= _TURN and alike) or wraps:
         name = raw.names[turning[int(values.max(0).argmax())]]
         raise file_error(
             raw.path,

@@ -53,10 +53,10 @@ class Copies:
         said, count = [], int(self.frames.sum())
         if self.at_a_beat:
             rate = (len(times) - 1) / float(times[-1] - times[0])
-            made = rate * (1 - self.share)
+            made = float(f"{rate * (1 - self.share):.2g}")
             said.append(
                 f"warning: {count} of {len(times)} frames repeat the frame before exactly, so that "
-                f"a recording of about {made:.2g} Hz was exported at {rate:.3g} Hz: they are left "
+                f"a recording of about {made:g} Hz was exported at {rate:.4g} Hz: they are left "
                 "out; export it at its own rate"
             )
         elif count:

@@ -183,3 +183,14 @@ def test_a_computed_movement_may_pause():
     motion, notes = raw(given).to_plausible_motion()
     assert len(motion.times) == 240
     assert notes == ()
+
+
+def test_degrees_whose_widest_step_is_that_of_a_turn_in_radians_are_degrees():
+    """A knee of 120 degrees that is sampled with few frames may step by 6.28 degrees."""
+    values = in_degrees(squat())[::8]
+    k = NAMES.index("knee_angle_l")
+    values[:, k] = -120.0 + 0.1 * np.arange(len(values))
+    values[15:, k] += 2 * np.pi - 0.1
+    values[:, [j for j in TURNING if j != k]] *= 0.02
+    motion, _ = raw(values, degrees=True, times=TIMES[::8]).to_plausible_motion()
+    assert motion.coordinate("knee_angle_l")[0] == pytest.approx(np.radians(-120))
