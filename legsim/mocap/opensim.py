@@ -29,8 +29,8 @@ _STATE = re.compile(r"(?:.*/)?([^/]+)/value")
 
 _NO_COORDINATES = re.compile(
     r"speeds?|accelerations?|position ?errors?|controls?|pseudo ?\w*|"
-    r"actuator ?(forces|speeds|powers)|(model)?forces|inverse dynamics.*|static optimization|joint ?reactions?.*|"
-    r"induced ?accelerations?.*",
+    r"actuator ?(forces|speeds|powers)|(model)?forces|"
+    r"inverse dynamics.*|static optimization|joint ?reactions?.*|induced ?accelerations?.*",
     re.I,
 )
 """names, in the first line, of OpenSim's results that have the coordinates' names and other
