@@ -13,6 +13,7 @@ from legsim.core.errors import file_error
 from legsim.core.values import FloatArray
 from legsim.mocap import c3d
 from legsim.mocap._c3d_header import BLOCK, CURE, C3dHeader, floats, integers, read_header
+from legsim.mocap._c3d_scale import with_true_sign
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -38,7 +39,7 @@ def load_analog(path: Path | str) -> AnalogChannels:
     """
     path = Path(path)
     data = c3d.file_bytes(path)
-    header = read_header(path, data)
+    header = with_true_sign(read_header(path, data), data)
     notes = list(header.notes)
     used = _one(header, "USED", 0.0)
     channels = int(used) if np.isfinite(used) else 0
