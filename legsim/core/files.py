@@ -49,11 +49,9 @@ def read(path: Path, kind: str) -> list[str]:
     Raises:
         LegsimError: the file cannot be read, is empty, or holds binary data.
     """
-    try:
-        data = path.read_bytes()
-    except OSError as error:
-        raise file_error(path, f"cannot be read ({error.strerror})", "check the path") from error
-    if not _text(data).strip():
+    data = content(path)
+    text = _text(data)
+    if not text.strip():
         raise file_error(path, "the file is empty", "export it again")
     if b"\0" in data and not data.startswith(_UTF16):
         raise file_error(
@@ -61,7 +59,21 @@ def read(path: Path, kind: str) -> list[str]:
             f"holds binary data, not the text of a {kind} file",
             "check the file's type, or export it again",
         )
-    return _split(_text(data))
+    return _split(text)
+
+
+def content(path: Path) -> bytes:
+    """A file's bytes.
+
+    Raises:
+        LegsimError: it cannot be read, or no file can have that name.
+    """
+    try:
+        return path.read_bytes()
+    except OSError as error:
+        raise file_error(path, f"cannot be read ({error.strerror})", "check the path") from error
+    except ValueError as error:  # a null in the name
+        raise file_error(path, f"cannot be read ({error})", "check the path") from error
 
 
 def load_npy(path: Path, fix: str) -> Any:
@@ -90,9 +102,7 @@ def load_toml(path: Path, fix: str = "fix that place") -> dict[str, Any]:
         LegsimError: it cannot be read, or is not TOML; ``fix`` says what to do about the latter.
     """
     try:
-        return tomllib.loads(path.read_bytes().decode("utf-8-sig"))
-    except OSError as error:
-        raise file_error(path, f"cannot be read ({error.strerror})", "check the path") from error
+        return tomllib.loads(content(path).decode("utf-8-sig"))
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise file_error(path, f"is not TOML ({error})", fix) from error
 

@@ -78,7 +78,10 @@ def cells_of(line: str, delimiter: str) -> list[str]:
     """Cells of a line, without blanks and quotes around them."""
     if delimiter == " ":
         return line.split()
-    return [cell.strip() for cell in next(csv.reader([line], delimiter=delimiter), [])]
+    try:
+        return [cell.strip() for cell in next(csv.reader([line], delimiter=delimiter), [])]
+    except csv.Error:  # a cell longer than any number or name
+        return [line]
 
 
 def number_in(path: Path, line: int, text: str, column: Column) -> float:

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from legsim.core import files
 from legsim.core.errors import file_error
 from legsim.core.values import FloatArray
 from legsim.mocap._c3d_header import BLOCK, CURE, C3dHeader, floats, integers, read_header
@@ -47,7 +48,7 @@ def read(path: Path | str) -> RawMarkers:
         LegsimError: as :func:`load`.
     """
     path = Path(path)
-    data = file_bytes(path)
+    data = files.content(path)
     header = with_true_sign(read_header(path, data), data)
     notes = list(header.notes)
     _check_points(header)
@@ -61,18 +62,6 @@ def read(path: Path | str) -> RawMarkers:
     return RawMarkers(
         str(path), times, labels, positions[:, kept], unit, _screen_up(header), "z", tuple(notes)
     )
-
-
-def file_bytes(path: Path) -> bytes:
-    """Content of a file.
-
-    Raises:
-        LegsimError: it cannot be read.
-    """
-    try:
-        return path.read_bytes()
-    except OSError as error:
-        raise file_error(path, f"cannot be read ({error.strerror})", "check the path") from error
 
 
 def _check_points(header: C3dHeader) -> None:

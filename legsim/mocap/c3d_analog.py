@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from legsim.core import files
 from legsim.core.errors import file_error
 from legsim.core.values import FloatArray
 from legsim.mocap import c3d
@@ -38,7 +39,7 @@ def load_analog(path: Path | str) -> AnalogChannels:
         LegsimError: a file that is no C3D or is damaged, or that has no channel.
     """
     path = Path(path)
-    data = c3d.file_bytes(path)
+    data = files.content(path)
     header = with_true_sign(read_header(path, data), data)
     notes = list(header.notes)
     used = _one(header, "USED", 0.0)

@@ -96,6 +96,7 @@ class RawCoordinates:
         in_degrees: bool | None = None,
         unit: str | None = None,
         rotations: Collection[str] | None = None,
+        lengths: Collection[str] | None = None,
     ) -> JointTrajectories:
         """The coordinates in radians and meters, whatever they then are.
 
@@ -107,6 +108,7 @@ class RawCoordinates:
             unit: of the translations, a key of ``UNITS_PER_METER``; meters by default.
             rotations: names of the coordinates that are in degrees in such a file; None tells by
                 name.
+            lengths: names of those that are lengths, the same.
 
         Raises:
             LegsimError: the file does not say whether angles are in degrees, or times repeat.
@@ -129,7 +131,11 @@ class RawCoordinates:
             ]
             values[:, turning] = np.deg2rad(values[:, turning])
         if unit is not None:
-            sliding = [k for k, name in enumerate(self.names) if _TRANSLATION.fullmatch(name)]
+            sliding = [
+                k
+                for k, name in enumerate(self.names)
+                if (is_translation(name) if lengths is None else name in lengths)
+            ]
             values[:, sliding] /= UNITS_PER_METER[unit]
         return JointTrajectories(self.times, self.names, values)
 
@@ -139,12 +145,13 @@ class RawCoordinates:
         in_degrees: bool | None = None,
         unit: str | None = None,
         rotations: Collection[str] | None = None,
+        lengths: Collection[str] | None = None,
     ) -> tuple[JointTrajectories, tuple[str, ...]]:
         """The coordinates in radians and meters, without wraps, and notes on what was put right and
         on what no body does.
 
-        What is given by ``in_degrees`` and ``unit`` is believed; ``rotations`` as of
-        :meth:`to_motion`.
+        What is given by ``in_degrees`` and ``unit`` is believed; ``rotations`` and
+        ``lengths`` as of :meth:`to_motion`.
 
         Raises:
             LegsimError: as :meth:`to_motion`; or the times are not in seconds, the angles not in
@@ -152,7 +159,9 @@ class RawCoordinates:
         """
         raw, notes = _without_repeats(self)
         raw, copied = _without_copies(raw)
-        motion = raw.to_motion(in_degrees=in_degrees, unit=unit, rotations=rotations)
+        motion = raw.to_motion(
+            in_degrees=in_degrees, unit=unit, rotations=rotations, lengths=lengths
+        )
         _check_seconds(raw)
         if in_degrees is None:
             _check_degrees(raw)

@@ -129,8 +129,7 @@ def resolve(
         refuse_options(path, {"up": up}, "joint coordinates, not markers")
         return Recording(*raw.to_plausible_motion(in_degrees=in_degrees, unit=unit))
     refuse_options(path, {"angles": in_degrees}, "markers, not joint coordinates")
-    motion = raw.to_motion(unit=unit, up=up)
-    vertical = raw.vertical(up, unit=unit)
+    motion, vertical = raw.oriented(unit=unit, up=up)
     said = f"lengths in {raw.resolved_unit(unit)}, {vertical.axis} up ({vertical.reason})"
     return Recording(motion, (said, *raw.notes))
 
@@ -241,6 +240,8 @@ def format_of(path: Path | str) -> Format:
             start = file.read(4096)
     except OSError as error:
         raise file_error(path, f"cannot be read ({error.strerror})", "check the path") from error
+    except ValueError as error:  # a null in the name
+        raise file_error(path, f"cannot be read ({error})", "check the path") from error
     for form in FORMATS:
         if form.begins(start):
             return form
