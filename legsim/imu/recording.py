@@ -40,6 +40,9 @@ _FAR, _STILL = 1.0, np.radians(30.0)
 _SWAY, _UNLIKE = 0.3, 10.0
 """m/s^2 of gravity's sway by a gyroscope, beyond any noise, and times that of the accelerometer"""
 
+_CALM = 1.0
+"""m/s^2 of deviation of somebody who stands"""
+
 _LONG_GAP = 0.1
 """s; motion of 6 Hz cannot be interpolated over more"""
 
@@ -283,7 +286,9 @@ def _check_still(where: str, recording: ImuRecording) -> None:
     upright = np.quantile(force @ up / np.linalg.norm(force, axis=-1), 0.05) > np.cos(_STILL)
     gyroscope, seen = (float(np.sqrt((v**2).mean())) for v in _gravity_turns(recording))
     drifts = upright and tilting > _FASTEST_BIAS and turn > _FAR
-    sways = gyroscope > max(_SWAY, _UNLIKE * seen)
+    # of somebody who runs, what shakes the sensor makes up for most of the gyroscope's part
+    calm = float(force.std(0).max()) < _CALM
+    sways = calm and gyroscope > max(_SWAY, _UNLIKE * seen)
     if drifts or sways:
         by = f"{np.degrees(tilting):.0f} deg/s on end" if drifts else "many times as far"
         raise LegsimError(

@@ -175,3 +175,14 @@ def test_losses_and_late_samples_are_no_bursts():
         np.r_[times[:1000], 10 + np.arange(3000) / 400],
     ):
         check_steady("shank", some)
+
+
+def test_a_shaken_sensor_is_not_held_to_gravity_alone():
+    """Impacts in step with turns, more in some strides than in others, as of somebody who runs."""
+    one = swaying(seconds=20.0, lean=0.02)
+    stride = 2 * np.pi * 2.8 * one.times
+    strength = 1 + 0.5 * np.sin(2 * np.pi * 0.22 * one.times)
+    rate, force = np.array(one.angular_velocity), np.array(one.specific_force)
+    rate[:, 0] += 5 * np.sin(stride)
+    force[:, 2] += 12 * strength * np.sin(stride)
+    check_plausible(replace(one, angular_velocity=rate, specific_force=force))
