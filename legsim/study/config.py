@@ -10,7 +10,7 @@ from pydantic import Field
 from legsim import config
 from legsim.config import ConfigSection, RunConfig
 from legsim.core.errors import LegsimError, file_error
-from legsim.core.files import is_file
+from legsim.core.files import is_file, load_toml
 from legsim.imu.calibration import CalibrationKind
 from legsim.imu.noise import Convention
 from legsim.study.results import NoiseLevel
@@ -152,7 +152,7 @@ def load(
         LegsimError: no such study, or a key or value that is not allowed.
     """
     file = _find(path)
-    tree = config.read(file)
+    tree = load_toml(file)
     if preset is not None:
         tree["preset"] = preset
     if recordings:
