@@ -186,9 +186,13 @@ def projections_of(
 
 
 def read_field(path: Path | str, raw: RawLayout | None = None) -> FloatArray:
-    """(rows, columns) of a flat or dark field or a map of bad pixels: the mean of its images."""
+    """(rows, columns) of a flat or dark field or a map of bad pixels: the mean of its images.
+
+    Not finite where an image is not, which makes a bad pixel of it.
+    """
     one = None if raw is None else replace(raw, views=1)
-    return read_images(path, raw=one).values.mean(axis=0, dtype=float)
+    with np.errstate(over="ignore", invalid="ignore"):
+        return read_images(path, raw=one).values.mean(axis=0, dtype=float)
 
 
 def read_counts(
