@@ -183,7 +183,7 @@ def test_a_studys_folder_takes_no_run_and_a_runs_folder_no_study(tmp_path):
         run_folder.check_kind(tmp_path / "runs" / "one", "study")
 
 
-def test_a_folder_of_an_older_version_is_told_by_its_stages(tmp_path):
+def test_a_folder_of_an_older_version_is_known_by_its_stages(tmp_path):
     for stage, kind in (("replay", "replay"), ("geometry", "run"), ("kinematics", None)):
         content = {"schema": run_folder.SCHEMA, "stages": {stage: {}}}
         (tmp_path / "manifest.json").write_text(json.dumps(content))
