@@ -298,12 +298,27 @@ def _read_series(place: Path, raw: RawLayout | None) -> ProjectionImages:
         notes += more
     one = None if raw is None else replace(raw, views=1)
     parts = [_read_file(path, one) for path in members]
+    # each file of DICOM has a rescaling of its own, which some leave out
+    _check_alike(members, parts, own_kinds=by_dicom)
+    first = parts[0]
+    angles = [part.angles_deg for part in parts]
+    known = [a for a in angles if a is not None]
+    return ProjectionImages(
+        np.concatenate([part.values for part in parts]),
+        first.pixel_mm,
+        first.origin_mm,
+        np.concatenate(known) if len(known) == len(angles) else None,
+        first.no_counts,
+        (*notes, *_few(dict.fromkeys(note for part in parts for note in part.notes))),
+    )
+
+
+def _check_alike(members: list[Path], parts: list[ProjectionImages], *, own_kinds: bool) -> None:
+    """Refuses files of several scans; those of ``own_kinds`` may hold several kinds of numbers."""
     first = parts[0]
     for path, part in zip(members, parts, strict=True):
-        if (
-            part.values.shape[1:] != first.values.shape[1:]
-            # each file of DICOM has a rescaling of its own, which some leave out
-            or (part.values.dtype != first.values.dtype and not by_dicom)
+        if part.values.shape[1:] != first.values.shape[1:] or (
+            part.values.dtype != first.values.dtype and not own_kinds
         ):
             raise file_error(
                 path,
@@ -325,16 +340,6 @@ def _read_series(place: Path, raw: RawLayout | None) -> ProjectionImages:
                 f"has pixels of {part.pixel_mm} mm, {members[0].name} of {first.pixel_mm}",
                 "give the views of one scan alone",
             )
-    angles = [part.angles_deg for part in parts]
-    known = [a for a in angles if a is not None]
-    return ProjectionImages(
-        np.concatenate([part.values for part in parts]),
-        first.pixel_mm,
-        first.origin_mm,
-        np.concatenate(known) if len(known) == len(angles) else None,
-        first.no_counts,
-        (*notes, *_few(dict.fromkeys(note for part in parts for note in part.notes))),
-    )
 
 
 def _few(notes: Iterable[str]) -> list[str]:

@@ -151,34 +151,7 @@ def scan(job: ScanJob, on_progress: OnProgress | None = None) -> tuple[ScanScore
     )
 
     def run() -> list[dict[str, Any]]:
-        memory.give_back()  # what the scan before has left
-        store = StageCache(job.store)
-        clean = job.noise is None and not job.sensor
-        result = pipeline.run_scan(
-            settings,
-            job.folder,
-            device=job.device,
-            on_progress=on_progress or _quiet,
-            store=store,
-            presented=clean,
-        )
-        place = job.folder.relative_to(job.study_folder).as_posix()
-        scores = [
-            ScanScore(
-                job.subject,
-                job.posture,
-                m.method,
-                job.noise,
-                job.repetition,
-                m.metrics,
-                m.residuals,
-                m.seconds,
-                place,
-                job.sensor,
-            )
-            for m in result.methods
-        ]
-        return [asdict(score) for score in scores]
+        return [asdict(score) for score in _scan(job, on_progress or _quiet)]
 
     path = job.study_folder / "scores" / f"{job.name}.json"
     if not (job.folder / "manifest.json").is_file():
@@ -186,6 +159,34 @@ def scan(job: ScanJob, on_progress: OnProgress | None = None) -> tuple[ScanScore
         # store
         path.unlink(missing_ok=True)
     return tuple(results.score_from(entry) for entry in kept.entries(path, key, run))
+
+
+def _scan(job: ScanJob, on_progress: OnProgress) -> list[ScanScore]:
+    memory.give_back()  # what the scan before has left
+    result = pipeline.run_scan(
+        job.settings,
+        job.folder,
+        device=job.device,
+        on_progress=on_progress,
+        store=StageCache(job.store),
+        presented=job.noise is None and not job.sensor,
+    )
+    place = job.folder.relative_to(job.study_folder).as_posix()
+    return [
+        ScanScore(
+            job.subject,
+            job.posture,
+            m.method,
+            job.noise,
+            job.repetition,
+            m.metrics,
+            m.residuals,
+            m.seconds,
+            place,
+            job.sensor,
+        )
+        for m in result.methods
+    ]
 
 
 def ladder(job: LadderJob, on_progress: OnProgress | None = None) -> tuple[LadderScore, ...]:
