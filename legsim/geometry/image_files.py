@@ -257,15 +257,20 @@ def load_projections(path: Path | str, geometry: ConeBeamGeometry) -> Projection
             f"holds {header.size} columns, rows and views, but the geometry describes {expected}",
             "give the geometry file that belongs to these projections",
         )
-    if not np.isfinite(values).all():
-        view = int(np.flatnonzero(~np.isfinite(values).all(axis=(1, 2)))[0])
+    check_finite(path, values)
+    return Projections(geometry, values)
+
+
+def check_finite(path: Path | str, views: NDArray) -> None:
+    """Refuses views (v, rows, columns) with a value that is not finite, naming the first."""
+    finite = np.isfinite(views).all(axis=(1, 2))
+    if not finite.all():
         raise file_error(
             path,
             "holds values that are not finite numbers",
             "replace them before reconstructing",
-            place=f"view {view}",
+            place=f"view {int(np.argmin(finite))}",
         )
-    return Projections(geometry, values)
 
 
 def read_stored(

@@ -158,14 +158,8 @@ def projections_of(
             f"{expected}",
             "give the geometry file that belongs to these projections",
         )
-    if values.dtype.kind == "f" and counts is None and not np.isfinite(values).all():
-        view = int(np.flatnonzero(~np.isfinite(values).all(axis=(1, 2)))[0])
-        raise file_error(
-            path,
-            "holds values that are not finite numbers",
-            "replace them before reconstructing",
-            place=f"view {view}",
-        )
+    if counts is None and values.dtype.kind == "f":
+        image_files.check_finite(path, values)
     notes = [*images.notes, *_angle_notes(images, geometry)]
     if counts is not None and line_integrals:
         raise LegsimError(f"{path}: counts or line integrals? say one of the two")
