@@ -288,3 +288,8 @@ def test_commands_in_the_documents_have_options_and_settings_that_exist(line):
         command = command.commands[words.pop(0)]
     given = command.make_context("legsim", words).params
     config.load_settings(overrides=tuple(given.get("settings") or ()))
+
+
+def test_a_choice_that_does_not_exist_is_refused_in_plain_words(capsys):
+    said = " ".join(failure(capsys, "run", "--preset", "tiny").split())
+    assert said.startswith("error: Invalid value for '--preset': 'tiny' is not one of 'demo'"), said
