@@ -30,7 +30,7 @@ from legsim.core.errors import LegsimError, file_error
 from legsim.core.files import is_file
 from legsim.core.memory import in_words
 from legsim.core.values import LARGEST, Float32Array, FloatArray, within
-from legsim.geometry import _meta_header, _nifti_header, _whole_files
+from legsim.geometry import _meta_header, _nifti_header, _nrrd_header, _whole_files
 from legsim.geometry.cone_beam import ConeBeamGeometry, Projections
 from legsim.geometry.volume import Volume, VolumeGrid
 
@@ -334,7 +334,7 @@ def read_samples(path: Path | str) -> tuple[np.ndarray, FloatArray, FloatArray, 
     path = Path(path)
     reader = _open(path)
     direction = np.array(reader.GetDirection()).reshape(3, 3)
-    if not np.allclose(direction.T @ direction, np.eye(3), atol=1e-3):
+    if not within(direction) or not np.allclose(direction.T @ direction, np.eye(3), atol=1e-3):
         raise file_error(
             path,
             f"its axes are not at right angles (direction cosines {direction.ravel().tolist()})",
@@ -347,6 +347,7 @@ def read_samples(path: Path | str) -> tuple[np.ndarray, FloatArray, FloatArray, 
 def _open(path: Path, dimensions: tuple[int, ...] = (3,)) -> sitk.ImageFileReader:
     if not is_file(path):
         raise file_error(path, "no such file", "check the name")
+    _nrrd_header.check(path)
     reader = sitk.ImageFileReader()
     reader.SetFileName(str(path))
     if path.suffix.lower() in (".mha", ".mhd"):

@@ -98,9 +98,11 @@ def read_images(path: Path | str, *, raw: RawLayout | None = None) -> Projection
             a file that is broken; the line says what to do.
     """
     path = Path(path)
-    if not os.path.isdir(path) and not view_files.is_pattern(path):
-        return _read_file(path, raw)
-    return _read_series(path, raw)
+    several = os.path.isdir(path) or view_files.is_pattern(path)
+    images = _read_series(path, raw) if several else _read_file(path, raw)
+    if not images.values.size:
+        raise file_error(path, "holds no pixel", "export it again")
+    return images
 
 
 def members(path: Path | str) -> list[Path]:

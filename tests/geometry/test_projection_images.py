@@ -192,3 +192,9 @@ def test_a_flat_field_that_is_infinite_in_a_pixel_has_a_bad_one_there(tmp_path, 
     made = geometry_counts.line_integrals(5e4 * np.exp(-thick), counts)
     np.testing.assert_allclose(made.values, thick, atol=2e-3)
     assert "3 dead" in made.notes[0]
+
+
+def test_images_without_a_pixel_are_refused(tmp_path):
+    np.save(tmp_path / "none.npy", np.zeros((0, 6, 7)))
+    with pytest.raises(LegsimError, match=r"none\.npy: holds no pixel"):
+        read_images(tmp_path / "none.npy")
