@@ -62,18 +62,18 @@ def read(path: Path, kind: str) -> list[str]:
     return _split(text)
 
 
-def content(path: Path) -> bytes:
+def content(path: Path, fix: str = "check the path") -> bytes:
     """A file's bytes.
 
     Raises:
-        LegsimError: it cannot be read, or no file can have that name.
+        LegsimError: it cannot be read, or no file can have that name; ``fix`` says what to do.
     """
     try:
         return path.read_bytes()
     except OSError as error:
-        raise file_error(path, f"cannot be read ({error.strerror})", "check the path") from error
+        raise file_error(path, f"cannot be read ({error.strerror})", fix) from error
     except ValueError as error:  # a null in the name
-        raise file_error(path, f"cannot be read ({error})", "check the path") from error
+        raise file_error(path, f"cannot be read ({error})", fix) from error
 
 
 def load_npy(path: Path, fix: str) -> Any:
@@ -101,9 +101,12 @@ def load_toml(path: Path, fix: str = "fix that place") -> dict[str, Any]:
     Raises:
         LegsimError: it cannot be read, or is not TOML; ``fix`` says what to do about the latter.
     """
+    find = "give the path of a TOML file"
+    if not os.path.exists(path):
+        raise file_error(path, "no such file", find)
     try:
-        return tomllib.loads(content(path).decode("utf-8-sig"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        return tomllib.loads(content(path, find).decode("utf-8-sig"))
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
         raise file_error(path, f"is not TOML ({error})", fix) from error
 
 

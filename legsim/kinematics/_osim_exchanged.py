@@ -35,8 +35,8 @@ def check(sites: MarkerSites, measured: MarkerTrajectories) -> None:
     mates = np.equal.outer(np.array(known.segments), np.array(known.segments))
     mates &= ~np.eye(len(names), dtype=bool)
     plain = np.arange(len(names))
-    off = [_off(k, plain, seen, model, mates) for k in plain]
-    for one, other in combinations(plain, 2):
+    off = [_off(k, plain, seen, model, mates) for k in range(len(names))]
+    for one, other in combinations(range(len(names)), 2):
         if mates[one, other] or not max(off[one], off[other]) > _WRONG:
             continue
         turned = plain.copy()

@@ -56,7 +56,7 @@ def find_late(
     velocity = (np.gradient(measured.positions_world, axis=0) / step)[some]
     jacobian, points = _jacobian(problem, problem.leg.values_of(solution)[some])
     residual = measured.positions_world[some] - points
-    there = np.isfinite(residual + velocity).all(-1)
+    there = np.asarray(np.isfinite(residual + velocity).all(-1))
     weights = there * problem.sites.weights
     velocity, residual = (np.where(there[..., None], v, 0.0) for v in (velocity, residual))
     weighted = jacobian * weights[:, None, :, None]

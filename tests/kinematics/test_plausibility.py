@@ -93,7 +93,7 @@ def test_a_knee_that_stands_at_the_straight_end_of_a_users_model_is_plausible(
     values = np.tile(leg.default_coordinates, (100, 1))
     values[:, leg.coordinate_names.index("knee_angle_r")] = angle
     motion = JointTrajectories(np.arange(100) / 100, leg.coordinate_names, values)
-    said = plausibility.at_limits(leg, motion)
+    said = plausibility.beyond_limits(leg, motion)
     assert any(line.startswith("knee_angle_r is at its limit") for line in said) == shown
 
 
@@ -114,7 +114,7 @@ def test_a_lax_knee_is_plausible_and_one_that_no_person_has_is_not():
     ):
         values[:, column] = np.radians(degrees)
         moved = JointTrajectories(np.arange(100) / 100, COORDINATES, values)
-        lines = plausibility.at_limits(LEG, moved)
+        lines = plausibility.beyond_limits(LEG, moved)
         assert len(lines) == len(said)
         assert all(line.startswith(start) for line, start in zip(lines, said, strict=True))
 
@@ -124,7 +124,7 @@ def test_a_hip_that_no_person_has_is_named(sign: int, shown: bool):
     values = swaying()
     values[:, COORDINATES.index("hip_flexion_r")] = sign * np.radians(90)
     times = np.arange(len(values)) / 100
-    lines = plausibility.at_limits(LEG, JointTrajectories(times, COORDINATES, values))
+    lines = plausibility.beyond_limits(LEG, JointTrajectories(times, COORDINATES, values))
     assert any("hip_flexion_r is beyond what people's hips do" in line for line in lines) == shown
 
 

@@ -82,7 +82,7 @@ def test_a_first_frame_beyond_16_bits_is_that_of_its_parameter(
     np.testing.assert_allclose(times, (first - 1 + np.arange(count)) / 100)
 
 
-def test_a_count_of_frames_that_wraps_at_16_bits_is_told_by_the_files_length(write, positions):
+def test_a_count_of_frames_that_wraps_at_16_bits_is_known_by_the_files_length(write, positions):
     more = np.zeros((65536, len(LABELS), 4), "<f4")
     more[..., :3] = np.arange(1, 65537)[:, None, None] / 100
     data = c3d_bytes(positions, LABELS) + more.tobytes()
