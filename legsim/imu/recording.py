@@ -311,7 +311,7 @@ def gyroscope_scale(recording: ImuRecording) -> tuple[float, float]:
 
 def _gravity_turns(recording: ImuRecording) -> tuple[FloatArray, FloatArray]:
     """The slow part of the specific force (n, 3) by the gyroscope, and by the accelerometer; zeros
-    where the recording does not tell.
+    where the recording does not show them.
 
     Slow turns of a leg tilt it more than they accelerate it: f' = -w x f.
     """

@@ -191,8 +191,8 @@ def _with_our_knee_sign(
     and a note where it was, or where neither sign is certain.
 
     Rajagopal2016 and its kin count flexion positive: they bend where no knee of gait2392 can (its
-    limit is 10 degrees of extension). Of straight knees tell the other trial of the laboratory
-    (``turned_there``), the feet, and the coordinate of a patella.
+    limit is 10 degrees of extension). For straight knees the other trial of the laboratory
+    (``turned_there``), the feet, or the coordinate of a patella decide.
 
     Raises:
         LegsimError: the two knees count flexion in opposite ways.
@@ -249,7 +249,7 @@ def _flat_if_turned(
     leg: LegModel, values: FloatArray, turned: FloatArray, loaded: JointTrajectories
 ) -> bool | None:
     """Whether feet stand flat with the knees' sign turned (n, c), and do not as the file has it;
-    None where they tell neither, or the file lacks a joint between them and the pelvis.
+    None where neither is clear, or the file lacks a joint between them and the pelvis.
     """
     needed = [f"{joint}_{side}" for joint in ("hip_flexion", "ankle_angle") for side in "rl"]
     if not {"pelvis_tilt", *needed} <= set(loaded.coordinate_names):

@@ -71,7 +71,7 @@ def _multiples(stated: FloatArray, digit: float, rate: float) -> FloatArray | No
 
 
 def _on_grid(stated: FloatArray, digit: float) -> FloatArray | None:
-    """Times on the finest even grid that the usual short steps tell; None where there is none."""
+    """Times on the finest even grid that the usual short steps show; None where there is none."""
     steps = np.diff(stated)
     step = float(np.quantile(steps, 0.25))
     if digit > 0.25 * step:

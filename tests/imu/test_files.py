@@ -161,7 +161,7 @@ def test_a_table_of_orientations_is_refused(tmp_path):
         load_recordings(tmp_path / "x_orientations.sto")
 
 
-def test_sensors_of_one_name_on_two_bodies_are_told_by_their_bodies(tmp_path):
+def test_sensors_of_one_name_on_two_bodies_are_named_after_their_bodies(tmp_path):
     one, other = still(), swaying(seconds=1.0)
     paths = ("/bodyset/tibia_r/imu", "/bodyset/femur_r/imu")
     for which, kind in (("force", "linear_acceleration"), ("rate", "angular_velocity")):

@@ -89,7 +89,7 @@ def test_straight_knees_in_gait2392s_sign_stay_so_beside_a_patella(tmp_path, kne
     assert not any("positive in flexion" in note for note in found.notes)
 
 
-def test_a_patella_tells_the_sign_of_straight_knees(tmp_path):
+def test_a_patella_decides_the_sign_of_straight_knees(tmp_path):
     found = from_recording.solve_kinematics(standing(tmp_path, 3.0, patella=True))
     middle = np.degrees(np.median(found.trajectories.coordinate("knee_angle_r")))
     assert middle == pytest.approx(-3.0, abs=0.5)
@@ -112,7 +112,7 @@ def test_flat_feet_tell_flexion_from_overextension(tmp_path):
     assert any("positive in flexion" in note for note in found.notes)
 
 
-def test_knees_that_nothing_tells_from_overextended_ones_are_warned_of(tmp_path):
+def test_knees_that_may_be_overextended_or_of_the_other_sign_are_warned_of(tmp_path):
     found = from_recording.solve_kinematics(standing(tmp_path, 12.0, flat=False))
     assert np.degrees(found.trajectories.coordinate("knee_angle_r")).mean() > 11
     assert any(
@@ -195,7 +195,7 @@ def test_samples_left_out_of_coordinates_are_reported(tmp_path, solved):
     )
 
 
-def test_one_sample_left_out_is_told_and_a_varying_rate_is_no_gap(tmp_path, solved):
+def test_one_sample_left_out_is_reported_and_a_varying_rate_is_no_gap(tmp_path, solved):
     def note(kept):
         motion = JointTrajectories(solved.times[kept], solved.coordinate_names, solved.values[kept])
         opensim.save(tmp_path / "c.mot", motion)

@@ -54,6 +54,6 @@ def test_exact_times_stay_to_the_bit():
         assert full_times(times, 1e-3) is times
 
 
-def test_the_longest_text_tells_the_digit():
+def test_the_longest_text_has_the_last_digit():
     assert last_digit(["0.1", "0.125", "2"]) == pytest.approx(1e-3)
     assert last_digit(["8", "16"]) == 1.0
