@@ -7,6 +7,7 @@ import pytest
 
 from legsim.core import transforms
 from legsim.core.errors import LegsimError
+from legsim.correction import bones_2d3d
 from legsim.correction.bones_2d3d import Bones2D3D
 from legsim.correction.fused import SensorPriors
 from legsim.correction.method import Scan
@@ -93,3 +94,16 @@ def test_without_bones_the_motion_of_exact_sensors_is_kept(device: Device):
 def test_no_round_is_refused(device: Device):
     with pytest.raises(LegsimError, match="given 0 rounds; give at least 1"):
         Bones2D3D(rounds=0, device=device)(replace(bent.resting(), joints=()))
+
+
+@pytest.mark.parametrize(("moved_px", "is_followed"), [(1.4, False), (1.43, True)])
+def test_only_what_is_seen_beyond_the_own_error_is_followed(
+    device: Device, monkeypatch: pytest.MonkeyPatch, moved_px: float, is_followed: bool
+):
+    """Root two times an error of a pixel, whatever one round found."""
+    monkeypatch.setattr(bones_2d3d, "_seen_change", lambda *_: (moved_px, 1.0))
+    found = Bones2D3D(bent.NODES, rounds=1, device=device)(
+        Scan(thinned(bent.exposed(device)), NOTHING, ())
+    )
+    assert isinstance(found.motion, FieldMotion if is_followed else RigidMotion)
+    assert ("do not determine a motion" in found.notes[-1]) is not is_followed
