@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from legsim.core.errors import LegsimError
 from legsim.correction.bead_scan import BeadScan
 from legsim.correction.bead_tracking import track
 from legsim.correction.error_state import CLOCK_REACH, ErrorState, error_state
@@ -51,6 +52,16 @@ class SensorPriors:
     """m, RMS of each coordinate by which a knee moves while its owner stands through a scan"""
     clock: float = 0.01
     """s, standard deviation of the offset between the clocks; the sensor's own filter delays too"""
+
+    def __post_init__(self) -> None:
+        if not (np.isfinite(self.spread) and self.spread > 0):
+            raise LegsimError(
+                f"SensorPriors.spread must be finite and above 0, in m; got {self.spread:g}"
+            )
+        if not (np.isfinite(self.clock) and self.clock >= 0):
+            raise LegsimError(
+                f"SensorPriors.clock must be finite and not negative, in s; got {self.clock:g}"
+            )
 
 
 @dataclass(frozen=True, slots=True)
