@@ -173,3 +173,15 @@ def test_a_saved_phantom_loads_as_it_is(knee, tmp_path):
         assert len(after.vertices) == len(before.vertices)
         # PLY holds single precision in mm
         assert np.abs(after.vertices - before.vertices).max() < 1e-7
+
+
+@pytest.mark.parametrize("cortex", [0.002, 0.006])
+def test_distances_near_a_layers_border_are_all_that_it_takes(cortex, monkeypatch):
+    layers = Layers(cortex=cortex, cartilage=0.002)
+    quick = meshed(layers=layers)
+    monkeypatch.setattr(from_labels, "_BAND", 100)
+    exact = meshed(layers=layers)
+    assert [p.name for p in quick.parts] == [p.name for p in exact.parts]
+    for one, other in zip(quick.parts, exact.parts, strict=True):
+        np.testing.assert_array_equal(one.triangles, other.triangles, err_msg=one.name)
+        np.testing.assert_allclose(one.vertices, other.vertices, atol=1e-9, err_msg=one.name)
