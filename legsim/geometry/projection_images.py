@@ -20,8 +20,8 @@ from legsim.core import files
 from legsim.core.errors import LegsimError, file_error
 from legsim.core.files import is_file
 from legsim.core.values import FloatArray
+from legsim.geometry import _meta_header, dicom, image_files, tiff, view_files
 from legsim.geometry import counts as geometry_counts
-from legsim.geometry import dicom, image_files, tiff, view_files
 from legsim.geometry.cone_beam import ConeBeamGeometry, Projections
 from legsim.geometry.counts import Counts
 
@@ -104,10 +104,11 @@ def read_images(path: Path | str, *, raw: RawLayout | None = None) -> Projection
 
 
 def members(path: Path | str) -> list[Path]:
-    """The files that :func:`read_images` reads."""
+    """The files that :func:`read_images` reads, those that a header names behind it."""
     path = Path(path)
     several = os.path.isdir(path) or view_files.is_pattern(path)
-    return sorted(view_files.members(path)[0]) if several else [path]
+    images = sorted(view_files.members(path)[0]) if several else [path]
+    return [one for image in images for one in (image, *_meta_header.data_files(image))]
 
 
 def read_projections(
@@ -294,6 +295,22 @@ def _read_series(place: Path, raw: RawLayout | None) -> ProjectionImages:
         notes += more
     one = None if raw is None else replace(raw, views=1)
     parts = [_read_file(path, one) for path in members]
+    _check_alike(members, parts, by_dicom)
+    first = parts[0]
+    angles = [part.angles_deg for part in parts]
+    known = [a for a in angles if a is not None]
+    return ProjectionImages(
+        np.concatenate([part.values for part in parts]),
+        first.pixel_mm,
+        first.origin_mm,
+        np.concatenate(known) if len(known) == len(angles) else None,
+        first.no_counts,
+        (*notes, *_few(dict.fromkeys(note for part in parts for note in part.notes))),
+    )
+
+
+def _check_alike(members: list[Path], parts: list[ProjectionImages], by_dicom: bool) -> None:
+    """Refuses files of one scan that differ in size, type, pixels or count of views."""
     first = parts[0]
     for path, part in zip(members, parts, strict=True):
         if (
@@ -321,16 +338,6 @@ def _read_series(place: Path, raw: RawLayout | None) -> ProjectionImages:
                 f"has pixels of {part.pixel_mm} mm, {members[0].name} of {first.pixel_mm}",
                 "give the views of one scan alone",
             )
-    angles = [part.angles_deg for part in parts]
-    known = [a for a in angles if a is not None]
-    return ProjectionImages(
-        np.concatenate([part.values for part in parts]),
-        first.pixel_mm,
-        first.origin_mm,
-        np.concatenate(known) if len(known) == len(angles) else None,
-        first.no_counts,
-        (*notes, *_few(dict.fromkeys(note for part in parts for note in part.notes))),
-    )
 
 
 def _few(notes: Iterable[str]) -> list[str]:

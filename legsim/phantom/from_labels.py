@@ -7,6 +7,7 @@ laid on the faces of a joint.
 """
 
 from collections.abc import Sequence
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -405,31 +406,46 @@ def _volume_remarks(
 def save(folder: Path, meshed: MeshedLabels) -> Path:
     """Writes a mesh per part (PLY, mm) and PHANTOM.toml; returns the latter's path.
 
-    The folder is made where it is missing.
+    The folder is made where it is missing. All files get their names at the end, so that a phantom
+    that was there stays whole if this is interrupted.
 
     Raises:
         LegsimError: the folder cannot be written.
     """
-    lines = ["# made by `legsim phantom from-labels`; coordinates in world: x front, y up, z right"]
-    lines += ['overlaps = "intended"']
+    path = folder / "PHANTOM.toml"
+    new = [place for place in (folder, *folder.parents) if not place.exists()]
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        for part in meshed.parts:
-            mesh = trimesh.Trimesh(1e3 * part.vertices, part.triangles, process=False)
-            with files.whole(folder / f"{part.name}.ply") as partial:
+        with ExitStack() as renamed:
+            listed = renamed.enter_context(files.whole(path))  # the first gets its name last
+            for part in meshed.parts:
+                mesh = trimesh.Trimesh(1e3 * part.vertices, part.triangles, process=False)
+                partial = renamed.enter_context(files.whole(folder / f"{part.name}.ply"))
                 mesh.export(str(partial), file_type="ply")
-            lines += ["", "[[part]]", f'name = "{part.name}"', f'file = "{part.name}.ply"']
-            lines += ['unit = "mm"', f'material = "{part.material}"']
-            lines += [] if part.segment is None else [f'segment = "{part.segment}"']
-    except OSError as error:
-        problem = f"cannot be written ({error.strerror or error})"
-        raise file_error(folder, problem, "choose another folder") from error
+            listed.write_text("\n".join(_lines(meshed)) + "\n", "utf-8")
+    except BaseException as error:
+        for place in new:
+            with suppress(OSError):
+                place.rmdir()
+        if isinstance(error, OSError):
+            problem = f"cannot be written ({error.strerror or error})"
+            raise file_error(folder, problem, "choose another folder") from error
+        raise
+    return path
+
+
+def _lines(meshed: MeshedLabels) -> list[str]:
+    """Lines of PHANTOM.toml."""
+    lines = ["# made by `legsim phantom from-labels`; coordinates in world: x front, y up, z right"]
+    lines += ['overlaps = "intended"']
+    for part in meshed.parts:
+        lines += ["", "[[part]]", f'name = "{part.name}"', f'file = "{part.name}.ply"']
+        lines += ['unit = "mm"', f'material = "{part.material}"']
+        lines += [] if part.segment is None else [f'segment = "{part.segment}"']
     for side, points in meshed.landmarks.items():
         lines += ["", f"[landmarks.{side}]"]
         lines += [
             f"{name} = [{', '.join(f'{1e3 * x:.2f}' for x in point)}]"
             for name, point in points.items()
         ]
-    path = folder / "PHANTOM.toml"
-    files.write_text(path, "\n".join(lines) + "\n")
-    return path
+    return lines

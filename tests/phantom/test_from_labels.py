@@ -185,3 +185,27 @@ def test_distances_near_a_layers_border_are_all_that_it_takes(cortex, monkeypatc
     for one, other in zip(quick.parts, exact.parts, strict=True):
         np.testing.assert_array_equal(one.triangles, other.triangles, err_msg=one.name)
         np.testing.assert_allclose(one.vertices, other.vertices, atol=1e-9, err_msg=one.name)
+
+
+@pytest.mark.parametrize("error", [KeyboardInterrupt, OSError(28, "No space left on device")])
+def test_an_interrupted_phantom_leaves_nothing_or_the_one_before(
+    knee, tmp_path, monkeypatch, error
+):
+    before = from_labels.save(tmp_path / "before", meshed())
+    content = {path: path.read_bytes() for path in before.parent.iterdir()}
+    export = trimesh.Trimesh.export
+    written = []
+
+    def interrupted(mesh, path, **options):
+        written.append(path)
+        export(mesh, path, **options)
+        if len(written) % 4 == 0:
+            raise error
+
+    monkeypatch.setattr(trimesh.Trimesh, "export", interrupted)
+    for folder in ("before", "new/deep"):
+        expected = KeyboardInterrupt if error is KeyboardInterrupt else LegsimError
+        with pytest.raises(expected):
+            from_labels.save(tmp_path / folder, knee)
+    assert {path: path.read_bytes() for path in before.parent.iterdir()} == content
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["before"]
