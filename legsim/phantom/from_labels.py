@@ -46,6 +46,9 @@ Elsewhere they are right to half a voxel; the ends of a step across the border a
 
 _JOINTS = (("femur", "tibia"), ("femur", "patella"), ("tibia", "talus"))
 
+_TURNED_DEG = (30.0, 120.0)
+"""angles between a patella and the front at which a leg is turned: more of them, and less"""
+
 _PLAUSIBLE_CM3 = {"femur": (300, 700), "tibia": (180, 500), "patella": (8, 40)}
 """volumes of whole adult bones"""
 
@@ -148,29 +151,63 @@ def mesh_labels(grid: StructureGrid, layers: Layers) -> MeshedLabels:
             "no structure encloses the others: what is not labeled is air; add a segmentation of "
             "the body or skin"
         )
-    remarks += _stance.objections({outer.structure.name: outer.vertices for outer in bony})
+    turns = _turns(bony, remarks)
+    remarks += _stance.objections(
+        {
+            outer.structure.name: outer.vertices @ turns.get(outer.structure.side, np.eye(3))
+            for outer in bony
+        }
+    )
     found = _landmarks(bony, remarks)
     return MeshedLabels(tuple(parts), volumes, found, tuple(remarks))
+
+
+def _surfaces(bony: Sequence[_Outer], side: str) -> dict[str, BoneSurface]:
+    """Bones of one leg."""
+    return {
+        outer.structure.entry.name: BoneSurface(outer.vertices, outer.triangles)
+        for outer in bony
+        if outer.structure.side == side
+    }
+
+
+def _turns(bony: Sequence[_Outer], remarks: list[str]) -> dict[str | None, FloatArray]:
+    """Rotations (3, 3) about the vertical of legs that stand turned, from world's front.
+
+    A leg that faces backwards is none: its front and back are exchanged.
+    """
+    found: dict[str | None, FloatArray] = {}
+    for side in ("l", "r"):
+        angle = landmarks.turned(_surfaces(bony, side))
+        if _TURNED_DEG[0] < abs(np.degrees(angle)) < _TURNED_DEG[1]:
+            found[side] = transforms.axis_rotation((0, 1, 0), angle)
+            remarks.append(
+                f"femur_{side}: the leg stands turned about its length: its patella lies "
+                f"{abs(np.degrees(angle)):.0f} degrees to the {'left' if angle > 0 else 'right'} "
+                "of the image's front; a run turns it; if it is not, check the image's directions"
+            )
+    return found
 
 
 def _landmarks(bony: Sequence[_Outer], remarks: list[str]) -> dict[str, dict[str, FloatArray]]:
     """Landmarks of each leg that has a femur."""
     found = {}
     for side in ("l", "r"):
-        bones = {
-            outer.structure.entry.name: BoneSurface(outer.vertices, outer.triangles)
-            for outer in bony
-            if outer.structure.side == side
-        }
+        bones = _surfaces(bony, side)
         if not bones:
             continue
         try:
             marks = landmarks.find(bones, side)
-            leans = landmarks.of_other_side(bones["femur"], marks, side)
+            leans = landmarks.of_other_side(bones, marks, side)
         except LegsimError as error:
             remarks.append(f"no landmarks, so that this leg can only rest: {error}")
             continue
         found[side] = marks
+        if "patella" not in bones:
+            remarks.append(
+                f"femur_{side}: no patella shows where its front is, so that it is taken to be the "
+                "image's, to some 30 degrees; if the leg stood turned more, give its [landmarks]"
+            )
         if leans:
             remarks.append(
                 f"In doubt: femur_{side} leans as one of the other leg: check --side, the map's "

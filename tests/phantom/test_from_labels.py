@@ -6,13 +6,15 @@ import numpy as np
 import pytest
 import trimesh
 
+from legsim.core import transforms
 from legsim.core.errors import LegsimError
 from legsim.geometry.label_images import LabelImage
 from legsim.phantom import files as phantom_files
-from legsim.phantom import from_labels
+from legsim.phantom import from_labels, leg_phantom
+from legsim.phantom._stance import objections
 from legsim.phantom.from_labels import Layers, MeshedLabels, MeshedPart
 from legsim.phantom.label_maps import LabelEntry, LabelMap
-from legsim.phantom.label_structures import structure_grid
+from legsim.phantom.label_structures import Structure, structure_grid
 from legsim.phantom.meshes import Part
 from legsim.phantom.raster import require_closed
 
@@ -209,3 +211,27 @@ def test_an_interrupted_phantom_leaves_nothing_or_the_one_before(
             from_labels.save(tmp_path / folder, knee)
     assert {path: path.read_bytes() for path in before.parent.iterdir()} == content
     assert sorted(path.name for path in tmp_path.iterdir()) == ["before"]
+
+
+@pytest.mark.parametrize(
+    ("degrees", "words"), [(10, None), (60, "53 degrees to the left"), (-90, "to the right")]
+)
+def test_a_leg_that_stands_turned_is_reported_and_not_doubted(degrees, words):
+    legs = leg_phantom.load_leg_phantom()
+    turn = transforms.axis_rotation((0, 1, 0), np.radians(degrees))
+    bony = []
+    for name in ("femur", "tibia", "patella"):
+        part = legs.phantom.parts[legs.part_index(f"{name}_cortex_l")]
+        structure = Structure(LabelEntry(1, name, "bone", name, None, False), "l")
+        vertices = part.vertices @ turn.T
+        bony.append(from_labels._Outer(structure, np.ones(1), np.eye(4), vertices, part.triangles))
+    remarks: list[str] = []
+    turns = from_labels._turns(bony, remarks)
+    if words is None:
+        assert (turns, remarks) == ({}, [])
+        return
+    assert words in remarks[0]
+    back = {f"{o.structure.name}": o.vertices @ turns["l"] for o in bony}
+    middles = {name: points.mean(axis=0) for name, points in back.items()}
+    assert middles["patella_l"][0] > middles["femur_l"][0]
+    assert objections(back) == []
