@@ -265,6 +265,7 @@ def test_frames_of_enhanced_images_state_pixels_and_angles_in_groups(tmp_path, v
     }
     found = dicom.read_projections(written(tmp_path / "x.dcm", values, **groups))
     assert found.pixel_mm == (0.4, 0.3)
+    assert found.angles_deg is not None
     np.testing.assert_allclose(found.angles_deg, angles)
     del each[2].PositionerPositionSequence
     found = dicom.read_projections(written(tmp_path / "x.dcm", values, **groups))
