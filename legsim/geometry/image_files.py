@@ -345,8 +345,11 @@ def read_samples(path: Path | str) -> tuple[np.ndarray, FloatArray, FloatArray, 
             f"its axes are not at right angles (direction cosines {direction.ravel().tolist()})",
             "resample it to axes that are",
         )
-    samples = sitk.GetArrayFromImage(_executed(path, reader))
-    return samples, np.array(reader.GetSpacing()), np.array(reader.GetOrigin()), direction
+    spacing, origin = np.array(reader.GetSpacing()), np.array(reader.GetOrigin())
+    if not within(np.concatenate([spacing, origin])):
+        problem = f"its first voxel is at {origin.tolist()} mm, its spacing {spacing.tolist()} mm"
+        raise file_error(path, problem, "write it again with finite numbers")
+    return sitk.GetArrayFromImage(_executed(path, reader)), spacing, origin, direction
 
 
 def _open(path: Path, dimensions: tuple[int, ...] = (3,)) -> sitk.ImageFileReader:
