@@ -13,6 +13,7 @@ from legsim.deformation.models import FieldMotion, Motion
 from legsim.geometry.cone_beam import ConeBeamGeometry
 from legsim.geometry.volume import VolumeGrid
 from legsim.opencl.device import Device
+from legsim.reconstruction.corrected_scan import check_views
 
 Kernel = Literal["columns", "voxels"]
 
@@ -83,11 +84,7 @@ def plan(
         LegsimError: ``kernel`` "columns" was asked for where it does not work, the motion has
             another number of views, or the device's memory does not hold the views.
     """
-    if motion is not None and len(motion.times) != len(geometry):
-        raise LegsimError(
-            f"the motion has {len(motion.times)} transforms for {len(geometry)} views; expected "
-            "one per view"
-        )
+    check_views(geometry, motion)
     axis, mirrored, curve = _column_axis(geometry, grid, motion)
     if kernel == "columns" and curve is None:
         raise LegsimError(
