@@ -49,7 +49,7 @@ class ConeBeamGeometry:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "times", increasing_times("ConeBeamGeometry.times", self.times))
-        matrices = np.array(self.matrices, float)
+        matrices = plain_numbers("ConeBeamGeometry.matrices", self.matrices).astype(float)
         if matrices.shape != (len(self.times), 3, 4) or not np.isfinite(matrices).all():
             raise LegsimError(
                 f"ConeBeamGeometry.matrices has shape {matrices.shape}; expected "
@@ -79,12 +79,13 @@ class ConeBeamGeometry:
             ) from error
         object.__setattr__(self, "matrices", frozen("matrices", matrices, matrices.shape))
         object.__setattr__(self, "sides_stated", True)
-        rows, columns = whole_counts("ConeBeamGeometry.shape_vu", self.shape_vu)
-        if rows < 1 or columns < 1:
+        counts = whole_counts("ConeBeamGeometry.shape_vu", self.shape_vu)
+        if len(counts) != 2 or min(counts) < 1:
             raise LegsimError(
-                f"ConeBeamGeometry.shape_vu is {self.shape_vu}; both counts must be positive"
+                f"ConeBeamGeometry.shape_vu is {self.shape_vu}; expected (rows, columns), and both "
+                "counts must be positive"
             )
-        object.__setattr__(self, "shape_vu", (rows, columns))
+        object.__setattr__(self, "shape_vu", counts)
         object.__setattr__(self, "pixel_pitch", float(self.pixel_pitch))
         if not 0 < self.pixel_pitch < np.inf:
             raise LegsimError(
@@ -155,6 +156,7 @@ class ConeBeamGeometry:
 
     def finer(self, factor: int) -> "ConeBeamGeometry":
         """The same detector with every pixel parted into ``factor`` x ``factor``."""
+        _check_factor(factor)
         rows, columns = self.shape_vu
         parted = np.array(
             [[factor, 0, 0.5 * (factor - 1)], [0, factor, 0.5 * (factor - 1)], [0, 0, 1.0]]
@@ -171,6 +173,7 @@ class ConeBeamGeometry:
 
         Incomplete blocks at the far edges are cut off.
         """
+        _check_factor(factor)
         rows, columns = self.shape_vu
         # the middle of the first block, pixel (factor - 1) / 2 of these, is its pixel 0
         joined = (
@@ -239,6 +242,11 @@ class ConeBeamGeometry:
     def rotation_center(self) -> FloatArray:
         """(3,) point nearest to all principal rays: the isocenter of a circular scan."""
         return _nearest_point_to_principal_rays(self.matrices)
+
+
+def _check_factor(factor: int) -> None:
+    if whole_counts("the factor of a detector's pixels", (factor,))[0] < 1:
+        raise LegsimError(f"pixels cannot be changed by a factor of {factor}; give 1, 2, 3 ...")
 
 
 _LEAST_SPREAD = 1e-4

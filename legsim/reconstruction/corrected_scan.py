@@ -9,7 +9,7 @@ from legsim.core.values import FloatArray
 from legsim.deformation.models import Motion, RigidMotion
 from legsim.geometry.cone_beam import ConeBeamGeometry, Projections
 
-_RIGID = 0.01
+_RIGID = 1e-3
 """by which elements of a rigid transform may be off: numbers of files are rounded"""
 
 
@@ -70,6 +70,8 @@ def check_views(geometry: ConeBeamGeometry, motion: Motion | None) -> None:
 
 def _check(projections: Projections, motion: Motion | None) -> None:
     """Refuses values that would spread over the whole volume, and motions that change shapes."""
+    if not len(projections.geometry):
+        raise LegsimError("the projections hold no view; there is nothing to reconstruct from")
     check_views(projections.geometry, motion)
     for view, image in enumerate(projections.line_integrals):
         # a sum is finite where all values are: line integrals are far from overflow

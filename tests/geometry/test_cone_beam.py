@@ -159,6 +159,11 @@ def test_arrays_inside_values_are_read_only():
         ),
         (lambda: ConeBeamGeometry([0, 1], scan().matrices[:2], (0, 2)), "must be positive"),
         (lambda: replace(scan(), pixel_pitch=np.inf), "positive and finite"),
+        (lambda: replace(scan(), shape_vu=(4,)), r"expected \(rows, columns\)"),
+        (lambda: replace(scan(), shape_vu=(4, 5, 6)), r"expected \(rows, columns\)"),
+        (lambda: ConeBeamGeometry([0.0], [[[1.0], [1.0, 2.0]]], (2, 2)), "different lengths"),
+        (lambda: scan().coarser(0), "by a factor of 0"),
+        (lambda: scan().finer(1.5), "expected whole numbers"),
         (
             lambda: Projections(scan(), np.zeros((10, 620, 480), np.float32)),
             r"\(10, 480, 620\) \(views, rows, columns\)",

@@ -415,3 +415,14 @@ def test_a_tomosynthesis_of_astra_looks_from_source_to_detector(tmp_path):
     np.savetxt(tmp_path / "g.txt", rows)
     read = files.read_geometry(tmp_path / "g.txt", columns=64, rows=48, format="astra").geometry
     np.testing.assert_allclose(read.project([[0, 0, 1.4]])[1], 0.9)
+
+
+@pytest.mark.parametrize("format", ["rtk", "astra", "matrices", "legsim"])
+@pytest.mark.parametrize(
+    "given", [{"pixel_mm": p} for p in (0.0, -2.0, np.nan, np.inf)] + [{"view_rate_hz": 0.0}]
+)
+def test_sizes_and_rates_that_are_none_are_refused(tmp_path, format, given):
+    path = tmp_path / f"g{files.FORMATS[format][0]}"
+    files.save_geometry(path, circular(), format=format)
+    with pytest.raises(LegsimError, match="positive"):
+        files.read_geometry(path, columns=62, rows=48, format=format, **given)
