@@ -185,20 +185,14 @@ class FilteredScan:
     ) -> FloatArray:
         """(blocks, count, 3, views) of the kernel."""
         placement, device = slab.placement, self.device
-        table = placement.tables[views]
-        if placement.motion == 0:
-            table = table @ slab.world_from_index
-        field = placement.nothing
-        if placement.field is not None:
-            field = device.upload(placement.field[views])
+        place, field = slab.placed(views)
         width = views.stop - views.start
         found = np.empty((len(ranges), count, 3, width), np.float32)
         sums = device.zeros(found.size)
         run = placement.kernel("image_gradient", "image_gradient.cl", MOMENTS=count)
         run(
             *(device.queue, (width, len(ranges)), None, self._images),
-            device.upload(table.reshape(width, -1).astype(np.float32)),
-            *(slab.steps, placement.rest, field, np.int32(views.start), slopes),
+            *(place, slab.steps, placement.rest, field, np.int32(views.start), slopes),
             *(np.array([*slab.steps_zyx, 0], np.int64), device.upload(ranges), sums),
         )
         return device.download(sums, found).astype(float)

@@ -50,6 +50,12 @@ class SourceArc:
             values = np.asarray(getattr(self, name), float)
             object.__setattr__(self, name, frozen(f"SourceArc.{name}", values, values.shape))
 
+    def inward(self, geometry: ConeBeamGeometry) -> FloatArray:
+        """(v, 3) unit vectors from each source straight to the axis."""
+        outward = geometry.sources() - self.center
+        outward -= (outward @ self.axis)[:, None] * self.axis
+        return -outward / np.linalg.norm(outward, axis=-1, keepdims=True)
+
     @property
     def coverage(self) -> float:
         """rad that all views stand for together: the span and half a step beyond either end."""
@@ -135,9 +141,7 @@ def fan_angles(geometry: ConeBeamGeometry, arc: SourceArc, columns: FloatArray) 
     Rays are those of the middle row.
     """
     rays = geometry.ray_directions(columns, np.full(len(columns), (geometry.shape_vu[0] - 1) / 2))
-    outward = geometry.sources() - arc.center
-    outward -= (outward @ arc.axis)[:, None] * arc.axis
-    inward = -outward / np.linalg.norm(outward, axis=-1, keepdims=True)
+    inward = arc.inward(geometry)
     sideways = np.cross(arc.axis, inward)
     return np.arctan2(
         np.einsum("vnj,vj->vn", rays, sideways), np.einsum("vnj,vj->vn", rays, inward)

@@ -72,9 +72,6 @@ def _ray_weights(
 
 def _rays(geometry: ConeBeamGeometry, arc: SourceArc) -> RayWeights:
     back = np.linalg.inv(geometry.matrices[:, :, :3])
-    outward = geometry.sources() - arc.center
-    outward -= (outward @ arc.axis)[:, None] * arc.axis
-    inward = -outward / np.linalg.norm(outward, axis=-1, keepdims=True)
     per_row = np.cross(back[:, :, 0], back[:, :, 1]) @ arc.axis
     turning = np.abs(
         (np.cross(back[:, :, 0], back[:, :, 2]) @ arc.axis)[:, None]
@@ -83,7 +80,9 @@ def _rays(geometry: ConeBeamGeometry, arc: SourceArc) -> RayWeights:
     # a row whose rays run along the axis measures no line across it; it must not drown the others
     factors = 1 / np.maximum(turning, _LEAST_TURNING * np.median(turning))
     return RayWeights(
-        np.einsum("vji,vj->vi", back, inward), np.einsum("vji,vjk->vik", back, back), factors
+        np.einsum("vji,vj->vi", back, arc.inward(geometry)),
+        np.einsum("vji,vjk->vik", back, back),
+        factors,
     )
 
 
