@@ -31,5 +31,4 @@ from .tree import ConfigSection as ConfigSection
 from .tree import merged as merged
 from .tree import of_options as of_options
 from .tree import parse_override as parse_override
-from .tree import read as read
 from .tree import validated as validated

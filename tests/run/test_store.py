@@ -165,3 +165,32 @@ def test_a_full_disk_is_named_and_leaves_nothing_half_kept(tmp_path, monkeypatch
     assert not second.done("count", key_of(1))
     # what was computed is still there, and is kept the next time
     assert first.done("count", key_of(1))
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        lambda text: "",
+        lambda text: "[]",
+        lambda text: "[" * 100_000,
+        lambda text: text.replace('"files"', '"file"'),
+        lambda text: text.replace("numbers.txt", "../numbers.txt"),
+        lambda text: text.replace("numbers.txt", "/dev/null"),
+        lambda text: text.replace("numbers.txt", "n" * 300),
+        lambda text: text.replace("numbers.txt", ""),
+        lambda text: text.replace('"sha256": "', '"sha256": "0'),
+        lambda text: text.replace('"sha256": "', '"sha": "'),
+        lambda text: text.replace('"seconds": ', '"seconds": Infinity, "s": '),
+        lambda text: text.replace('"key": "', '"key": "0'),
+    ],
+)
+def test_a_damaged_entry_is_dropped(tmp_path, damage):
+    first, second = folders(tmp_path)
+    finish(first, key_of(1), "one")
+    (entry,) = (tmp_path / "store").rglob("entry.json")
+    entry.write_text(damage(entry.read_text()))
+    assert not second.done("count", key_of(1))
+    assert list(second.path.glob("*.txt")) in ([], [second.path / "numbers.txt"])
+    assert not entry.exists()
+    finish(second, key_of(1), "one")
+    assert entry.exists()
