@@ -84,6 +84,9 @@ def load_settings(
     Raises:
         LegsimError: unknown preset, missing file, not TOML, or a key or value that is not allowed;
             the line names the key.
+
+    >>> load_settings(preset="demo", overrides=("scan.views=124",)).scan.views
+    124
     """
     where = None if path is None else Path(path)
     trees = [] if where is None else [load_toml(where)]

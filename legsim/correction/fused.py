@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from legsim.core.errors import LegsimError
 from legsim.correction.bead_scan import BeadScan
 from legsim.correction.bead_tracking import track
 from legsim.correction.error_state import CLOCK_REACH, ErrorState, error_state
@@ -34,6 +35,11 @@ following it leaves m.
 """
 
 
+def discerned(seen_px: float, error_px: float) -> bool:
+    """Whether following a motion that is seen by so much leaves less than leaving it."""
+    return seen_px > DISCERNED * error_px
+
+
 @dataclass(frozen=True, slots=True)
 class SensorPriors:
     """What is known of a sensor and its wearer before the scan."""
@@ -46,6 +52,16 @@ class SensorPriors:
     """m, RMS of each coordinate by which a knee moves while its owner stands through a scan"""
     clock: float = 0.01
     """s, standard deviation of the offset between the clocks; the sensor's own filter delays too"""
+
+    def __post_init__(self) -> None:
+        if not (np.isfinite(self.spread) and self.spread > 0):
+            raise LegsimError(
+                f"SensorPriors.spread must be finite and above 0, in m; got {self.spread:g}"
+            )
+        if not (np.isfinite(self.clock) and self.clock >= 0):
+            raise LegsimError(
+                f"SensorPriors.clock must be finite and not negative, in s; got {self.clock:g}"
+            )
 
 
 @dataclass(frozen=True, slots=True)
@@ -179,7 +195,7 @@ def _corrected(name: str, scan: Scan, found: SmoothedPath, notes: tuple[str, ...
         f"{name}: the images see {motion_px:.2g} px RMS of the motion that was found at the knee, "
         f"and should see {error_px:.2g} px of its errors"
     )
-    if found.settled and motion_px > DISCERNED * error_px:
+    if found.settled and discerned(motion_px, error_px):
         return Correction(name, scan.projections, found.motion, notes=(*notes, f"{said}."))
     why = "its estimate did not settle" if not found.settled else "the data do not determine it"
     left = f"{said}: {why}, and the scan is left as it is."

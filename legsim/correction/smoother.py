@@ -64,6 +64,18 @@ class StandingPrior:
         return cls(np.asarray(knee) + 1e-3 * np.array(arms), spread)
 
 
+def _refuse_no_shadows(name: str, pixels: FloatArray, error_px: float) -> None:
+    """Refuses what numpy would take for shadows all the same."""
+    shape = np.shape(pixels)
+    if len(shape) != 3 or shape[2] != 2:
+        raise LegsimError(
+            f"{name}.pixels has the shape {shape}; give (views, points, 2), column and row, NaN "
+            "where unseen"
+        )
+    if not (np.isfinite(error_px) and error_px > 0):
+        raise LegsimError(f"{name}.error_px must be finite and above 0, in px; got {error_px:g}")
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class BeadShadows:
     """Shadows of beads on what the sensor is fixed to; their places are unknown."""
@@ -72,6 +84,9 @@ class BeadShadows:
     """(v, b, 2) (u, v); NaN where unseen"""
     error_px: float = 0.3
     """standard deviation along u and v, of detection and of skin that slides"""
+
+    def __post_init__(self) -> None:
+        _refuse_no_shadows("BeadShadows", self.pixels, self.error_px)
 
     def enough(self) -> "BeadShadows":
         """Only the beads that are seen often enough to have a place.
@@ -98,6 +113,9 @@ class FiducialShadows:
     """(f, 3) m"""
     error_px: float = 0.3
     """standard deviation along u and v"""
+
+    def __post_init__(self) -> None:
+        _refuse_no_shadows("FiducialShadows", self.pixels, self.error_px)
 
     def enough(self) -> "FiducialShadows":
         """The same, if they are seen often enough to tell anything.

@@ -146,6 +146,9 @@ def evaluate(
     Raises:
         LegsimError: the grids differ by over a thousandth of a voxel, a region is empty, a volume
             holds NaN or is constant, or no device works.
+
+    >>> evaluate(volume, truth, scan.regions(grid)).of("leg").ssim
+    0.945
     """
     prepared = prepare(
         reference, regions, scaling=scaling, window=window, phantom=phantom, device=device

@@ -153,7 +153,11 @@ def load_recording(
     up: str | None = None,
     in_degrees: bool | None = None,
 ) -> MarkerTrajectories | JointTrajectories:
-    """The value of :func:`read_recording`, without its notes."""
+    """The value of :func:`read_recording`, without its notes.
+
+    >>> load_recording("motions/subject01/squat_30.trc").marker_names[:2]
+    ('SACR', 'RASI')
+    """
     return read_recording(path, unit=unit, up=up, in_degrees=in_degrees).value
 
 
@@ -169,14 +173,19 @@ def load_markers(
 
 
 def read_markers(
-    path: Path | str, *, unit: str | None = None, up: str | None = None
+    path: Path | str,
+    *,
+    unit: str | None = None,
+    up: str | None = None,
+    raw: RawRecording | None = None,
 ) -> tuple[MarkerTrajectories, tuple[str, ...]]:
-    """Reads markers as meters in world, with the reader's notes.
+    """Reads markers as meters in world, with the reader's notes; ``raw`` is what :func:`read_raw`
+    read already.
 
     Raises:
         LegsimError: as :func:`load_markers`.
     """
-    found = read_recording(path, unit=unit, up=up)
+    found = resolve(path, read_raw(path) if raw is None else raw, unit=unit, up=up)
     if not isinstance(found.value, MarkerTrajectories):
         raise file_error(
             path, "holds joint coordinates, not markers", "give a marker file (.trc, .c3d, .csv)"
@@ -191,6 +200,8 @@ def save_recording(
 
     Raises:
         LegsimError: the ending does not fit what is to be written.
+
+    >>> save_recording("squat.trc", load_recording("squat.c3d"))
     """
     path = Path(path)
     markers = isinstance(recording, MarkerTrajectories)

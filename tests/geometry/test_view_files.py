@@ -123,3 +123,19 @@ def test_decimals_in_names_are_noted(tmp_path, names, noted):
         (tmp_path / f"{name}.npy").touch()
     notes = series(tmp_path)[1]
     assert any("if they are decimals" in note for note in notes) is noted
+
+
+@pytest.mark.parametrize("ending", [".tif", ".mhd", ".dcm", ""])
+def test_files_beside_the_views_are_left_out_with_a_word(tmp_path, ending):
+    for number in range(3):
+        (tmp_path / f"view_{number}{ending}").touch()
+        if ending == ".mhd":
+            (tmp_path / f"view_{number}.raw").touch()
+    for name in (".DS_Store", "Thumbs.db", "info.json", "README.txt", "desktop.ini"):
+        (tmp_path / name).touch()
+    if ending:
+        (tmp_path / "README").touch()
+    found, (note,) = view_files.members(tmp_path)
+    assert sorted(path.name for path in found) == [f"view_{n}{ending}" for n in range(3)]
+    assert "left out" in note
+    assert "info.json" in note
