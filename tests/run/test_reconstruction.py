@@ -104,3 +104,9 @@ def test_a_run_reconstructs_as_its_settings_say(
     written = image_files.load_volume(tmp_path / "direct.mha")
     np.testing.assert_array_equal(found.attenuation, written.attenuation)
     assert (found.attenuation != before.attenuation).any()
+
+
+@pytest.mark.parametrize("name", ["water_attenuation_per_mm", "noise", "tv_weight_mm"])
+def test_an_option_that_is_not_finite_is_refused_by_its_name(name: str) -> None:
+    with pytest.raises(LegsimError, match=f"--{name.replace('_', '-')} inf: .*finite number"):
+        reconstruction.from_options({name: float("inf")})
