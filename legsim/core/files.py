@@ -49,11 +49,9 @@ def read(path: Path, kind: str) -> list[str]:
     Raises:
         LegsimError: the file cannot be read, is empty, or holds binary data.
     """
-    try:
-        data = path.read_bytes()
-    except OSError as error:
-        raise file_error(path, f"cannot be read ({error.strerror})", "check the path") from error
-    if not _text(data).strip():
+    data = content(path)
+    text = _text(data)
+    if not text.strip():
         raise file_error(path, "the file is empty", "export it again")
     if b"\0" in data and not data.startswith(_UTF16):
         raise file_error(
@@ -61,7 +59,21 @@ def read(path: Path, kind: str) -> list[str]:
             f"holds binary data, not the text of a {kind} file",
             "check the file's type, or export it again",
         )
-    return _split(_text(data))
+    return _split(text)
+
+
+def content(path: Path, fix: str = "check the path") -> bytes:
+    """A file's bytes.
+
+    Raises:
+        LegsimError: it cannot be read, or no file can have that name; ``fix`` says what to do.
+    """
+    try:
+        return path.read_bytes()
+    except OSError as error:
+        raise file_error(path, f"cannot be read ({error.strerror})", fix) from error
+    except ValueError as error:  # a null in the name
+        raise file_error(path, f"cannot be read ({error})", fix) from error
 
 
 def load_npy(path: Path, fix: str) -> Any:
@@ -89,13 +101,11 @@ def load_toml(path: Path, fix: str = "fix that place") -> dict[str, Any]:
     Raises:
         LegsimError: it cannot be read, or is not TOML; ``fix`` says what to do about the latter.
     """
+    find = "give the path of a TOML file"
+    if not os.path.exists(path):
+        raise file_error(path, "no such file", find)
     try:
-        return tomllib.loads(path.read_bytes().decode("utf-8-sig"))
-    except FileNotFoundError:
-        raise file_error(path, "no such file", "give the path of a TOML file") from None
-    except OSError as error:
-        fix_path = "give the path of a TOML file"
-        raise file_error(path, f"cannot be read ({error.strerror})", fix_path) from error
+        return tomllib.loads(content(path, find).decode("utf-8-sig"))
     except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
         raise file_error(path, f"is not TOML ({error})", fix) from error
 

@@ -10,13 +10,14 @@ import numpy as np
 
 from legsim.core import files
 from legsim.core.errors import LegsimError, file_error
-from legsim.core.values import LARGEST, FloatArray
+from legsim.core.values import FloatArray
 from legsim.imu import table_rows, tables
 from legsim.imu.recording import ImuRecording
 from legsim.imu.signals import ImuSignals
 from legsim.imu.tables import SensorColumns, TableLayout
 from legsim.imu.units import AccelerationUnit, AngularVelocityUnit
 from legsim.mocap.c3d_analog import load_analog
+from legsim.mocap.cells import number
 
 _IMU_COLUMNS = ("ax_m_s2", "ay_m_s2", "az_m_s2", "gx_rad_s", "gy_rad_s", "gz_rad_s")
 
@@ -52,16 +53,25 @@ def save_imu(path: Path, signals: ImuSignals) -> None:
 
 def _numbers(path: Path, line: int, row: list[str], count: int) -> list[float]:
     try:
-        numbers = [float(cell) for cell in row]
+        numbers = [_number(cell) for cell in row]
     except ValueError as error:
         raise file_error(path, str(error), "repair the line", place=f"line {line}") from error
-    if any(abs(number) > LARGEST for number in numbers):
-        problem = f"holds {max(numbers, key=abs):g}, beyond any signal"
-        raise file_error(path, problem, "repair the line", place=f"line {line}")
     if len(numbers) != count:
         problem = f"holds {len(numbers)} numbers instead of {count}"
         raise file_error(path, problem, "repair the line", place=f"line {line}")
     return numbers
+
+
+def _number(text: str) -> float:
+    """The number in a cell, NaN in any spelling.
+
+    Raises:
+        ValueError: other text, or a number beyond any signal.
+    """
+    value = number(text)
+    if value is None:
+        raise ValueError(f"{text[:40]!r} is no number of a signal")
+    return value
 
 
 def load_imu(path: Path) -> ImuSignals:
@@ -219,7 +229,7 @@ def _is_dot(lines: Sequence[str]) -> bool:
 def _xsens_rate(path: Path, lines: Sequence[str]) -> float:
     """Samples per second, as the header says."""
     said = re.search(
-        r"(?im)^\W*(?:update|output|sample|sampling) ?rate\W*(\d+\.?\d*)\s*hz",
+        r"(?im)^\W*(?:update|output|sample|sampling) ?rate\W*(\d+[.,]?\d*)\s*hz",
         "\n".join(lines[:50]),
     )
     if said is None:
@@ -228,7 +238,7 @@ def _xsens_rate(path: Path, lines: Sequence[str]) -> float:
             'has no line "Update Rate"',
             "give rate_hz in a TOML that names this file, or export it with its header",
         )
-    return float(said[1])
+    return float(said[1].replace(",", "."))
 
 
 def _load_sto(path: Path, units: tables.Units) -> tuple[ImuRecording, ...]:
@@ -293,32 +303,57 @@ def _sto_columns(path: Path) -> dict[tuple[str, str], tuple[FloatArray, FloatArr
     if len(rows) < 2:
         raise file_error(path, "holds no row of vectors", "export it again")
     times, cells = [], []
-    for number, row in enumerate(rows[1:], end + 3):
+    for line, row in enumerate(rows[1:], end + 3):
         try:
-            times.append(float(row[0]))
-            cells.append([[float(x) for x in cell.split(",")] for cell in row[1:]])
-            if any(abs(x) > LARGEST for vector in cells[-1] for x in vector):
-                raise ValueError("a number beyond any signal")
+            times.append(_number(row[0]))
+            cells.append([[_number(x) for x in cell.split(",")] for cell in row[1:]])
             if len(row) != len(rows[0]) or any(len(vector) != 3 for vector in cells[-1]):
                 raise ValueError(f"{len(row)} cells")
         except ValueError as error:
             raise file_error(
-                path, f"is no row of vectors ({error})", "correct it", place=f"line {number}"
+                path, f"is no row of vectors ({error})", "correct it", place=f"line {line}"
             ) from None
     values = np.array(cells).reshape(len(times), -1, 3)
-    found = {}
-    for k, label in enumerate(rows[0][1:]):
-        name, kind = _sto_label(label, path.stem)
-        if kind:
-            found[name, kind] = (np.array(times), values[:, k])
-    return found
+    labels = [_sto_label(label, path.stem) for label in rows[0][1:]]
+    names = _sto_names(path, labels)
+    return {
+        (name, kind): (np.array(times), values[:, k])
+        for k, (name, (_, kind)) in enumerate(zip(names, labels, strict=True))
+        if kind
+    }
+
+
+def _sto_names(path: Path, labels: Sequence[tuple[str, str]]) -> list[str]:
+    """Sensors of columns by the last part of their paths, or by their bodies' where several have
+    that part.
+
+    Raises:
+        LegsimError: two columns of one quantity have one name.
+    """
+    last = [(where.rsplit("/", 1)[-1].removesuffix("_imu"), kind) for where, kind in labels]
+    names = [
+        where.split("/")[-2] if last.count(own) > 1 and "/" in where else own[0]
+        for (where, _), own in zip(labels, last, strict=True)
+    ]
+    of_kind = [(name, kind) for name, (_, kind) in zip(names, labels, strict=True) if kind]
+    twice = [name for name, kind in of_kind if of_kind.count((name, kind)) > 1]
+    if twice:
+        raise file_error(
+            path,
+            f"has two sensors called {twice[0]!r}",
+            "rename one of their columns, or leave it out",
+            place="column names",
+        )
+    return names
 
 
 def _sto_label(label: str, stem: str) -> tuple[str, str]:
-    """(sensor, "force" or "rate") of a column, by its own ending or the file's; "" for others."""
+    """(path of the sensor, "force" or "rate") of a column, by its own ending or the file's; "" for
+    others.
+    """
     name, separator, quantity = label.strip().rpartition("|")
     if not separator:
         name, quantity = label.strip(), stem
     quantity = quantity.lower()
     kind = "force" if quantity.endswith(_STO_FORCE) else "rate" * quantity.endswith(_STO_RATE)
-    return name.rsplit("/", 1)[-1].removesuffix("_imu"), kind
+    return name, kind

@@ -15,8 +15,9 @@ def unwrapped(counter: ArrayLike, period: int | None = None) -> FloatArray:
 
     Args:
         counter: (n,) whole numbers as sent, which start at 0 again after some count.
-        period: that count; None takes the smallest of 2^8, 2^12, 2^16, 2^24 and 2^32 that holds
-            all numbers.
+        period: that count; None takes the span of the numbers where the counter mostly falls from
+            the greatest to the least, and more than once; else the smallest of 2^8, 2^12, 2^16,
+            2^24 and 2^32 that holds all numbers.
 
     Raises:
         LegsimError: numbers that are not whole, a packet that is there twice or out of order.
@@ -26,8 +27,8 @@ def unwrapped(counter: ArrayLike, period: int | None = None) -> FloatArray:
         raise LegsimError("the packet counter holds values that are no whole numbers from 0")
     steps = np.diff(counts)
     if (steps < 0).any():
-        wraps_at = period or next((p for p in _PERIODS if p > counts.max()), None)
-        if wraps_at is None or counts.max() >= wraps_at:
+        wraps_at = period or _period(counts, steps)
+        if wraps_at is None or counts.max() - (0 if period else counts.min()) >= wraps_at:
             raise LegsimError(
                 f"the packet counter reaches {counts.max():.0f}, beyond its period of {wraps_at}; "
                 "correct counter_period"
@@ -46,3 +47,13 @@ def unwrapped(counter: ArrayLike, period: int | None = None) -> FloatArray:
             f"{twice[0] + 1}); keep one of them"
         )
     return np.concatenate([[0.0], np.cumsum(steps)])
+
+
+def _period(counts: FloatArray, steps: FloatArray) -> int | None:
+    """Count after which numbers (n,) start again; None where they are beyond any."""
+    falls = np.flatnonzero(steps < 0)
+    least, most = counts.min(), counts.max()
+    whole = int(((counts[falls] == most) & (counts[falls + 1] == least)).sum())
+    if whole >= max(2, 0.5 * len(falls)):
+        return int(most - least) + 1
+    return next((p for p in _PERIODS if p > most), None)

@@ -4,9 +4,10 @@ it is wrong somewhere.
 
 import numpy as np
 
+from legsim.core.constants import STANDARD_GRAVITY
 from legsim.imu.signals import ImuSignals
 
-_STRONGEST = 20 * 9.80665
+_STRONGEST = 20 * STANDARD_GRAVITY
 """m/s^2; impacts at the shank of a runner are 10 g"""
 
 _FASTEST_DEG_PER_S = 1500.0
@@ -23,7 +24,7 @@ def objections(signals: ImuSignals) -> tuple[str, ...]:
     for name in signals.sensor_names:
         times, turn, force = signals.samples(name)
         for readings, limit, factor, unit, verb in (
-            (force, _STRONGEST, 1 / 9.80665, "g", "is accelerated by"),
+            (force, _STRONGEST, 1 / STANDARD_GRAVITY, "g", "is accelerated by"),
             (turn, np.radians(_FASTEST_DEG_PER_S), np.degrees(1.0), "deg/s", "turns by"),
         ):
             size = np.linalg.norm(readings, axis=1)

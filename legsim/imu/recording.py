@@ -31,8 +31,24 @@ _TILTING_HZ = 0.6
 _CLEARLY = 0.6
 """correlation of gravity's turning in accelerometer and gyroscope above which their ratio counts"""
 
+_FASTEST_BIAS = np.radians(25.0)
+"""rad/s: gyroscopes are off by less, uncorrected ones too (20 deg/s, MPU-6050 data sheet)"""
+
+_FAR, _STILL = 1.0, np.radians(30.0)
+"""rad by which a gyroscope has gravity turn, and within which an accelerometer sees it"""
+
+_SWAY, _UNLIKE = 0.3, 10.0
+"""m/s^2 of gravity's sway by a gyroscope, beyond any noise, and times that of the accelerometer"""
+
+_CALM = 1.0
+"""m/s^2 of deviation of somebody who stands"""
+
 _LONG_GAP = 0.1
 """s; motion of 6 Hz cannot be interpolated over more"""
+
+
+_CHANCE = 1e-6
+"""by which digits of a sensor at rest may repeat as long as that"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -109,15 +125,18 @@ def merged(
     Raises:
         LegsimError: times that do not increase, or that do not overlap.
     """
+    fallen = force[1].copy()
+    fallen[(fallen == 0).all(-1)] = np.nan
     seen = [
         (times[known], values[known])
-        for times, values in (force, rate)
+        for times, values in ((force[0], fallen), rate)
         for known in (np.isfinite(values).all(-1),)
     ]
     if any(len(times) < _FEWEST for times, _ in seen):
         raise LegsimError(f"sensor {name!r} has fewer than {_FEWEST} samples; record longer")
     for times, _ in seen:
         increasing_times(f"times of sensor {name!r}", times)
+        check_steady(name, times)
     notes = tuple(note for times, _ in seen for note in gap_note(name, times))
     if not np.array_equal(seen[0][0], seen[1][0]):
         times = _shared_times([times for times, _ in seen])
@@ -133,6 +152,55 @@ def merged(
             "are put on those of the faster by cubic splines.",
         )
     return ImuRecording(name, seen[0][0], seen[1][1], seen[0][1], notes)
+
+
+def without_lost(rate: FloatArray, force: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Angular velocities and specific forces (n, 3) with NaN where the force is exactly 0, 0, 0.
+
+    Loggers write so what they lost; integrated it would be a free fall.
+    """
+    lost = (force == 0).all(-1)[:, None]
+    return np.where(lost, np.nan, rate), np.where(lost, np.nan, force)
+
+
+def enough(samples: int) -> bool:
+    """Whether so many samples say something."""
+    return samples >= _FEWEST
+
+
+def checked(recording: ImuRecording) -> ImuRecording:
+    """The recording with a note on readings that stand still, refused in other units than m/s^2,
+    rad/s and s, as far as a body can tell.
+
+    Raises:
+        LegsimError: the line names the quantity, what it reads and the fix.
+    """
+    check_plausible(recording)
+    return replace(recording, notes=(*recording.notes, *held_note(recording)))
+
+
+def check_steady(name: str, times: FloatArray) -> None:
+    """Refuses times (n,) s at which packets of several samples arrived: short steps within a
+    packet, and packets as evenly as the samples were taken.
+
+    Raises:
+        LegsimError: with the rate that the times have over all.
+    """
+    steps = np.diff(times)
+    if len(steps) < _FEWEST or (steps <= 0).any():
+        return
+    within = float(np.quantile(steps, 0.3))
+    if within > 0.5 * steps.mean():
+        return
+    rows = np.arange(len(times))
+    line = np.polynomial.Polynomial.fit(rows, times, 1)
+    if np.abs(times - line(rows)).max() > steps.max():
+        return
+    raise LegsimError(
+        f"the times of sensor {name!r} are those of delivery, in bursts: samples "
+        f"{1e3 * within:.3g} ms apart, and {1e3 * steps.max():.3g} ms between bursts; leave the "
+        f"column of times out, and give rate_hz, about {1 / line.convert().coef[1]:.4g}"
+    )
 
 
 def check_plausible(recording: ImuRecording) -> None:
@@ -205,19 +273,53 @@ def _check_rate(where: str, recording: ImuRecording) -> None:
             f"{where}: the accelerometer sees gravity turn {scale:.3g} times as fast as the "
             f"gyroscope does; state the unit of the angular velocity as {unit}"
         )
+    _check_still(where, recording)
+
+
+def _check_still(where: str, recording: ImuRecording) -> None:
+    """Refuses a gyroscope by which gravity turns far where the accelerometer sees it stay."""
+    force = recording.specific_force
+    up = force.mean(0) / np.linalg.norm(force.mean(0))
+    mean = recording.angular_velocity.mean(0)
+    tilting = float(np.linalg.norm(mean - (mean @ up) * up))
+    turn = tilting * float(recording.times[-1] - recording.times[0])
+    upright = np.quantile(force @ up / np.linalg.norm(force, axis=-1), 0.05) > np.cos(_STILL)
+    gyroscope, seen = (float(np.sqrt((v**2).mean())) for v in _gravity_turns(recording))
+    drifts = upright and tilting > _FASTEST_BIAS and turn > _FAR
+    # of somebody who runs, what shakes the sensor makes up for most of the gyroscope's part
+    calm = float(force.std(0).max()) < _CALM
+    sways = calm and gyroscope > max(_SWAY, _UNLIKE * seen)
+    if drifts or sways:
+        by = f"{np.degrees(tilting):.0f} deg/s on end" if drifts else "many times as far"
+        raise LegsimError(
+            f"{where}: by the gyroscope gravity turns {by}, and the accelerometer does not see "
+            "it; state the unit of the angular velocity as deg/s, or check its columns"
+        )
 
 
 def gyroscope_scale(recording: ImuRecording) -> tuple[float, float]:
     """How fast gravity turns in the accelerometer over how fast it does by the gyroscope.
 
-    Slow turns of a leg tilt it more than they accelerate it: f' = -w x f. Returns the ratio, 1 for
-    signals in SI, and the correlation of the two sides, low where the sensor hardly tilts.
+    Returns the ratio, 1 for signals in SI, and the correlation of the two sides, low where the
+    sensor hardly tilts.
+    """
+    gyroscope, seen = _gravity_turns(recording)
+    power, shared = float((gyroscope**2).sum()), float((gyroscope * seen).sum())
+    both = np.sqrt(power * float((seen**2).sum()))
+    return (shared / power, shared / both) if both > 0 else (1.0, 0.0)
+
+
+def _gravity_turns(recording: ImuRecording) -> tuple[FloatArray, FloatArray]:
+    """The slow part of the specific force (n, 3) by the gyroscope, and by the accelerometer; zeros
+    where the recording does not show them.
+
+    Slow turns of a leg tilt it more than they accelerate it: f' = -w x f.
     """
     rate_hz = recording.rate_hz
     count = rate_hz * (recording.times[-1] - recording.times[0])
     # of a recording that is mostly gaps nothing is known between its samples
     if count <= 63 or recording.is_mostly_gaps or rate_hz < 4 * _TILTING_HZ:
-        return 1.0, 0.0
+        return np.zeros((1, 3)), np.zeros((1, 3))
     times = np.arange(recording.times[0], recording.times[-1], 1 / rate_hz)
     low = butter(2, [0.1, _TILTING_HZ], "bandpass", fs=rate_hz, output="sos")
     rate, force = (
@@ -225,10 +327,7 @@ def gyroscope_scale(recording: ImuRecording) -> tuple[float, float]:
         for values in (recording.angular_velocity, recording.specific_force)
     )
     gyroscope = sosfiltfilt(low, -np.cumsum(np.cross(rate, force), axis=0) / rate_hz, axis=0)
-    seen = sosfiltfilt(low, force, axis=0)
-    power, shared = float((gyroscope**2).sum()), float((gyroscope * seen).sum())
-    both = np.sqrt(power * float((seen**2).sum()))
-    return (shared / power, shared / both) if both > 0 else (1.0, 0.0)
+    return gyroscope, sosfiltfilt(low, force, axis=0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -291,7 +390,9 @@ def gap_note(name: str, times: FloatArray) -> tuple[str, ...]:
     """Describes gaps in a sensor's times; nothing where there is none."""
     steps = np.diff(times)
     step = float(np.median(steps))
-    lost = np.rint(steps / step) - 1
+    # a sample that is late makes a long step beside a short one, and none is lost
+    around = np.convolve(np.pad(steps, 1, constant_values=step), np.ones(3), "valid")
+    lost = np.clip(np.minimum(np.rint(steps / step) - 1, np.rint(around / step) - 3), 0, None)
     if not lost.any():
         return ()
     longest = int(np.argmax(steps))
@@ -299,4 +400,27 @@ def gap_note(name: str, times: FloatArray) -> tuple[str, ...]:
     return (
         f"Sensor {name}: {lost.sum():.0f} of {len(times) + lost.sum():.0f} samples are missing, "
         f"the longest gap is {1e3 * steps[longest]:.0f} ms at {times[longest]:.3f} s{advice}.",
+    )
+
+
+def held_note(recording: ImuRecording) -> tuple[str, ...]:
+    """Describes stretches in which all six readings repeat, longer than chance has it; nothing
+    where there is none.
+    """
+    readings = np.concatenate([recording.angular_velocity, recording.specific_force], -1)
+    same = (np.diff(readings, axis=0) == 0).all(-1)
+    # indices of the steps between stretches: one before each, and one after
+    ends = np.flatnonzero(~np.concatenate([[False], same, [False]]))
+    lengths = np.diff(ends) - 1
+    longest = int(lengths.argmax())
+    count = int(lengths[longest])
+    first, last = int(ends[longest]), int(ends[longest]) + count
+    seconds = float(recording.times[last] - recording.times[first])
+    chance = (same.sum() - count) / max(len(same) - count, 1)
+    if seconds < _LONG_GAP or len(same) * chance**count > _CHANCE:
+        return ()
+    return (
+        f"Sensor {recording.name}: all six readings repeat for {seconds:.2f} s at "
+        f"{recording.times[first]:.3f} s, as where packets were lost; nothing is known of the "
+        "motion within it.",
     )

@@ -9,8 +9,8 @@ from pathlib import Path
 
 from legsim.core import files
 from legsim.core.errors import LegsimError, file_error
-from legsim.core.values import LARGEST
 from legsim.imu import units
+from legsim.mocap.cells import number as number_of
 
 Column = str | int
 """its name, or its number from 1 on"""
@@ -78,7 +78,10 @@ def cells_of(line: str, delimiter: str) -> list[str]:
     """Cells of a line, without blanks and quotes around them."""
     if delimiter == " ":
         return line.split()
-    return [cell.strip() for cell in next(csv.reader([line], delimiter=delimiter), [])]
+    try:
+        return [cell.strip() for cell in next(csv.reader([line], delimiter=delimiter), [])]
+    except csv.Error:  # a cell longer than any number or name
+        return [line]
 
 
 def number_in(path: Path, line: int, text: str, column: Column) -> float:
@@ -99,13 +102,8 @@ def number_in(path: Path, line: int, text: str, column: Column) -> float:
 
 
 def _number(text: str) -> float | None:
-    if not text or re.fullmatch(r"(?i)[-+]?nan|n/a|null", text):
-        return math.nan
-    try:
-        value = float(text.replace(",", "."))  # a decimal comma: commas between columns are gone
-    except ValueError:
-        return None
-    return None if abs(value) > LARGEST or "_" in text else value
+    # a decimal comma: commas between columns are gone
+    return number_of(text.replace(",", ".")) if text else math.nan
 
 
 def _names(path: Path, lines: Sequence[str], wanted: Sequence[str]) -> tuple[int, str, list[str]]:

@@ -3,7 +3,6 @@
 A table is of text, or the analog channels of a C3D file, whose clock is that of its markers.
 """
 
-import datetime
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -15,8 +14,8 @@ from numpy.typing import NDArray
 from legsim.core.constants import STANDARD_GRAVITY
 from legsim.core.errors import LegsimError, file_error
 from legsim.core.values import FloatArray
-from legsim.imu import packets, recording, units
-from legsim.imu.recording import ImuRecording, check_plausible, gap_note
+from legsim.imu import moments, packets, recording, units
+from legsim.imu.recording import ImuRecording, check_steady, checked, gap_note
 from legsim.imu.table_rows import Column, number_in, read_rows
 from legsim.imu.units import AccelerationUnit, AngularVelocityUnit, TimeUnit
 from legsim.mocap.c3d_analog import load_analog
@@ -129,10 +128,9 @@ def load(
             merged = recording.merged(
                 sensor.name, (force.times, force.values[k]), (rate.times, rate.values[k])
             )
-            check_plausible(merged)
+            made.append(checked(merged))
         except LegsimError as error:
             raise _in_file(path, error) from error
-        made.append(merged)
     return _noted(made, (*force.notes, *rate.notes))
 
 
@@ -210,7 +208,7 @@ def _of_channels(path: Path, layout: TableLayout, wanted: Sequence[Column]) -> _
     return _Found(
         found.times,
         {column: found.values[:, k] for column, k in at.items()},
-        {column: units.known(found.units[k]) for column, k in at.items()},
+        {column: units.stated(found.units[k]) for column, k in at.items()},
         tuple(f"{path.name}: {note}" for note in found.notes),
     )
 
@@ -267,15 +265,20 @@ def _unit(
     """The unit of the columns, as given, else as the table states it, else the default."""
     for column in columns:
         own = stated[column]
-        if own is not None and given is not None and own != given:
+        if own is not None and given is None and not units.is_known(own):
+            raise LegsimError(
+                f"column {column!r} is stated to be in {own!r}, which is no unit that is read; "
+                f"state {setting}, or convert it"
+            )
+        if own is not None and given is not None and own != given and units.is_known(own):
             raise LegsimError(
                 f"column {column!r} is stated to be in {own}, but {setting} is {given}; correct "
                 "one of them"
             )
-    there = {stated[column] for column in columns} - {None}
+    there = {own for column in columns if (own := stated[column]) and units.is_known(own)}
     if len(there) > 1:
         raise LegsimError(
-            f"columns of one quantity are in {' and '.join(sorted(map(str, there)))}; read their "
+            f"columns of one quantity are in {' and '.join(sorted(there))}; read their "
             "sensors by a TOML each"
         )
     return given or next(iter(there), None) or default
@@ -303,20 +306,26 @@ def recording_of(
     Raises:
         LegsimError: times that do not increase, few samples, units that cannot be.
     """
-    seen = np.asarray(np.isfinite(rate).all(-1) & np.isfinite(force).all(-1))
-    if seen.sum() < 0.5 * len(seen):
+    rate, force = recording.without_lost(rate, force)
+    by_rate, by_force = (np.asarray(np.isfinite(v).all(-1)) for v in (rate, force))
+    seen, fewer = by_rate & by_force, min(by_rate.sum(), by_force.sum())
+    # rows of other sensors, or of a faster instrument, have none of its numbers
+    own = np.isfinite(np.concatenate([rate, force], -1)).any(-1)
+    apart = seen.sum() < 0.5 * fewer and recording.enough(fewer)
+    if not apart and seen.sum() < 0.5 * own.sum():
         raise file_error(
             path,
-            f"sensor {name!r} has numbers in {int(seen.sum())} of {len(seen)} samples",
+            f"sensor {name!r} has numbers in {int(seen.sum())} of {own.sum()} samples",
             "check its columns, or export it again",
         )
     try:
-        times = times[seen]
-        made = ImuRecording(name, times, rate[seen], force[seen])
-        check_plausible(made)
+        if apart:  # rows of accelerations and rows of angular velocities
+            return checked(recording.merged(name, (times, force), (times, rate)))
+        check_steady(name, times[seen])
+        made = checked(ImuRecording(name, times[seen], rate[seen], force[seen]))
+        return replace(made, notes=(*gap_note(name, made.times), *made.notes))
     except LegsimError as error:
         raise _in_file(path, error) from error
-    return replace(made, notes=gap_note(name, times))
 
 
 def _time_unit(stated: str | None, cells: Sequence[str]) -> TimeUnit:
@@ -326,6 +335,10 @@ def _time_unit(stated: str | None, cells: Sequence[str]) -> TimeUnit:
     for unit in units.SECONDS:
         if unit == stated:
             return unit
+    if stated is not None:
+        raise LegsimError(
+            f"the column of times is stated to be in {stated!r}; state time_unit, or convert it"
+        )
     return "s"
 
 
@@ -333,30 +346,9 @@ def _moments(
     path: Path, lines: Sequence[int], cells: Sequence[str], column: Column, unit: TimeUnit
 ) -> FloatArray:
     """Times (n,) in their unit; NaN where a cell is empty."""
-    if unit != "date-time":
-        return np.array([number_in(path, n, t, column) for n, t in zip(lines, cells, strict=True)])
-    return np.array([_seconds(path, n, t, column) for n, t in zip(lines, cells, strict=True)])
-
-
-def _seconds(path: Path, line: int, text: str, column: Column) -> float:
-    """Seconds since 1970, or since midnight where a cell has the time of the day alone."""
-    if not text:
-        return np.nan
-    try:
-        if "-" in text or "/" in text:
-            moment = datetime.datetime.fromisoformat(text.replace("/", "-").replace(",", "."))
-            if moment.tzinfo is None:
-                moment = moment.replace(tzinfo=datetime.UTC)
-            return moment.timestamp()
-        hour = datetime.time.fromisoformat(text.replace(",", "."))
-        return 3600 * hour.hour + 60 * hour.minute + hour.second + 1e-6 * hour.microsecond
-    except ValueError:
-        raise file_error(
-            path,
-            f"{text[:40]!r} in column {column!r} is no date and time",
-            "write it as 2025-01-31T12:00:00.125, or as 12:00:00.125",
-            place=f"line {line}",
-        ) from None
+    if unit == "date-time":
+        return moments.seconds(path, lines, cells, column)
+    return np.array([number_in(path, n, t, column) for n, t in zip(lines, cells, strict=True)])
 
 
 def _times(

@@ -28,34 +28,81 @@ ANGULAR_VELOCITY: Mapping[AngularVelocityUnit, float] = {
 SECONDS: Mapping[TimeUnit, float] = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "date-time": 1.0}
 """s per unit; dates and times are read as seconds"""
 
+_SECOND = ("s", "sec", "secs", "second", "seconds")
+
+_PER_SECOND = tuple(form.format(s) for s in _SECOND for form in ("/{}", ".{}-1", "*{}-1", "{}-1"))
+
+_PER_SECOND_SQUARED = (
+    *(form.format(s) for s in _SECOND for form in ("/{}2", "/({}2)", ".{}-2", "*{}-2", "{}-2")),
+    *(f"/{s}/{s}" for s in _SECOND),
+)
+
+_QUANTITIES: Mapping[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
+    "m/s2": (("m", "meter", "meters", "metre", "metres"), _PER_SECOND_SQUARED),
+    "rad/s": (("rad", "rads", "radian", "radians"), _PER_SECOND),
+    "deg/s": (("deg", "degs", "degree", "degrees", "°"), _PER_SECOND),
+    "mdeg/s": (("mdeg", "mdegs", "millideg", "millidegs", "millidegree", "millidegrees", "m°"),
+               _PER_SECOND),
+}  # fmt: skip
+"""spellings of what a unit counts, and of by what it is divided"""
+
 _SPELLED: Mapping[str, tuple[str, ...]] = {
-    "m/s2": ("m/s2", "m/s/s", "m/(s2)", "ms-2", "m.s-2", "m*s-2", "m/sec2", "meter/s2",
-             "meters/s2", "meters/sec2", "metre/s2"),
     "g": ("g", "gs", "g0", "gn"),
     "mg": ("mg", "milli-g"),
-    "rad/s": ("rad/s", "rads/s", "rad/sec", "rads-1", "rad.s-1", "rad*s-1", "radians/s",
-              "radian/s", "radians/sec"),
-    "deg/s": ("deg/s", "dps", "°/s", "º/s", "deg/sec", "degs/s", "degree/s", "degrees/s",
-              "degrees/sec", "deg.s-1", "deg*s-1", "°/sec"),
-    "mdeg/s": ("mdeg/s", "mdps", "m°/s"),
-    "s": ("s", "sec", "secs", "second", "seconds"),
+    "deg/s": ("dps",),
+    "mdeg/s": ("mdps",),
+    "s": _SECOND,
     "ms": ("ms", "msec", "millisecond", "milliseconds"),
     "us": ("us", "µs", "μs", "usec", "microsecond", "microseconds"),
     "ns": ("ns", "nsec", "nanosecond", "nanoseconds"),
-}  # fmt: skip
+}
 
-_UNITS = {spelling: unit for unit, spellings in _SPELLED.items() for spelling in spellings}
+_UNITS = {spelling: unit for unit, spellings in _SPELLED.items() for spelling in spellings} | {
+    above + below: unit
+    for unit, (counted, by) in _QUANTITIES.items()
+    for above in counted
+    for below in by
+}
+
+_SIGNS = str.maketrans({
+    "²": "2", "¹": "1", "⁻": "-", "\N{MINUS SIGN}": "-",
+    **dict.fromkeys("·⋅∙•", "."), **dict.fromkeys("˚º∘", "°"),
+    **dict.fromkeys("^\"'’", ""),
+})  # fmt: skip
+"""signs of one look, and what stands in no unit"""
 
 _BRACKETS = re.compile(r"[(\[]((?:[^()\[\]]|\([^()]*\))*)[)\]]\s*\d*\s*$")
+
+_LIKE_A_UNIT = re.compile(
+    r"[/°²^]|-[12]$|deg|rad|rpm|rps|dps|grav|lsb|count|sec|hour|minute"
+    r"|(?<![a-z])(?:[uµμ]g|gal|cm|mm|[uµμmk]?v|min|h|hrs?|hz|ticks?|samples?|frames?)$"
+)
 
 
 def known(text: str) -> str | None:
     """The unit that a text is, by any common spelling; None for other text."""
-    plain = re.sub(r"\s|\^|\*\*", "", text.replace("²", "2").replace("⁻", "-")).strip("\"'")
-    return _UNITS.get(plain.lower())
+    return _UNITS.get(_plain(text))
+
+
+def _plain(text: str) -> str:
+    bare = re.sub(r"\s|\*\*", "", text.lower().translate(_SIGNS)).strip(".")
+    bare = re.sub(r"(seconds?|secs?|s)squared", "s2", bare)
+    return re.sub(r"per(?=s)", "/", bare)
+
+
+def stated(text: str) -> str | None:
+    """The unit that a text is, the text itself where it is another unit; None where it is none."""
+    return known(text) or (text.strip() if _LIKE_A_UNIT.search(text.lower().strip()) else None)
+
+
+def is_known(unit: str) -> bool:
+    """Whether :func:`stated` gave one of the units that are read."""
+    return unit in ACCELERATION or unit in ANGULAR_VELOCITY or unit in SECONDS
 
 
 def in_name(column: str) -> str | None:
-    """The unit in the brackets at the end of a column's name, as in "Gyr X (deg/s)"; else None."""
+    """What :func:`stated` says of the brackets at the end of a column's name, as in "Gyr X
+    (deg/s)"; None without.
+    """
     found = _BRACKETS.search(column)
-    return known(found[1]) if found else None
+    return stated(found[1]) if found else None

@@ -148,8 +148,8 @@ def read(element: Element, place: str) -> Function:
     )
 
 
-def numbers(element: Element, tag: str, place: str) -> FloatArray:
-    """The numbers in a child element, none where it is missing.
+def numbers(element: Element, tag: str, place: str, *, endless: bool = False) -> FloatArray:
+    """The numbers in a child element, none where it is missing; ``endless`` allows infinity.
 
     Raises:
         LegsimError: a word is not a finite number.
@@ -159,7 +159,7 @@ def numbers(element: Element, tag: str, place: str) -> FloatArray:
         values = np.array([float(word) for word in text.replace(",", " ").split()])
     except ValueError:
         values = np.array([np.nan])
-    if not np.isfinite(values).all():
+    if np.isnan(values).any() or not (endless or np.isfinite(values).all()):
         raise LegsimError(f"{place}: <{tag}> holds {text.strip()[:40]!r}, not finite numbers")
     return values
 

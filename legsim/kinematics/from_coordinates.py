@@ -28,6 +28,15 @@ _MOVING = tuple(name for name in COORDINATES if re.match("hip_flexion|knee_angle
 _LARGEST_EXTENSION_DEG = 20.0
 """more than any knee overextends"""
 
+_OVEREXTENDED_DEG = 5.0
+"""few people stand with both knees overextended by more (Beighton et al. 1973)"""
+
+_OFTEN = 0.25
+"""of the steps: so many long ones are a rate that varies, no samples left out"""
+
+_POSES = 50
+"""in which feet are looked at"""
+
 
 def named(path: Path, compute: Callable[[], _Result]) -> _Result:
     """Puts the file's name before what a stage that knows no files objects to."""
@@ -38,7 +47,12 @@ def named(path: Path, compute: Callable[[], _Result]) -> _Result:
 
 
 def moving_leg(
-    recording: Recording, path: Path, leg: LegModel, *, low_pass_hz: float = 0.0
+    recording: Recording,
+    path: Path,
+    leg: LegModel,
+    *,
+    low_pass_hz: float = 0.0,
+    knees_turned: bool | None = None,
 ) -> MovingLeg:
     """The person who moves as the coordinates say.
 
@@ -48,6 +62,8 @@ def moving_leg(
         path: the file they come from, for messages.
         leg: the model, scaled to the person.
         low_pass_hz: cut-off of a zero-phase low-pass; 0 leaves the coordinates as they are.
+        knees_turned: whether the knees' sign was turned in another trial of the same source, which
+            decides for straight knees.
 
     Raises:
         LegsimError: the file has no coordinate of the leg, or the low-pass does not fit it.
@@ -56,7 +72,9 @@ def moving_leg(
     if not isinstance(loaded, JointTrajectories):
         raise file_error(path, "holds markers, not joint coordinates", "give a .mot or .sto file")
     completed, filled = _completed(loaded, path, leg)
-    values, turned = _with_our_knee_sign(path, leg.values_of(completed), loaded.coordinate_names)
+    values, was_turned, said = _with_our_knee_sign(
+        path, leg, leg.values_of(completed), loaded, knees_turned
+    )
     if low_pass_hz > 0:
         values = low_passed(path, values, loaded.times, low_pass_hz)
     return MovingLeg(
@@ -64,7 +82,8 @@ def moving_leg(
         leg,
         JointTrajectories(loaded.times, leg.coordinate_names, values),
         None,
-        (*recording.notes, *filled, *turned, *gap_note(loaded.times)),
+        (*recording.notes, *filled, *said, *gap_note(loaded.times)),
+        knees_turned=was_turned,
     )
 
 
@@ -80,7 +99,7 @@ def on_model(
 ) -> MovingLeg:
     """Coordinates of a file on the user's own model, as they are but for a low-pass."""
     loaded, read_notes = raw.to_plausible_motion(
-        in_degrees=in_degrees, unit=unit, rotations=leg.rotations()
+        in_degrees=in_degrees, unit=unit, rotations=leg.rotations(), lengths=leg.shifts
     )
     leg, moved, said = named(path, lambda: on_osim_model.coordinates(leg, loaded))
     values = moved.values
@@ -146,30 +165,71 @@ def low_passed(path: Path, values: FloatArray, times: FloatArray, low_pass_hz: f
 def gap_note(times: FloatArray) -> tuple[str, ...]:
     """A word on samples left out, across which the curves are only guessed."""
     steps = np.diff(times)
-    if len(steps) == 0 or steps.max() <= 2.5 * np.median(steps):
+    usual = float(np.median(steps)) if len(steps) else 0.0
+    longer = steps > 1.5 * usual
+    count = int(longer.sum())
+    if count == 0:
         return ()
     k = int(steps.argmax())
+    if count > _OFTEN * len(steps):
+        return (f"the samples are {steps.min():.3g} to {steps[k]:.3g} s apart, bridged by splines",)
+    others = f", and {count - 1} more gap{'s' * (count > 2)}" if count > 1 else ""
     return (
         f"{steps[k]:.3g} s are missing after {times[k]:g} s (elsewhere a sample every "
-        f"{np.median(steps):.3g} s): bridged by splines",
+        f"{usual:.3g} s){others}: bridged by splines",
     )
 
 
 def _with_our_knee_sign(
-    path: Path, values: FloatArray, file_names: tuple[str, ...]
-) -> tuple[FloatArray, tuple[str, ...]]:
-    """Knee angles negative in flexion, as in gait2392, and a note where the file had them the other
-    way round.
+    path: Path,
+    leg: LegModel,
+    values: FloatArray,
+    loaded: JointTrajectories,
+    turned_there: bool | None,
+) -> tuple[FloatArray, bool, tuple[str, ...]]:
+    """Knee angles negative in flexion, as in gait2392, whether the file's sign was turned for that,
+    and a note where it was, or where neither sign is certain.
 
     Rajagopal2016 and its kin count flexion positive: they bend where no knee of gait2392 can (its
-    limit is 10 degrees of extension); of straight knees a patella coordinate (knee_angle_r_beta)
-    tells.
+    limit is 10 degrees of extension). For straight knees the other trial of the laboratory
+    (``turned_there``), the feet, or the coordinate of a patella decide.
 
     Raises:
         LegsimError: the two knees count flexion in opposite ways.
     """
     knees = [COORDINATES.index(f"knee_angle_{side}") for side in "rl"]
-    bends = np.degrees(values[:, knees])
+    turned = np.array(values)
+    turned[:, knees] *= -1
+    bent = _bent_the_other_way(path, np.degrees(values[:, knees]))
+    notes: tuple[str, ...] = ()
+    if bent is None:
+        bent = turned_there
+    if bent is None:
+        middle = float(np.degrees(np.median(values[:, knees], axis=0)).min())
+        patella = middle > 0 and "knee_angle_r_beta" in loaded.coordinate_names
+        flat = _flat_if_turned(leg, values, turned, loaded) if middle > _OVEREXTENDED_DEG else None
+        bent = patella if flat is None else flat
+        if middle > _OVEREXTENDED_DEG and flat is None and not patella:
+            notes = (
+                f"warning: both knees are overextended, by {middle:.0f} deg or more in the median, "
+                "unless the file counts flexion positive (as Rajagopal2016 does): then turn the "
+                "sign of both columns",
+            )
+    if not bent:
+        return values, False, notes
+    note = (
+        "knee angles were positive in flexion (as in Rajagopal2016); their sign was turned to "
+        "gait2392's"
+    )
+    return turned, True, (note,)
+
+
+def _bent_the_other_way(path: Path, bends: FloatArray) -> bool | None:
+    """Whether knees (n, 2) in degrees bend where no knee of gait2392 can; None for straight ones.
+
+    Raises:
+        LegsimError: one does, and the other bends as it should.
+    """
     most, least = bends.max(0), bends.min(0)
     forwards = (most > _LARGEST_EXTENSION_DEG) & (most > -least)
     backwards = (least < -_LARGEST_EXTENSION_DEG) & ~forwards
@@ -182,12 +242,30 @@ def _with_our_knee_sign(
             "turn the sign of one of the two columns",
             place="coordinates",
         )
-    patellae = "knee_angle_r_beta" in file_names and not backwards.any()
-    if not (forwards.any() or patellae):
-        return values, ()
-    turned = values.copy()
-    turned[:, knees] *= -1
-    return turned, (
-        "knee angles were positive in flexion (as in Rajagopal2016); their sign was turned to "
-        "gait2392's",
+    return bool(forwards.any()) if forwards.any() or backwards.any() else None
+
+
+def _flat_if_turned(
+    leg: LegModel, values: FloatArray, turned: FloatArray, loaded: JointTrajectories
+) -> bool | None:
+    """Whether feet stand flat with the knees' sign turned (n, c), and do not as the file has it;
+    None where neither is clear, or the file lacks a joint between them and the pelvis.
+    """
+    needed = [f"{joint}_{side}" for joint in ("hip_flexion", "ankle_angle") for side in "rl"]
+    if not {"pelvis_tilt", *needed} <= set(loaded.coordinate_names):
+        return None
+    some = np.unique(np.linspace(0, len(values) - 1, _POSES).round().astype(int))
+    as_is, otherwise = (
+        _foot_pitch(leg, JointTrajectories(loaded.times[some], leg.coordinate_names, way[some]))
+        for way in (values, turned)
     )
+    if min(as_is, otherwise) > 0.5 * max(as_is, otherwise):
+        return None
+    return otherwise < as_is
+
+
+def _foot_pitch(leg: LegModel, motion: JointTrajectories) -> float:
+    """Mean over the feet of the angle (rad) from horizontal to heel-toe, in the median."""
+    poses = leg.segment_poses(motion)
+    up = [np.median(np.arcsin(poses.of(f"calcn_{side}")[:, 1, 0])) for side in "rl"]
+    return float(np.mean(np.abs(up)))

@@ -2,6 +2,7 @@
 tolerances.
 """
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
@@ -147,6 +148,12 @@ class IkOptions:
             for name in names:
                 if names.count(name) > 1:
                     raise LegsimError(f"inverse kinematics: {name} has two {what}s; keep one")
+            for entry in entries:
+                if entry.value is not None and not math.isfinite(entry.value):
+                    raise LegsimError(
+                        f"inverse kinematics: the value of the {what} of {entry.coordinate} is "
+                        f"{entry.value}; give a finite one, or none for the default"
+                    )
 
     def settled(self, own: tuple[CoordinatePrior, ...]) -> "IkOptions":
         """The options with priors by their strengths: the model's ``own`` where none are given."""

@@ -57,7 +57,7 @@ def read(path: str | Path) -> IkTaskSet:
         name, weight = _name_and_weight(element, holder)
         if name in (markers if element.tag == "IKMarkerTask" else coordinates):
             raise file_error(holder, f"{name} has two tasks", "keep one")
-        if not _applies(element):
+        if not osim_xml.flag(element, "apply", missing=True):
             continue
         if element.tag == "IKMarkerTask":
             markers[name] = weight
@@ -108,15 +108,10 @@ def _name_and_weight(element: Element, path: Path) -> tuple[str, float]:
     return name, weight
 
 
-def _applies(element: Element) -> bool:
-    return (element.findtext("apply") or "true").strip().lower() == "true"
-
-
 def _value(element: Element, name: str, path: Path) -> float | None:
     """The value in OpenSim's units, rad or m; None for the model's default."""
     kind = (element.findtext("value_type") or "default_value").strip()
-    from_file = (element.findtext("from_file") or "").strip().lower() == "true"
-    if kind == "from_file" or from_file:
+    if kind == "from_file" or osim_xml.flag(element, "from_file"):
         raise file_error(
             path,
             f"the task of {name} takes its value from a file of coordinates",

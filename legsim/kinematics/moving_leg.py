@@ -96,6 +96,10 @@ class MovingLeg:
     """what was put right on the way in"""
     zero: ZeroPose | None = None
     """of :meth:`from_zero`; the movement itself is not changed by it"""
+    knees_turned: bool | None = None
+    """whether the file counted flexion positive, so that the knees' sign was turned; None where
+    nobody judged it
+    """
 
     def from_zero(self) -> JointTrajectories | None:
         """The coordinates counted from the static trial's mean pose; None without one."""
@@ -296,6 +300,13 @@ class MovingLeg:
             lines.append(
                 "decided by the stated priors, tasks or locks rather than the markers: "
                 f"{', '.join(loose)}"
+            )
+        if self.fit.registration is not None:
+            found = self.fit.registration
+            lines.append(
+                f"lengths and places of markers found from {found.frames} "
+                f"posture{'s' * (found.frames > 1)}, by an error of {1e3 * found.error:.2g} mm per "
+                "marker and axis"
             )
         lines.append(f"least known, by one standard deviation: {self._least_known()}")
         lines += [f"warning: {line}" for line in self.warnings]

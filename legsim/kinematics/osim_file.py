@@ -24,6 +24,7 @@ from legsim.kinematics import _osim_frames, osim_xml
 from legsim.kinematics import _osim_functions as functions
 from legsim.kinematics._osim_frames import Frames
 from legsim.kinematics._osim_functions import Function
+from legsim.kinematics.osim_xml import flag
 
 _X, _Y, _Z = np.eye(3)
 
@@ -232,14 +233,17 @@ def _joint(element: Element, child_body: str, placed: Frames) -> Joint:
     name, kind = element.get("name", ""), element.tag
     parent, parent_from_p, child, child_from_c, problem = _ends(element, child_body, placed)
     ends = (name, kind, parent, child, parent_from_p, child_from_c)
-    coordinates = tuple(_coordinate(c, name) for c in element.iter("Coordinate"))
-    if (element.findtext("reverse") or "false").strip().lower() == "true":
+    try:
+        coordinates = tuple(_coordinate(c, name) for c in element.iter("Coordinate"))
+    except LegsimError as error:
+        return Joint(*ends, (), problem=str(error))
+    if flag(element, "reverse"):
         problem = problem or "it is reversed (child moves parent), which is not supported"
     if kind not in SUPPORTED_JOINTS:
         problem = (
             f"the joint type {kind} is not supported; supported are {', '.join(SUPPORTED_JOINTS)}"
         )
-    prescribed = [c.get("name", "") for c in element.iter("Coordinate") if _flag(c, "prescribed")]
+    prescribed = [c.get("name", "") for c in element.iter("Coordinate") if flag(c, "prescribed")]
     if prescribed:
         problem = problem or (
             f"its coordinate {prescribed[0]} is prescribed over time; set prescribed to false"
@@ -342,7 +346,7 @@ def _numbered(old: Element) -> list[tuple[str, Element]]:
     """Axes of OpenSim 1's TransformAxisSet under today's names: in the order of the file."""
     counts, named = {"rotation": 0, "translation": 0}, []
     for axis in old.findall("objects/TransformAxis"):
-        kind = "rotation" if _flag(axis, "is_rotation") else "translation"
+        kind = "rotation" if flag(axis, "is_rotation") else "translation"
         counts[kind] += 1
         named.append((f"{kind}{counts[kind]}", axis))
     return named
@@ -369,7 +373,7 @@ def _axis(element: Element, place: str) -> JointAxis:
 def _coordinate(element: Element, joint: str) -> Coordinate:
     name = element.get("name", "")
     place = f"joint {joint}, coordinate {name}"
-    span = functions.numbers(element, "range", place)
+    span = functions.numbers(element, "range", place, endless=True)
     if len(span) not in (0, 2):
         raise LegsimError(f"{place}: <range> holds {len(span)} numbers, expected two")
     if len(span) and span[0] > span[1]:
@@ -381,8 +385,8 @@ def _coordinate(element: Element, joint: str) -> Coordinate:
         float(default[0]) if len(default) else 0.0,
         float(low),
         float(high),
-        _flag(element, "clamped"),
-        _flag(element, "locked"),
+        flag(element, "clamped"),
+        flag(element, "locked"),
     )
 
 
@@ -391,8 +395,8 @@ def _constraints(
 ) -> tuple[tuple[Coupler, ...], tuple[OtherConstraint, ...]]:
     couplers, others = [], []
     for element in elements:
-        off = _flag(element, "isDisabled") or (
-            element.find("isEnforced") is not None and not _flag(element, "isEnforced")
+        off = flag(element, "isDisabled") or (
+            element.find("isEnforced") is not None and not flag(element, "isEnforced")
         )
         if off:
             continue
@@ -430,10 +434,6 @@ def _coupler(element: Element, name: str) -> Coupler:
 def _objects(model: Element, tag: str) -> list[Element]:
     holder = model.find(f"{tag}/objects")
     return [] if holder is None else list(holder)
-
-
-def _flag(element: Element, tag: str) -> bool:
-    return (element.findtext(tag) or "").strip().lower() == "true"
 
 
 def _children(root: Element) -> str:

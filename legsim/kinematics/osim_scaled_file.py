@@ -88,8 +88,9 @@ def _put_joint(element: Element, joint: Joint, parent: FloatArray) -> None:
         _place(element, f"location{own}", f"orientation{own}", joint.child_from_c)
     for axis in (*element.findall("SpatialTransform/TransformAxis"),
                  *element.findall("TransformAxisSet/objects/TransformAxis")):  # fmt: skip
-        turns = (axis.findtext("is_rotation") or "").strip().lower() == "true"
-        if not turns and not axis.get("name", "").startswith("rotation"):
+        if not osim_xml.flag(axis, "is_rotation") and not axis.get("name", "").startswith(
+            "rotation"
+        ):
             _stretch(axis, parent)
 
 
@@ -150,14 +151,19 @@ def _scale_body(body: Element, factors: FloatArray) -> None:
 def _put_markers(element: Element, model: OsimModel) -> None:
     """Moves the file's markers to where the model has them, and adds those of a marker set."""
     markers = {marker.name: marker for marker in model.markers}
+    there = set()
     holder = element.find("MarkerSet/objects")
     if holder is None:
         old = element.find("MarkerSet")
         holder = SubElement(SubElement(element, "MarkerSet") if old is None else old, "objects")
     for found in holder.findall("Marker"):
-        if found.get("name") in markers:
-            _put_marker(found, markers.pop(found.get("name", "")))
+        name = found.get("name", "")
+        if name in markers:  # also the second of one name
+            _put_marker(found, markers[name])
+            there.add(name)
     for name, marker in markers.items():
+        if name in there:
+            continue
         added = SubElement(holder, "Marker", {"name": name})
         if model.version < _SOCKETS:
             SubElement(added, "body")
@@ -169,10 +175,13 @@ def _put_marker(element: Element, marker: OsimMarker) -> None:
         _set(element, "body", marker.body)
     else:
         on = "/ground" if marker.body == "ground" else f"/bodyset/{marker.body}"
-        old = element.find("socket_parent_frame_connectee_name")
-        if element.find("connectors") is None:
-            tag = "socket_parent_frame" + ("" if old is None else "_connectee_name")
-            _set(element, tag, on)
+        connectors = element.findall("connectors/*")
+        for connector in connectors:
+            if connector.get("name") == "parent_frame":
+                _set(connector, "connectee_name", marker.body)
+        if not connectors:
+            old = element.find("socket_parent_frame_connectee_name")
+            _set(element, "socket_parent_frame" + ("" if old is None else "_connectee_name"), on)
     _set(element, "location", _row(marker.location))
 
 

@@ -31,7 +31,7 @@ def read(path: Path | str) -> dict[str, FloatArray]:
     found: dict[str, FloatArray] = {}
     for element in osim_xml.document(path).iter("Scale"):
         body = (element.findtext("segment") or element.get("name") or "").strip()
-        if (element.findtext("apply") or "true").strip().lower() != "true":
+        if not osim_xml.flag(element, "apply", missing=True):
             continue
         try:
             factors = functions.numbers(element, "scales", f"scale of {body}")

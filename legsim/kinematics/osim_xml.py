@@ -7,6 +7,7 @@ from pathlib import Path
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
 
+from legsim.core import files
 from legsim.core.errors import file_error
 
 
@@ -18,10 +19,7 @@ def document(path: Path, *, bare: Collection[str] = ()) -> Element:
     Raises:
         LegsimError: the file cannot be read, or is not an OpenSim document.
     """
-    try:
-        text = path.read_bytes()
-    except OSError as error:
-        raise file_error(path, f"cannot be read ({error.strerror})", "check the path") from error
+    text = files.content(path)
     if b"<!DOCTYPE" in text or b"<!ENTITY" in text:
         raise file_error(path, "declares a document type", "give a file that OpenSim wrote")
     try:
@@ -39,6 +37,14 @@ def document(path: Path, *, bare: Collection[str] = ()) -> Element:
     if root.tag not in ("OpenSimDocument", *bare):
         raise file_error(path, f"begins with <{root.tag}>", "give a file that OpenSim wrote")
     return root
+
+
+def flag(element: Element, tag: str, *, missing: bool = False) -> bool:
+    """Whether a child element is true, as OpenSim reads it: "true" or "1"; ``missing`` where there
+    is none, or it is empty.
+    """
+    text = (element.findtext(tag) or "").strip().lower()
+    return text in ("true", "1") if text else missing
 
 
 def _as_xml(text: bytes) -> str:

@@ -4,6 +4,7 @@ wrong somewhere.
 
 import numpy as np
 
+from legsim.core.constants import STANDARD_GRAVITY
 from legsim.core.values import FloatArray
 from legsim.kinematics.inverse_kinematics import IkReport
 from legsim.kinematics.leg import Leg
@@ -16,7 +17,7 @@ _FASTEST_DEG_PER_S = 1500.0
 _FASTEST_M_PER_S = 12.0
 """a sprinter's pelvis"""
 
-_STRONGEST = 20 * 9.80665
+_STRONGEST = 20 * STANDARD_GRAVITY
 """m/s^2 of a segment's origin: impacts at the shank of a runner are 10 g"""
 
 _UNLIKE = 0.04
@@ -24,6 +25,9 @@ _UNLIKE = 0.04
 
 _OVEREXTENDED = np.radians(15.0)
 """rad of a knee; 10 degrees count as lax (Beighton et al. 1973)"""
+
+_STRAIGHT = np.radians(5.0)
+"""rad from a straight knee"""
 
 _PEOPLES_DEG = {
     "hip_flexion": (-50.0, 150.0),
@@ -62,6 +66,7 @@ def beyond_limits(
 
     They are knees that stay at a limit, where the markers would bend them further, or
     overextended by more than people's, and hips beyond people's range.
+    The straight end of the knees of a user's model counts as none.
     """
     why = "its markers do not sit where the model has them" if by_markers else "is another model's"
     lines = []
@@ -71,8 +76,10 @@ def beyond_limits(
         angle = trajectories.coordinate(name)
         low, high = leg.coordinate_ranges[leg.coordinate_names.index(name)]
         for limit, beyond in ((low, angle < low + 1e-6), (high, angle > high - 1e-6)):
+            # a user's model may end where a knee is straight, and people stand there
+            straight = not isinstance(leg, LegModel) and abs(limit) < _STRAIGHT
             share = float(np.mean(beyond))
-            if share > _LONG_AT_LIMIT:
+            if share > _LONG_AT_LIMIT and not straight:
                 lines.append(
                     f"{name} is at its limit of {np.degrees(limit):.0f} deg in "
                     f"{100 * share:.0f} % of the frames: that knee goes beyond what the model has, "
@@ -140,7 +147,7 @@ def _too_fast(leg: Leg, values: FloatArray, times: FloatArray) -> list[str]:
         frame = int(rates[:, k].argmax())
         fastest = (
             f"{rates[frame, k]:.0f} m/s"
-            if 3 <= k < 6
+            if slides[k]
             else f"{np.degrees(rates[frame, k]):.0f} deg/s"
         )
         count = int((rates[:, k] > limits[k]).sum())
@@ -165,7 +172,7 @@ def _too_strong(leg: Leg, values: FloatArray, times: FloatArray) -> list[str]:
         highest = float(strength.max())
         if highest > _STRONGEST:
             lines.append(
-                f"{segment} is accelerated by {highest / 9.80665:.0f} g at frame {frame} "
+                f"{segment} is accelerated by {highest / STANDARD_GRAVITY:.0f} g at frame {frame} "
                 f"({times[frame]:.3f} s), more than any impact"
             )
     return lines

@@ -188,7 +188,6 @@ def postures(problem: Problem, measured: FloatArray) -> np.ndarray:
     count = np.where(seen[:, problem.pelvis_rows].sum(1) >= 3, seen.sum(1), -1)
     frames = np.flatnonzero(count == count.max())
     frames = frames[:: max(1, len(frames) // 600)]
-    shown = seen[frames[0]] & seen[frames].all(0)
     pelvis = np.array(problem.pelvis_rows)
     local = []
     for frame in measured[frames]:
@@ -196,16 +195,23 @@ def postures(problem: Problem, measured: FloatArray) -> np.ndarray:
         pose = transforms.best_rigid(
             problem.sites.positions[use], frame[use], problem.sites.weights[use]
         )
-        local.append(transforms.apply(transforms.inverse(pose), frame[shown]))
-    shapes = np.array(local)
-    chosen = [int(np.linalg.norm(shapes - np.median(shapes, 0), axis=-1).max(1).argmin())]
+        local.append(transforms.apply(transforms.inverse(pose), frame))
+    shapes = np.array(local)[:, seen[frames].any(0)]
+    chosen = [int(_apart(shapes, np.nanmedian(shapes, 0)).argmin())]
     away = np.full(len(frames), np.inf)
     while len(chosen) < _MOST_FRAMES:
-        away = np.minimum(away, np.linalg.norm(shapes - shapes[chosen[-1]], axis=-1).max(1))
+        away = np.minimum(away, _apart(shapes, shapes[chosen[-1]]))
         if away.max() < _APART:
             break
         chosen.append(int(away.argmax()))
     return np.sort(frames[chosen])
+
+
+def _apart(shapes: FloatArray, one: FloatArray) -> FloatArray:
+    """(n,) m: how far markers (n, m, 3) are from another posture's (m, 3) at most, of those that
+    both show.
+    """
+    return np.nan_to_num(np.linalg.norm(shapes - one, axis=-1)).max(1)
 
 
 class _Fit:
@@ -323,7 +329,7 @@ class _Fit:
             person, problem = self._at(theta)
             state = self._posed(problem, self.state.values - follow @ step)
             trial = self._total(state, theta)
-            if trial > total:
+            if not trial <= total:  # also where it is not a number
                 damping = 10 * max(damping, 1e-4)
                 if damping > 1e6:
                     break

@@ -53,7 +53,7 @@ def with_zero(
     path = find_recording(recording)
     raw = mocap_files.read_raw(path)
     if isinstance(raw, RawCoordinates):
-        found, notes = _coordinates(path, raw, person.leg, unit=unit, in_degrees=in_degrees)
+        found, notes = _coordinates(path, raw, person, unit=unit, in_degrees=in_degrees)
     elif person.fit is None:
         raise file_error(
             path,
@@ -83,18 +83,19 @@ def with_zero(
 
 
 def _coordinates(
-    path: Path, raw: RawCoordinates, leg: Leg, *, unit: str | None, in_degrees: bool | None
+    path: Path, raw: RawCoordinates, person: MovingLeg, *, unit: str | None, in_degrees: bool | None
 ) -> tuple[JointTrajectories, tuple[str, ...]]:
     """Coordinates of a file on the person's leg, and notes."""
+    leg = person.leg
     if isinstance(leg, OsimLeg):
         loaded, notes = raw.to_plausible_motion(
-            in_degrees=in_degrees, unit=unit, rotations=leg.rotations()
+            in_degrees=in_degrees, unit=unit, rotations=leg.rotations(), lengths=leg.shifts
         )
         _, found, said = named(path, lambda: on_osim_model.coordinates(leg, loaded))
         return found, (*notes, *said)
     assert isinstance(leg, LegModel)
     recording = mocap_files.resolve(path, raw, unit=unit, in_degrees=in_degrees)
-    moved = from_coordinates.moving_leg(recording, path, leg)
+    moved = from_coordinates.moving_leg(recording, path, leg, knees_turned=person.knees_turned)
     return moved.trajectories, moved.notes
 
 

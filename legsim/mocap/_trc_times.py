@@ -8,14 +8,14 @@ import numpy as np
 
 from legsim.core.errors import file_error
 from legsim.core.values import FloatArray
-from legsim.mocap._cells import decimals
+from legsim.mocap._stated_times import full_times, last_digit
 from legsim.mocap.trajectories import written_twice
 
 _SLOWEST_HZ = 2.0
 """no marker is followed so slowly"""
 
-_ENOUGH = 10
-"""rows that are not on a grid by chance"""
+_OTHER_UNITS = {1e-3: "milliseconds", 1e-6: "microseconds", 60.0: "minutes"}
+"""seconds per unit"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -33,8 +33,8 @@ class TimeColumn:
 def row_times(path: Path, rate: float, column: TimeColumn) -> tuple[FloatArray, tuple[str, ...]]:
     """Times (n,) s, and notes on what is unusual about them.
 
-    The column's times are taken, unless they are multiples of 1 / ``rate`` stated with few digits:
-    then these.
+    The column's times are taken, unless they are multiples of 1 / ``rate``, or even at another rate
+    or on a grid, stated with few digits: then these.
 
     Raises:
         LegsimError: the times do not increase.
@@ -51,7 +51,7 @@ def row_times(path: Path, rate: float, column: TimeColumn) -> tuple[FloatArray, 
         return times, (*said, *_frame_notes(times, frames, rate, timed=False))
     known = ~np.isnan(stated)
     # by how much the column's last digit counts, in seconds
-    step = 10.0 ** -max(decimals(text) for text in column.texts) * unit
+    step = last_digit(column.texts) * unit
     if not known.all():
         notes = (
             *notes,
@@ -60,7 +60,7 @@ def row_times(path: Path, rate: float, column: TimeColumn) -> tuple[FloatArray, 
     times = _even_times(stated, frames, known, rate, step)
     if times is None:
         stated[~known] = np.interp(frames[~known], frames[known], stated[known])
-        times = _on_grid(stated, rate, step)
+        times = full_times(stated, step, rate)
     _check_increase(path, times, column)
     return times, (*notes, *_frame_notes(times, frames, rate, timed=True))
 
@@ -83,17 +83,19 @@ def _check_increase(path: Path, times: FloatArray, column: TimeColumn) -> None:
 
 
 def _seconds(stated: FloatArray, frames: FloatArray, rate: float) -> tuple[float, tuple[str, ...]]:
-    """Seconds in a unit of the time column, and a note where it is in milliseconds, from frame to
-    frame a thousand times what the rate says, or counts frames.
+    """Seconds in a unit of the time column, and a note where it is in another one, by which it goes
+    from frame to frame as the rate says, or counts frames.
     """
     between = np.diff(frames)
     if len(stated) > 1 and rate > _SLOWEST_HZ and (np.diff(stated) == between).all():
         said = f"the time column counts frames: times are from it and DataRate ({rate:g} Hz)"
         return 1 / rate, (said,)
     steps = np.diff(stated) / np.where(between > 0, between, np.nan)
-    if not np.isfinite(steps).any() or abs(np.nanmedian(steps) * rate / 1000 - 1) > 0.02:
-        return 1.0, ()
-    return 1 / 1000, ("the time column is in milliseconds",)
+    usual = np.nanmedian(steps) if np.isfinite(steps).any() else np.nan
+    for seconds, name in _OTHER_UNITS.items():
+        if abs(usual * seconds * rate - 1) <= 0.02:
+            return seconds, (f"the time column is in {name}",)
+    return 1.0, ()
 
 
 def _frame_notes(
@@ -111,6 +113,11 @@ def _frame_notes(
     if fast > 1.5 * slow:
         return (f"the rate varies between {slow:.3g} and {fast:.3g} Hz by the time column",)
     found = (len(times) - 1) / (times[-1] - times[0])
+    if found <= _SLOWEST_HZ:
+        return (
+            f"warning: a sample every {1 / found:.3g} s: no movement is followed so slowly, see "
+            "whether the times are in seconds",
+        )
     if abs(found / rate - 1) < 0.02:
         return ()
     return (f"the header says {rate:g} Hz, the time column {found:.4g} Hz, which is taken",)
@@ -164,25 +171,9 @@ def _even_times(
     # times stated in full are kept to the last bit
     if errors[1] <= 1e-9:
         return None if known.all() else candidates[1]
-    # beyond three quarters of a sample the column tells of something else than rounding
-    tolerance = min(1.001 * step, 0.75 / rate)
+    # beyond three quarters of a sample the column tells of something else than rounding, unless
+    # its digits are coarser than that
+    tolerance = 1.001 * step if 1 / rate < 0.9 * step else min(1.001 * step, 0.75 / rate)
     return next(
         (even for even, error in zip(candidates, errors, strict=True) if error <= tolerance), None
     )
-
-
-def _on_grid(stated: FloatArray, rate: float, step: float) -> FloatArray:
-    """Multiples of 1 / rate where these explain every stated time to its last digit, and that digit
-    hides something: a camera of variable rate, or rows left out. Else the times as stated.
-    """
-    if len(stated) < _ENOUGH or 1.001 * step > 0.25 / rate:
-        return stated
-    for origin in (0.0, float(stated[0])):
-        counts = np.rint((stated - origin) * rate)
-        grid = origin + counts / rate
-        error = float(np.abs(grid - stated).max())
-        if error <= 1e-9:
-            return stated
-        if error <= 1.001 * step and (np.diff(counts) > 0).all():
-            return grid
-    return stated

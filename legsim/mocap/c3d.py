@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from legsim.core import files
 from legsim.core.errors import file_error
 from legsim.core.values import FloatArray
 from legsim.mocap._c3d_header import BLOCK, CURE, C3dHeader, floats, integers, read_header
@@ -47,7 +48,7 @@ def read(path: Path | str) -> RawMarkers:
         LegsimError: as :func:`load`.
     """
     path = Path(path)
-    data = file_bytes(path)
+    data = files.content(path)
     header = with_true_sign(read_header(path, data), data)
     notes = list(header.notes)
     _check_points(header)
@@ -56,23 +57,11 @@ def read(path: Path | str) -> RawMarkers:
     positions = _positions(header, data, frames)
     labels, kept = _labels(header, notes)
     _check_positions(header, positions[:, kept])
-    times = (max(header.first_frame, 1) - 1 + np.arange(frames)) / rate
+    times = (first_frame(header) - 1 + np.arange(frames)) / rate
     unit = next(iter(header.texts("POINT", "UNITS")), "")
     return RawMarkers(
         str(path), times, labels, positions[:, kept], unit, _screen_up(header), "z", tuple(notes)
     )
-
-
-def file_bytes(path: Path) -> bytes:
-    """Content of a file.
-
-    Raises:
-        LegsimError: it cannot be read.
-    """
-    try:
-        return path.read_bytes()
-    except OSError as error:
-        raise file_error(path, f"cannot be read ({error.strerror})", "check the path") from error
 
 
 def _check_points(header: C3dHeader) -> None:
@@ -137,16 +126,34 @@ def _said_frames(header: C3dHeader, held: int) -> int:
         for name in ("LONG_FRAMES", "FRAMES")
         if (n := header.numbers("POINT", name)).size and np.isfinite(n[0])
     ]
-    start, end = (header.numbers("TRIAL", f"ACTUAL_{which}_FIELD") for which in ("START", "END"))
-    if start.size == 2 and end.size == 2 and np.isfinite([*start, *end]).all():
-        low, high = (int(x[0] % 65536) + 65536 * int(x[1] % 65536) for x in (start, end))
-        stated.insert(0, high - low + 1)
+    start, end = _actual_field(header, "START"), _actual_field(header, "END")
+    if start is not None and end is not None:
+        stated.insert(0, end - start + 1)
     stops = header.last_frame >= 65535
     for count in stated:
         if count > said and (stops or (count <= held and (count - said) % 65536 == 0)):
             return count
     more, left = divmod(held - said, 65536)
     return said + 65536 * more if more > 0 and left <= BLOCK // frame_bytes(header) else said
+
+
+def _actual_field(header: C3dHeader, which: str) -> int | None:
+    """The trial's first ("START") or last ("END") frame of its 32-bit parameter; None without."""
+    words = header.numbers("TRIAL", f"ACTUAL_{which}_FIELD")
+    if words.size != 2 or not np.isfinite(words).all():
+        return None
+    return int(words[0] % 65536) + 65536 * int(words[1] % 65536)
+
+
+def first_frame(header: C3dHeader) -> int:
+    """Number of the first frame, from 1 on.
+
+    The header's 16 bits stop or wrap at 65535; a parameter has it in full.
+    """
+    actual, short = _actual_field(header, "START"), header.first_frame
+    if actual is not None and (short >= 65535 or (actual - short) % 65536 == 0):
+        return max(actual, short, 1)
+    return max(short, 1)
 
 
 def frame_bytes(header: C3dHeader) -> int:

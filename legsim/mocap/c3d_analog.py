@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from legsim.core import files
 from legsim.core.errors import file_error
 from legsim.core.values import FloatArray, within
 from legsim.mocap import c3d
@@ -38,14 +39,14 @@ def load_analog(path: Path | str) -> AnalogChannels:
         LegsimError: a file that is no C3D or is damaged, or that has no channel.
     """
     path = Path(path)
-    data = c3d.file_bytes(path)
+    data = files.content(path)
     header = with_true_sign(read_header(path, data), data)
     channels, per_frame = _samples(header)
     notes = list(header.notes)
     frames, rate = c3d.frame_count(header, len(data), notes), c3d.frame_rate(header, notes)
     _check_rate(header, rate * per_frame)
     raw = _raw(header, data, frames).reshape(frames * per_frame, channels)
-    first = (max(header.first_frame, 1) - 1) / rate
+    first = (c3d.first_frame(header) - 1) / rate
     labels = _texts(header, "LABELS", channels)
     named = tuple(label or f"*{k + 1}" for k, label in enumerate(labels))
     times = first + np.arange(len(raw)) / (rate * per_frame)

@@ -17,7 +17,7 @@ from legsim.mocap import copies, mixed_units, outliers
 from legsim.mocap.raw import UNITS_PER_METER
 from legsim.mocap.trajectories import JointTrajectories, written_twice
 
-_TRANSLATION = re.compile(r".*_t[xyz]")
+_TRANSLATION = re.compile(r".*_t[xyz](_[rl])?")
 
 _COUPLED = re.compile(r".*_beta")
 
@@ -96,10 +96,11 @@ class RawCoordinates:
         in_degrees: bool | None = None,
         unit: str | None = None,
         rotations: Collection[str] | None = None,
+        lengths: Collection[str] | None = None,
     ) -> JointTrajectories:
         """The coordinates in radians and meters, whatever they then are.
 
-        Rotations alone are in degrees: not the translations (``*_tx, *_ty, *_tz``), and not the
+        Rotations alone are in degrees: not the translations (``*_ty``, ``*_ty_r``), and not the
         coupled coordinates (``*_beta``), which OpenSim leaves in radians.
 
         Args:
@@ -107,6 +108,7 @@ class RawCoordinates:
             unit: of the translations, a key of ``UNITS_PER_METER``; meters by default.
             rotations: names of the coordinates that are in degrees in such a file; None tells by
                 name.
+            lengths: names of those that are lengths, the same.
 
         Raises:
             LegsimError: the file does not say whether angles are in degrees, or times repeat.
@@ -129,7 +131,11 @@ class RawCoordinates:
             ]
             values[:, turning] = np.deg2rad(values[:, turning])
         if unit is not None:
-            sliding = [k for k, name in enumerate(self.names) if _TRANSLATION.fullmatch(name)]
+            sliding = [
+                k
+                for k, name in enumerate(self.names)
+                if (is_translation(name) if lengths is None else name in lengths)
+            ]
             values[:, sliding] /= UNITS_PER_METER[unit]
         return JointTrajectories(self.times, self.names, values)
 
@@ -139,12 +145,13 @@ class RawCoordinates:
         in_degrees: bool | None = None,
         unit: str | None = None,
         rotations: Collection[str] | None = None,
+        lengths: Collection[str] | None = None,
     ) -> tuple[JointTrajectories, tuple[str, ...]]:
         """The coordinates in radians and meters, without wraps, and notes on what was put right and
         on what no body does.
 
-        What is given by ``in_degrees`` and ``unit`` is believed; ``rotations`` as of
-        :meth:`to_motion`.
+        What is given by ``in_degrees`` and ``unit`` is believed; ``rotations`` and
+        ``lengths`` as of :meth:`to_motion`.
 
         Raises:
             LegsimError: as :meth:`to_motion`; or the times are not in seconds, the angles not in
@@ -152,7 +159,9 @@ class RawCoordinates:
         """
         raw, notes = _without_repeats(self)
         raw, copied = _without_copies(raw)
-        motion = raw.to_motion(in_degrees=in_degrees, unit=unit, rotations=rotations)
+        motion = raw.to_motion(
+            in_degrees=in_degrees, unit=unit, rotations=rotations, lengths=lengths
+        )
         _check_seconds(raw)
         if in_degrees is None:
             _check_degrees(raw)
@@ -167,7 +176,12 @@ class RawCoordinates:
 
 def is_rotation(coordinate: str) -> bool:
     """Whether OpenSim converts a coordinate of this name between degrees and radians."""
-    return not (_TRANSLATION.fullmatch(coordinate) or _COUPLED.fullmatch(coordinate))
+    return not (is_translation(coordinate) or _COUPLED.fullmatch(coordinate))
+
+
+def is_translation(coordinate: str) -> bool:
+    """Whether a coordinate of this name is a length, also a joint's (knee_ty_r)."""
+    return _TRANSLATION.fullmatch(coordinate) is not None
 
 
 def is_of_leg(name: str) -> bool:

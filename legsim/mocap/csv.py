@@ -17,8 +17,9 @@ import numpy as np
 from legsim.core import files
 from legsim.core.errors import file_error
 from legsim.core.values import FloatArray
-from legsim.mocap._cells import number
-from legsim.mocap.coordinates import RawCoordinates
+from legsim.mocap._stated_times import full_times, last_digit
+from legsim.mocap.cells import number
+from legsim.mocap.coordinates import RawCoordinates, is_translation
 from legsim.mocap.trajectories import JointTrajectories, MarkerTrajectories, written_twice
 
 _AXES = ("_x_m", "_y_m", "_z_m")
@@ -78,8 +79,9 @@ def read(path: Path | str) -> MarkerTrajectories | RawCoordinates:
     table = np.array(
         [_numbers(path, k, row, header) for k, row in enumerate(rows[1:], start=2)]
     ).reshape(-1, len(header))
-    _check_times(path, table[:, 0])
-    return _value(path, header[1:], table[:, 0], table[:, 1:])
+    times = full_times(table[:, 0], last_digit(row[0] for row in rows[1:]))
+    _check_times(path, times)
+    return _value(path, header[1:], times, table[:, 1:])
 
 
 def _check_times(path: Path, times: FloatArray) -> None:
@@ -132,7 +134,7 @@ def _check_unique(path: Path, names: tuple[str, ...]) -> None:
 
 
 def _unit(coordinate: str) -> str:
-    return "_m" if re.fullmatch(r".*_t[xyz]", coordinate) else "_rad"
+    return "_m" if is_translation(coordinate) else "_rad"
 
 
 def _save(path: Path, header: list[str], times: FloatArray, table: FloatArray) -> None:

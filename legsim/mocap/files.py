@@ -42,14 +42,18 @@ def _begins_text(pattern: str) -> Callable[[bytes], bool]:
     return begins
 
 
+_begins_trc = _begins_text(r"\Apathfiletype")
+
+
+def _begins_c3d(start: bytes) -> bool:
+    # a blank line, or a tab, and "P" are such bytes too
+    blocks = len(start) > 1 and start[1] == 0x50 and 2 <= start[0] < 32
+    return blocks and not _begins_trc(start)
+
+
 FORMATS = (
-    Format(
-        "C3D",
-        (".c3d",),
-        lambda start: len(start) > 1 and start[1] == 0x50 and 2 <= start[0] < 32,
-        c3d.read,
-    ),
-    Format("TRC", (".trc",), _begins_text(r"\Apathfiletype"), trc.read, write_markers=trc.save),
+    Format("C3D", (".c3d",), _begins_c3d, c3d.read),
+    Format("TRC", (".trc",), _begins_trc, trc.read, write_markers=trc.save),
     Format(
         "storage",
         (".mot", ".sto"),
@@ -125,8 +129,7 @@ def resolve(
         refuse_options(path, {"up": up}, "joint coordinates, not markers")
         return Recording(*raw.to_plausible_motion(in_degrees=in_degrees, unit=unit))
     refuse_options(path, {"angles": in_degrees}, "markers, not joint coordinates")
-    motion = raw.to_motion(unit=unit, up=up)
-    vertical = raw.vertical(up, unit=unit)
+    motion, vertical = raw.oriented(unit=unit, up=up)
     said = f"lengths in {raw.resolved_unit(unit)}, {vertical.axis} up ({vertical.reason})"
     return Recording(motion, (said, *raw.notes))
 
@@ -243,6 +246,8 @@ def format_of(path: Path | str) -> Format:
             start = file.read(4096)
     except OSError as error:
         raise file_error(path, f"cannot be read ({error.strerror})", "check the path") from error
+    except ValueError as error:  # a null in the name
+        raise file_error(path, f"cannot be read ({error})", "check the path") from error
     for form in FORMATS:
         if form.begins(start):
             return form

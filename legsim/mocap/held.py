@@ -55,13 +55,14 @@ def find_held(positions: FloatArray, dt: float) -> BoolArray:
         stretches = runs(same[:, k])
         short = sum(last - first + 1 < FEWEST for first, last in stretches)
         coarse = short > FEW_SHORT * len(same)
+        digit = _digit(positions[:, k])
         for first, last in stretches:
             if last - first + 1 < FEWEST:
                 continue
             held[first : last + 1, k] = (
-                _paused(positions[:, k], last, dt)
+                _paused(positions[:, k], last, dt, digit)
                 if _all_stand(same, positions, others, first, last)
-                else _is_held(positions, k, first, last, dt, coarse)
+                else _is_held(positions, k, first, last, dt, coarse, digit)
             )
     return held
 
@@ -76,33 +77,34 @@ def _all_stand(
     return seen.size == 0 or float(np.median(same[first : last + 1, seen].mean(0))) > 0.5
 
 
-def _is_held(positions: FloatArray, k: int, first: int, last: int, dt: float, coarse: bool) -> bool:
+def _is_held(
+    positions: FloatArray, k: int, first: int, last: int, dt: float, coarse: bool, digit: float
+) -> bool:
     own = positions[:, k]
     if first == 1 and last == len(own) - 1:
         return False  # never moves at all: a point on a device, or a person computed so
-    digit = _digit(own)
     by_chance = 1.0 if coarse else _repeat_probability(own, first, last, digit)
     if by_chance ** (last - first + 1) * len(own) < CHANCE:
         return True
-    if _jumps_away(own, last, dt):
+    if _jumps_away(own, last, dt, digit):
         return True
     return (last - first + 1) * dt >= LONG_S and _leaves_its_segment(
         positions, k, first, last, digit
     )
 
 
-def _jumps_away(own: FloatArray, last: int, dt: float) -> bool:
+def _jumps_away(own: FloatArray, last: int, dt: float, digit: float) -> bool:
     """Whether one marker (n, 3) leaves the value of sample ``last`` by a jump."""
     step = own[last + 1] - own[last] if last + 1 < len(own) else np.zeros(3)
-    far = 2 * _digit(own) + MIN_STEP + IMPACT * dt**2
+    far = 2 * digit + MIN_STEP + IMPACT * dt**2
     return bool(np.nan_to_num(np.linalg.norm(step)) > far)
 
 
-def _paused(own: FloatArray, last: int, dt: float) -> bool:
+def _paused(own: FloatArray, last: int, dt: float, digit: float) -> bool:
     """Whether one marker (n, 3) goes on after sample ``last`` from somewhere else: by a jump that
     is no start of a movement, which the next step would go on with.
     """
-    if not _jumps_away(own, last, dt) or last + 2 >= len(own):
+    if not _jumps_away(own, last, dt, digit) or last + 2 >= len(own):
         return False
     step, after = np.linalg.norm(np.diff(own[last : last + 3], axis=0), axis=1)
     return bool(step > _FARTHER * after)

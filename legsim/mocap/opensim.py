@@ -15,14 +15,12 @@ import numpy as np
 from legsim.core import files
 from legsim.core.errors import LegsimError, file_error
 from legsim.core.values import FloatArray
-from legsim.mocap._cells import decimals, number
+from legsim.mocap._stated_times import full_times, last_digit
+from legsim.mocap.cells import number
 from legsim.mocap.coordinates import RawCoordinates, is_of_leg, is_rotation
 from legsim.mocap.trajectories import JointTrajectories
 
 _EXPORT_AGAIN = "write the file again from OpenSim"
-
-_FEW_DIGITS = 5
-"""after the point of a second: more are exact enough to be differentiated twice"""
 
 _STATE = re.compile(r"(?:.*/)?([^/]+)/value")
 
@@ -83,12 +81,13 @@ def read(path: Path | str) -> RawCoordinates:
         )
     lines = _tabbed(lines, header.end)
     names, first_row = _column_names(path, lines, header)
-    table, row_notes = _table(path, lines, first_row, names, header)
-    _check_times(path, table[:, 0])
+    table, digit, row_notes = _table(path, lines, first_row, names, header)
+    times = full_times(table[:, 0], digit)
+    _check_times(path, times)
     kept, coordinates, column_notes = _coordinates(path, names, table)
     return RawCoordinates(
         str(path),
-        _full_times(table[:, 0], lines, first_row),
+        times,
         coordinates,
         table[:, kept],
         header.degrees,
@@ -233,11 +232,11 @@ def _split_names(lines: list[str], start: int) -> list[str]:
 
 def _table(
     path: Path, lines: list[str], first: int, names: list[str], header: _Header
-) -> tuple[FloatArray, tuple[str, ...]]:
-    """(rows, columns) of numbers, finite in time and in all coordinates of the leg, and a note on a
-    header that counts other rows or columns.
+) -> tuple[FloatArray, float, tuple[str, ...]]:
+    """(rows, columns) of numbers, finite in time and in all coordinates of the leg, what the last
+    digit of the times counts, and a note on a header that counts other rows or columns.
     """
-    rows, places = [], []
+    rows, places, times = [], [], []
     for k in range(first, len(lines)):
         cells = lines[k].split()
         if not cells:
@@ -249,6 +248,7 @@ def _table(
             [_number(path, k + 1, cell, name) for cell, name in zip(cells, names, strict=True)]
         )
         places.append(k + 1)
+        times.append(cells[0])
     if not rows:
         raise file_error(path, "there is no row of data", _EXPORT_AGAIN, place=f"line {first + 1}")
     if lines[-1].strip() and header.rows is not None and len(rows) < header.rows:
@@ -264,7 +264,7 @@ def _table(
         )
         if said is not None and said != there
     ]
-    return np.array(rows), tuple(notes)
+    return np.array(rows), last_digit(times), tuple(notes)
 
 
 def _number(path: Path, line: int, text: str, name: str) -> float:
@@ -284,19 +284,6 @@ def _is_needed(column: str) -> bool:
     """Whether a column is a coordinate of the leg, or its value in a file of states."""
     state = _STATE.fullmatch(column)
     return is_of_leg(state[1] if state else column)
-
-
-def _full_times(times: FloatArray, lines: list[str], first: int) -> FloatArray:
-    """Even times where these explain times of few digits, else the times as they are."""
-    digits = max(decimals(line.split()[0]) for line in lines[first:] if line.strip())
-    if len(times) < 10 or digits > _FEW_DIGITS:
-        return times
-    # of the even times that start and end within a digit, those that are nowhere farther off
-    even = np.linspace(times[0], times[-1], len(times))
-    error = even - times
-    even = even - (error.max() + error.min()) / 2
-    worst = float(np.abs(even - times).max())
-    return even if 1e-9 < worst <= 1.001 * 10.0**-digits else times
 
 
 def _check_times(path: Path, times: FloatArray) -> None:

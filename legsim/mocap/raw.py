@@ -116,7 +116,14 @@ class RawMarkers:
             raise LegsimError(f"{self.path} (up): {error}") from None
 
     def to_motion(self, *, unit: str | None = None, up: str | None = None) -> MarkerTrajectories:
-        """The markers in meters in world; ``unit`` and ``up`` override what the file says.
+        """The markers in meters in world; errors as of :meth:`oriented`."""
+        return self.oriented(unit=unit, up=up)[0]
+
+    def oriented(
+        self, *, unit: str | None = None, up: str | None = None
+    ) -> tuple[MarkerTrajectories, Vertical]:
+        """The markers in meters in world, and which axis of the file is up there; ``unit`` and
+        ``up`` override what the file says.
 
         Raises:
             LegsimError: the unit is unknown, no marker is ever seen, or the times do not increase.
@@ -130,13 +137,14 @@ class RawMarkers:
                 place="data",
             )
         meters = self.positions / UNITS_PER_METER[self.resolved_unit(unit)]
-        rotation = WORLD_FROM_LAB[self.resolved_up(up, unit=unit)]
+        vertical = self.vertical(up, unit=unit)
+        rotation = WORLD_FROM_LAB[vertical.axis]
         # a signed permutation, not a product: exact, and without negative zeros or NaN spreading
         # between axes
         source, sign = np.abs(rotation).argmax(1), rotation.sum(1)
         world = meters[..., source] * sign
         try:
-            return MarkerTrajectories(self.times, self.labels, world)
+            return MarkerTrajectories(self.times, self.labels, world), vertical
         except LegsimError as error:
             raise file_error(
                 self.path, str(error), "repair the time column, or export the trial again"

@@ -14,8 +14,8 @@ import numpy as np
 from legsim.core import files
 from legsim.core.errors import file_error, printable
 from legsim.core.values import LARGEST
-from legsim.mocap._cells import number
 from legsim.mocap._trc_times import TimeColumn, row_times
+from legsim.mocap.cells import number
 from legsim.mocap.raw import RawMarkers
 from legsim.mocap.trajectories import MarkerTrajectories
 
@@ -236,9 +236,9 @@ def _positive(path: Path, place: str, key: str, text: str) -> float:
 def _names(path: Path, line: str, place: str) -> tuple[str, ...]:
     """Marker names in column order, blank where three columns have none."""
     mark = next(
-        (m for m in _MARKS if len(c := line.split(m)) > 1 and c[1].strip().lower() == "time"), None
+        (m for m in _MARKS if len(c := _split(line, m)) > 1 and c[1].lower() == "time"), None
     )
-    cells = [cell.strip() for cell in line.split(mark)][2:]
+    cells = _split(line, mark)[2:]
     filled = [k for k, cell in enumerate(cells) if cell]
     if not filled:
         raise file_error(
@@ -250,6 +250,12 @@ def _names(path: Path, line: str, place: str) -> tuple[str, ...]:
     if all(k % 3 == 0 for k in filled):
         return tuple(cells[0 : filled[-1] + 1 : 3])
     return tuple(cells[k] for k in filled)
+
+
+def _split(line: str, mark: str | None) -> list[str]:
+    """Cells of a line, without an empty first one."""
+    cells = [cell.strip() for cell in line.split(mark)]
+    return cells[1:] if cells[0] == "" else cells
 
 
 def _rows(path: Path, lines: list[str], header: _Header) -> _Rows:
@@ -278,9 +284,7 @@ def _rows(path: Path, lines: list[str], header: _Header) -> _Rows:
 def _cells(path: Path, place: str, line: str, width: int) -> tuple[int, str, list[str]]:
     """(frame, text of the time, cells of the coordinates without trailing blanks) of one row."""
     mark = next((m for m in _MARKS if m in line), None)
-    cells = [cell.strip() for cell in line.split(mark)]
-    if cells[0] == "":
-        cells = cells[1:]
+    cells = _split(line, mark)
     while cells and cells[-1] == "":
         cells.pop()
     if not re.fullmatch(r"[+-]?\d+(\.0*)?", cells[0]):
@@ -353,13 +357,16 @@ def _number(path: Path, place: str, text: str, name: str) -> float:
 
 def _check_end(path: Path, lines: list[str], header: _Header, rows: _Rows) -> None:
     """Refuses a file cut off inside its last row, whose last number may have lost its last
-    digits.
+    digits. A last row that has all its cells, also blank ones, is whole.
     """
     if not lines[-1].strip(" \t,;"):
         return
+    whole = lines[-1][-1] in _MARKS and len(re.findall(r"[\t,;]", lines[-1])) > 3 * len(
+        header.names
+    )
     few = header.frames is not None and len(rows.lines) < header.frames
     marks = [len(re.findall(r"[\t,;]", lines[k - 1].rstrip(" \t,;"))) for k in rows.lines[-2:]]
-    if few or marks[-1] < marks[0]:
+    if few or (marks[-1] < marks[0] and not whole):
         of = f" of {header.frames}" if header.frames is not None else ""
         problem = f"the file breaks off in this row, number {len(rows.lines)}{of}"
         raise file_error(

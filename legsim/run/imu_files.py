@@ -77,6 +77,14 @@ def load(path: Path) -> tuple[WornSensor, ...]:
 def load_configured(settings: ImuFileConfig, folder: Path) -> tuple[WornSensor, ...]:
     """Reads the sensors of a described file, which is relative to ``folder``."""
     path = folder / settings.file
+    recorded = [sensor.recorded_as or sensor.name for sensor in settings.sensors]
+    twice = [name for name in recorded if recorded.count(name) > 1]
+    if twice:
+        raise file_error(
+            path,
+            f"two sensors are that which is recorded as {twice[0]!r}",
+            "give each its own name (recorded_as)",
+        )
     found = _recordings(path, settings)
     offset = settings.clock_offset_s or 0.0
     stated = settings.clock_offset_s is not None or path.suffix.lower() == ".c3d"

@@ -151,3 +151,11 @@ def test_a_name_that_no_file_can_have_is_no_file(tmp_path):
     assert not files.is_file(tmp_path)
     assert not files.is_file(tmp_path / (300 * "a"))
     assert not files.is_file("a\0b")
+
+
+def test_a_name_that_no_file_can_have_is_refused_in_one_line():
+    for read in (lambda p: files.read(p, "TRC"), files.content, files.load_toml):
+        with pytest.raises(
+            LegsimError, match=r"(cannot be read|no such file).*; (check|give) the path"
+        ):
+            read(Path("a\0b"))

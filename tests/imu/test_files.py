@@ -6,7 +6,7 @@ import pytest
 from legsim.core.errors import LegsimError
 from legsim.imu.files import load_imu, load_recordings, load_rest, save_imu, save_rest
 from legsim.imu.signals import ImuSignals
-from tests.examples.sensors import still
+from tests.examples.sensors import still, swaying
 
 XSENS = """// Start Time: Unknown
 // Update Rate: 100.0Hz
@@ -66,6 +66,17 @@ def test_lost_packets_of_a_counter_that_wraps_leave_a_gap(tmp_path):
     np.testing.assert_allclose(read.times[[0, 19, 20, -1]], [0, 0.19, 0.23, 0.62], atol=1e-12)
     np.testing.assert_array_equal(read.specific_force, one.specific_force)
     assert "3 of 63 samples are missing, the longest gap is 40 ms at 0.190 s" in read.notes[0]
+
+
+def test_an_export_with_decimal_commas_is_read(tmp_path):
+    one = still(count=60)
+    path = xsens(tmp_path / "shank.txt", one, np.arange(60))
+    head, _, rows = path.read_text().partition("PacketCounter")
+    rows = rows.replace(",", ";").replace(".", ",")
+    path.write_text(head.replace("100.0Hz", "100,0Hz") + "PacketCounter" + rows)
+    (read,) = load_recordings(path)
+    assert read.rate_hz == pytest.approx(100)
+    np.testing.assert_array_equal(read.specific_force, one.specific_force)
 
 
 def test_the_real_sensors_are_read(shared_data):
@@ -148,6 +159,30 @@ def test_a_table_of_orientations_is_refused(tmp_path):
     (tmp_path / "x_orientations.sto").write_text("DataType=Quaternion\nendheader\ntime\ta\n")
     with pytest.raises(LegsimError, match=r"DataType=Quaternion; give accelerations"):
         load_recordings(tmp_path / "x_orientations.sto")
+
+
+def test_sensors_of_one_name_on_two_bodies_are_named_after_their_bodies(tmp_path):
+    one, other = still(), swaying(seconds=1.0)
+    paths = ("/bodyset/tibia_r/imu", "/bodyset/femur_r/imu")
+    for which, kind in (("force", "linear_acceleration"), ("rate", "angular_velocity")):
+        vectors = [
+            r.specific_force if which == "force" else r.angular_velocity for r in (one, other)
+        ]
+        rows = [
+            "\t".join([f"{t!r}", *(",".join(map(repr, v[k].tolist())) for v in vectors)])
+            for k, t in enumerate(one.times.tolist())
+        ]
+        ending = "linearAccelerations" if which == "force" else "angularVelocity"
+        text = ["DataType=Vec3", "endheader", "\t".join(["time", *(f"{p}|{kind}" for p in paths)])]
+        (tmp_path / f"a_{ending}.sto").write_text("\n".join([*text, *rows]) + "\n")
+    tibia, femur = load_recordings(tmp_path / "a_linearAccelerations.sto")
+    assert (tibia.name, femur.name) == ("tibia_r", "femur_r")
+    np.testing.assert_array_equal(tibia.specific_force, one.specific_force)
+    np.testing.assert_array_equal(femur.angular_velocity, other.angular_velocity)
+    doubled = (tmp_path / "a_linearAccelerations.sto").read_text().replace("femur_r", "tibia_r")
+    (tmp_path / "a_linearAccelerations.sto").write_text(doubled)
+    with pytest.raises(LegsimError, match=r"column names\): has two sensors called 'tibia_r'"):
+        load_recordings(tmp_path / "a_linearAccelerations.sto")
 
 
 def test_the_real_gyroscope_in_the_wrong_unit_is_refused(shared_data):

@@ -19,6 +19,14 @@ def test_the_period_is_found():
     np.testing.assert_array_equal(unwrapped(np.arange(200, 300) % 256), np.arange(100))
 
 
+@pytest.mark.parametrize(("period", "first"), [(200, 0), (180, 0), (129, 0), (255, 1), (100, 1)])
+def test_a_period_that_is_no_power_of_two_is_found_by_its_wraps(rng, period, first):
+    sent = np.arange(1000)
+    np.testing.assert_array_equal(unwrapped(first + sent % period), sent)
+    kept = np.sort(rng.choice(sent, 970, replace=False))
+    np.testing.assert_array_equal(unwrapped(first + kept % period), kept - kept[0])
+
+
 @pytest.mark.parametrize(
     ("counter", "said"),
     [

@@ -6,7 +6,15 @@ import numpy as np
 import pytest
 
 from legsim.core.errors import LegsimError
-from legsim.imu.recording import ImuRecording, check_plausible, gap_note, gyroscope_scale, join
+from legsim.imu.recording import (
+    ImuRecording,
+    check_plausible,
+    check_steady,
+    gap_note,
+    gyroscope_scale,
+    held_note,
+    join,
+)
 from tests.examples.sensors import still, swaying
 
 
@@ -105,3 +113,76 @@ def test_a_recording_that_is_mostly_a_gap_says_nothing_of_the_gyroscopes_unit():
     one = swaying()
     gap = replace(one, times=np.append(one.times[:-1], 1e12))
     assert gyroscope_scale(gap) == (1.0, 0.0)
+
+
+def test_a_late_sample_is_none_lost():
+    times = np.arange(200) / 100
+    times[50] += 0.0065
+    assert gap_note("shank", times) == ()
+    assert "1 of 200 samples are missing" in gap_note("shank", np.delete(times, 120))[0]
+    assert "2 of 200 samples are missing" in gap_note("shank", np.delete(times, [120, 122]))[0]
+
+
+def test_readings_that_stand_still_are_noted_and_coarse_ones_are_not():
+    one = still(count=1000)
+    held = np.array(one.specific_force), np.array(one.angular_velocity)
+    for values in held:
+        values[300:400] = values[299]
+    (note,) = held_note(replace(one, specific_force=held[0], angular_velocity=held[1]))
+    assert note.startswith("Sensor shank: all six readings repeat for 1.00 s at 2.990 s")
+    assert held_note(one) == ()
+    # at rest a digit wider than the noise repeats often
+    coarse = replace(
+        one,
+        specific_force=np.round(one.specific_force / 0.1) * 0.1,
+        angular_velocity=np.round(one.angular_velocity / 0.01) * 0.01,
+    )
+    assert held_note(coarse) == ()
+
+
+@pytest.mark.parametrize("bias_deg", [0.0, 0.6])
+def test_a_quiet_standers_gyroscope_in_the_other_unit_is_refused(bias_deg):
+    """Its sway is too small, and too shaken by the muscles, to correlate."""
+    rng = np.random.default_rng(3)
+    one = swaying(seconds=20.0, lean=np.radians(0.15))
+    noise = 0.05 * rng.normal(size=one.specific_force.shape)
+    drift = np.cumsum(0.004 * rng.normal(size=noise.shape), axis=0)
+    rate = one.angular_velocity + np.radians([bias_deg, bias_deg, 0])
+    calm = replace(one, specific_force=one.specific_force + noise + drift, angular_velocity=rate)
+    check_plausible(calm)
+    assert abs(gyroscope_scale(calm)[1]) < 0.6
+    with pytest.raises(LegsimError, match="the accelerometer does not see it; state the unit of"):
+        check_plausible(replace(calm, angular_velocity=np.degrees(rate)))
+
+
+def test_a_poor_gyroscope_at_rest_is_taken():
+    """Off by 15 deg/s, and with 20 times the noise of a good one."""
+    one = still(count=6000)
+    rng = np.random.default_rng(5)
+    noise = np.radians(1.0) * rng.normal(size=one.angular_velocity.shape)
+    check_plausible(replace(one, angular_velocity=noise + np.radians([15.0, 0, 0])))
+
+
+def test_losses_and_late_samples_are_no_bursts():
+    rng = np.random.default_rng(1)
+    times = np.arange(3000) / 100
+    kept = rng.random(600) < 0.4
+    for some in (
+        times[np.repeat(kept, 5)],
+        times[rng.random(3000) < 0.4],
+        np.sort(times + rng.uniform(-0.004, 0.004, 3000)),
+        np.r_[times[:1000], times[2000:]],
+        np.r_[times[:1000], 10 + np.arange(3000) / 400],
+    ):
+        check_steady("shank", some)
+
+
+def test_a_shaken_sensor_is_not_held_to_gravity_alone():
+    """Impacts in step with turns, more in some strides than in others, as of somebody who runs."""
+    one = swaying(seconds=20.0, lean=0.02)
+    stride = 2 * np.pi * 2.8 * one.times
+    strength = 1 + 0.5 * np.sin(2 * np.pi * 0.22 * one.times)
+    rate, force = np.array(one.angular_velocity), np.array(one.specific_force)
+    rate[:, 0] += 5 * np.sin(stride)
+    force[:, 2] += 12 * strength * np.sin(stride)
+    check_plausible(replace(one, angular_velocity=rate, specific_force=force))

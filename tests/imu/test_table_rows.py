@@ -44,3 +44,11 @@ def test_other_text_below_the_names_stays_a_row(tmp_path):
 def test_rows_that_break_off_are_named(tmp_path):
     with pytest.raises(LegsimError, match=r"line 3.* the row has 1 cells, column 2"):
         read_rows(table(tmp_path, "0,1\n1,2\n2\n"), (1, 2))
+
+
+def test_a_cell_longer_than_any_number_is_refused_with_the_file(tmp_path):
+    """Python's reader of CSV raises an error of its own."""
+    with pytest.raises(LegsimError, match=r"a.csv .*: has no line with the column 'A'"):
+        read_rows(table(tmp_path, "x" * 200_000), ("A",))
+    with pytest.raises(LegsimError, match=r"a.csv \(line 3\): the row has 1 cells"):
+        read_rows(table(tmp_path, "A,B\n1,2\n" + "1" * 200_000 + ",2\n"), ("A", "B"))

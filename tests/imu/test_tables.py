@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.interpolate import CubicSpline
 
 from legsim.core.errors import LegsimError
 from legsim.imu import files
@@ -172,6 +173,37 @@ def test_counts_become_si_by_the_data_sheet(tmp_path):
         TableLayout((SENSOR,), "g", time="t", counts_per_g=16384)
 
 
+@pytest.mark.parametrize(("unit", "number", "setting"), [
+    ("rpm", 4, "angular_velocity_unit"), ("cm/s²", 1, "acceleration_unit"), ("min", 0, "time_unit"),
+])  # fmt: skip
+def test_a_unit_that_is_not_read_is_asked_about(tmp_path, unit, number, setting):
+    """No default stands in for it."""
+    names = [f"{name} ({unit})" if k == number else name for k, name in enumerate(NAMES)]
+    path = write(tmp_path / "a.csv", rows_of(still(count=20)), names=names)
+    sensor = SensorColumns("shank", tuple(names[1:4]), tuple(names[4:]))
+    with pytest.raises(LegsimError, match=f"stated to be in '{unit}'.*state {setting}"):
+        load(path, TableLayout((sensor,), time=names[0]))
+    given = {
+        "acceleration_unit": "m/s2", "angular_velocity_unit": "rad/s", "time_unit": "s",
+    }  # fmt: skip
+    (read,) = load(path, TableLayout((sensor,), time=names[0], **given))
+    assert len(read.times) == 20
+
+
+def test_times_of_delivery_are_refused_with_the_rate(tmp_path):
+    one = still(count=500)
+    rows = rows_of(one)
+    for k, row in enumerate(rows):
+        row[0] = 0.05 * (k // 5) + 0.001 * (k % 5)
+    path = write(tmp_path / "a.csv", rows)
+    with pytest.raises(
+        LegsimError, match=r"a.csv: .*in bursts: samples 1 ms .* rate_hz, about 100"
+    ):
+        load(path, TableLayout((SENSOR,), time="t"))
+    (read,) = load(path, TableLayout((SENSOR,), rate_hz=100.0))
+    np.testing.assert_allclose(read.times, one.times)
+
+
 @pytest.mark.parametrize(
     "stamp", ["2025-03-01 23:59:59.{:03d}", "2025/03/01T23:59:59.{:03d}Z", "23:59:59,{:03d}"]
 )
@@ -266,3 +298,68 @@ def test_the_notes_of_a_c3d_go_with_the_first_sensor(tmp_path):
     shank, thigh = load(tmp_path / "a.c3d", TableLayout(tuple(two)))
     assert shank.notes == ("a.c3d: POINT:RATE says 100 Hz, the header 50 Hz; 100 Hz is taken",)
     assert thigh.notes == ()
+
+
+def test_rows_of_zeros_are_lost_packets(tmp_path):
+    rows = rows_of(still(count=100))
+    for row in rows[30:60]:
+        row[1:] = [0.0] * 6
+    (read,) = load(write(tmp_path / "a.csv", rows), TableLayout((SENSOR,), time="t"))
+    assert len(read.times) == 70
+    assert "30 of 100 samples are missing, the longest gap is 310 ms" in read.notes[0]
+
+
+def test_sensors_in_rows_of_their_own_are_read(tmp_path):
+    """Three sensors take turns."""
+    names, rows = ["t"], []
+    sensors = [still(count=50, seed=k) for k in range(3)]
+    for k in range(3):
+        names += [f"{column}{k}" for column in NAMES[1:]]
+    for n in range(50):
+        for k, one in enumerate(sensors):
+            numbers = [*one.specific_force[n], *one.angular_velocity[n]]
+            rows.append([one.times[n] + 0.001 * k, *[""] * 6 * k, *numbers, *[""] * 6 * (2 - k)])
+    layout = TableLayout(
+        tuple(
+            SensorColumns(f"s{k}", (f"ax{k}", f"ay{k}", f"az{k}"), (f"gx{k}", f"gy{k}", f"gz{k}"))
+            for k in range(3)
+        ),
+        time="t",
+    )
+    read = load(write(tmp_path / "a.csv", rows, names=names), layout)
+    for k, one in enumerate(read):
+        np.testing.assert_allclose(one.times, sensors[k].times + 0.001 * k)
+        np.testing.assert_array_equal(one.specific_force, sensors[k].specific_force)
+        assert one.notes == ()
+
+
+def test_accelerations_and_angular_velocities_in_alternate_rows_are_read(tmp_path):
+    one = swaying(seconds=3.0)
+    rows = []
+    for row in rows_of(one):
+        rows += [[*row[:4], *[""] * 3], [row[0] + 0.002, *[""] * 3, *row[4:]]]
+    (read,) = load(write(tmp_path / "a.csv", rows), TableLayout((SENSOR,), time="t"))
+    assert len(read.times) == len(one.times) - 1
+    for found, wanted, late in (
+        (read.specific_force, one.specific_force, 0.0),
+        (read.angular_velocity, one.angular_velocity, 0.002),
+    ):
+        by_hand = CubicSpline(one.times + late, wanted)(read.times)
+        np.testing.assert_allclose(found, by_hand, atol=1e-6)
+
+
+def test_a_sensor_beside_faster_channels_is_read(tmp_path):
+    one = still(count=50)
+    rows = []
+    for row in rows_of(one):
+        rows += [row, *([row[0] + 0.001 * k, *[""] * 6] for k in range(1, 10))]
+    (read,) = load(write(tmp_path / "a.csv", rows), TableLayout((SENSOR,), time="t"))
+    np.testing.assert_array_equal(read.specific_force, one.specific_force)
+
+
+@pytest.mark.parametrize("cell", ["NA", "-", "#N/A", "-nan(ind)"])
+def test_missing_numbers_are_lost_packets_in_any_spelling(tmp_path, cell):
+    rows = rows_of(still(count=20))
+    rows[5][4] = cell
+    (read,) = load(write(tmp_path / "a.csv", rows), TableLayout((SENSOR,), time="t"))
+    assert len(read.times) == 19

@@ -63,6 +63,65 @@ def test_bent_knees_tell_their_sign_beside_a_patella(tmp_path, solved, sign, tur
     assert any("positive in flexion" in line for line in again.notes) == turned
 
 
+def standing(folder, knee_deg: float, *, flat: bool = True, patella: bool = False) -> str:
+    """A file of somebody who stands with both knees at an angle, on flat feet or without ankles."""
+    times = np.arange(60) / 60
+    ankle = -5.0 - knee_deg
+    joints = {"hip_flexion": 5.0, "knee_angle": knee_deg}
+    angles = {f"{joint}_{side}": angle for joint, angle in joints.items() for side in "rl"}
+    angles["pelvis_tilt"] = 0.0
+    if flat:
+        angles |= {f"ankle_angle_{side}": ankle for side in "rl"}
+    if patella:
+        angles["knee_angle_r_beta"] = knee_deg
+    sway = np.radians(0.5) * np.sin(times)
+    values = np.stack([np.radians(angle) + sway for angle in angles.values()], 1)
+    opensim.save(folder / "s.mot", JointTrajectories(times, tuple(angles), values))
+    return str(folder / "s.mot")
+
+
+@pytest.mark.parametrize("knee_deg", [-12.0, -3.0])
+def test_straight_knees_in_gait2392s_sign_stay_so_beside_a_patella(tmp_path, knee_deg):
+    """Legsim's own exported model has a patella's coordinate too."""
+    found = from_recording.solve_kinematics(standing(tmp_path, knee_deg, patella=True))
+    middle = np.degrees(np.median(found.trajectories.coordinate("knee_angle_r")))
+    assert middle == pytest.approx(knee_deg, abs=0.5)
+    assert not any("positive in flexion" in note for note in found.notes)
+
+
+def test_a_patella_decides_the_sign_of_straight_knees(tmp_path):
+    found = from_recording.solve_kinematics(standing(tmp_path, 3.0, patella=True))
+    middle = np.degrees(np.median(found.trajectories.coordinate("knee_angle_r")))
+    assert middle == pytest.approx(-3.0, abs=0.5)
+    assert any("positive in flexion" in note for note in found.notes)
+
+
+def test_flat_feet_tell_flexion_from_overextension(tmp_path):
+    """Twelve degrees either way, as quiet standing has; knees decide with ankles and hips."""
+    over = from_recording.solve_kinematics(standing(tmp_path, 12.0))
+    assert np.degrees(over.trajectories.coordinate("knee_angle_r")).mean() > 11
+    assert not any("flexion" in note for note in over.notes)
+    path = standing(tmp_path, -12.0)
+    bent = opensim.load(path)
+    names = bent.coordinate_names
+    values = np.array(bent.values)
+    values[:, [names.index("knee_angle_r"), names.index("knee_angle_l")]] *= -1
+    opensim.save(path, JointTrajectories(bent.times, names, values))
+    found = from_recording.solve_kinematics(path)
+    assert np.degrees(found.trajectories.coordinate("knee_angle_r")).mean() < -11
+    assert any("positive in flexion" in note for note in found.notes)
+
+
+def test_knees_that_may_be_overextended_or_of_the_other_sign_are_warned_of(tmp_path):
+    found = from_recording.solve_kinematics(standing(tmp_path, 12.0, flat=False))
+    assert np.degrees(found.trajectories.coordinate("knee_angle_r")).mean() > 11
+    assert any(
+        note.startswith("warning: both knees are overextended, by 12 deg") for note in found.notes
+    )
+    calm = from_recording.solve_kinematics(standing(tmp_path, 4.0, flat=False))
+    assert not any("overextended" in note for note in calm.notes)
+
+
 def test_filtering_coordinates_on_request_removes_what_is_fast(tmp_path):
     recovered = from_recording.solve_kinematics(SQUAT)
     shaken = (
@@ -134,6 +193,23 @@ def test_samples_left_out_of_coordinates_are_reported(tmp_path, solved):
         "0.258 s are missing after 0.825 s (elsewhere a sample every 0.00833 s): bridged by "
         "splines",
     )
+
+
+def test_one_sample_left_out_is_reported_and_a_varying_rate_is_no_gap(tmp_path, solved):
+    def note(kept):
+        motion = JointTrajectories(solved.times[kept], solved.coordinate_names, solved.values[kept])
+        opensim.save(tmp_path / "c.mot", motion)
+        return from_recording.solve_kinematics(str(tmp_path / "c.mot")).notes[1:]
+
+    rows = np.arange(600)
+    assert note(rows) == ()
+    (one,) = note(np.delete(rows, 300))
+    assert one.startswith("0.0167 s are missing after 2.49167 s")
+    (two,) = note(np.delete(rows, [100, 300, 301]))
+    assert "after 2.49167 s" in two
+    assert "and 1 more gap:" in two
+    varying = np.r_[rows[:300], rows[300::2]]
+    assert note(varying) == ("the samples are 0.00833 to 0.0167 s apart, bridged by splines",)
 
 
 def partial(folder, solved: JointTrajectories, names) -> str:

@@ -53,3 +53,13 @@ def test_two_tasks_or_locks_of_a_coordinate_are_refused():
         IkOptions(tasks=(CoordinateTask("mtp_angle_r", 1), CoordinateTask("mtp_angle_r", 2)))
     with pytest.raises(LegsimError, match="mtp_angle_r has two locks"):
         IkOptions(locked=(CoordinateLock("mtp_angle_r"), CoordinateLock("mtp_angle_r", 0.1)))
+
+
+@pytest.mark.parametrize("value", [float("nan"), float("inf")])
+def test_a_value_that_is_not_finite_is_refused(value):
+    for what, options in (
+        ("task", {"tasks": (CoordinateTask("mtp_angle_r", 1, value),)}),
+        ("lock", {"locked": (CoordinateLock("mtp_angle_r", value),)}),
+    ):
+        with pytest.raises(LegsimError, match=f"value of the {what} of mtp_angle_r is {value}"):
+            IkOptions(**options)

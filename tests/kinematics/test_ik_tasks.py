@@ -22,6 +22,12 @@ def saved(folder, text, name="tasks.xml"):
     return folder / name
 
 
+@pytest.mark.parametrize(("apply", "markers"), [("1", {"A": 2}), ("0", {})])
+def test_a_task_applies_by_a_number_too(tmp_path, apply, markers):
+    tasks = task_set(marker("A", 2, apply=apply), marker("B", 1))
+    assert ik_tasks.read(saved(tmp_path, tasks)).markers == {**markers, "B": 1}
+
+
 @pytest.mark.parametrize(
     "around",
     [

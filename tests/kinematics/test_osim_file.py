@@ -146,12 +146,6 @@ def test_frames_hang_on_one_another_and_sockets_have_had_several_spellings(tmp_p
         ("<?xml", "<!DOCTYPE a><?xml", "declares a document type"),
         ("<Model name='small'>", "<Model name='small'><BodySet file='b.xml'/>", "in another file"),
         ("Model", "Tool", "holds Tool, not a Model"),
-        ("<range>-10.0 10.0</range>", "<range>1</range>", "<range> holds 1 numbers"),
-        (
-            "<range>-10.0 10.0</range>",
-            "<range>10 -10</range>",
-            "<range> runs from 10 to -10, backwards",
-        ),
         ("Version='40000'", "Version='4x'", "its Version is '4x'"),
         ("<translation>1 2 3<", "<translation>1 2<", "hold 2 and 3 numbers"),
     ],
@@ -178,3 +172,35 @@ def test_a_joint_that_cannot_be_moved_says_why(tmp_path, old, new, said):
     text = osim.version_4([joint]).replace(old, new)
     problem = osim_file.read(osim.saved(tmp_path, text)).joints[0].problem
     assert re.search(said, problem)
+
+
+@pytest.mark.parametrize(("span", "said"), [
+    ("1", "coordinate q: <range> holds 1 numbers"),
+    ("10 -10", "coordinate q: <range> runs from 10 to -10, backwards"),
+    ("nan 1", "coordinate q: <range> holds 'nan 1', not finite numbers"),
+])  # fmt: skip
+def test_a_coordinates_range_matters_where_its_joint_does(tmp_path, span, said):
+    """An arm's is passed over, a leg's refused."""
+    arm = J("arm", "PinJoint", "pelvis", "humerus", "0 1 0", coordinates={"q": FREE})
+    text = osim.version_4([*osim.two_legs(), arm])
+    damaged = text.replace(
+        "name='q'><default_value>0.0</default_value><range>-10.0 10.0",
+        f"name='q'><default_value>0.0</default_value><range>{span}",
+    )
+    assert damaged != text
+    model = osim_file.read(osim.saved(tmp_path, damaged))
+    assert said in model.joints[-1].problem
+    assert OsimLeg(model).coordinate_names == OsimLeg(osim_file.read(
+        osim.saved(tmp_path, text, "sound.osim"))).coordinate_names  # fmt: skip
+    of_leg = text.replace("<range>-2.0 0.2</range>", f"<range>{span}</range>")
+    with pytest.raises(LegsimError, match="knee_r.*" + re.escape(said[12:])):
+        OsimLeg(osim_file.read(osim.saved(tmp_path, of_leg)))
+
+
+def test_a_range_without_end_and_flags_of_numbers_are_opensims(tmp_path):
+    text = osim.version_4(osim.two_legs())
+    endless = text.replace("<range>-2.0 0.2</range>", "<range>-Inf inf</range>", 1).replace(
+        "<clamped>true</clamped>", "<clamped>1</clamped>", 1
+    )
+    knee = osim_file.read(osim.saved(tmp_path, endless)).joints[2].coordinates[0]
+    assert (knee.name, knee.low, knee.high, knee.clamped) == ("knee_angle_r", -np.inf, np.inf, True)

@@ -36,3 +36,39 @@ def test_the_scaled_file_is_the_scaled_model(tmp_path, rng, version):
     np.testing.assert_allclose(
         by_file.body_poses(values)["talus_l"], leg.body_poses(values)["talus_l"], atol=1e-12
     )
+
+
+def test_a_marker_that_is_there_twice_moves_twice(tmp_path, rng):
+    """Else the file would have one name in two places, and be refused."""
+    twice = osim.MARKERS + osim.MARKERS[: osim.MARKERS.index("</Marker>") + len("</Marker>")]
+    path = osim.saved(tmp_path, osim.version_4(gliding_knees(), markers=twice))
+    scaled = osim_scaling.scaled(osim_file.read(path), random_factors(rng))
+    text = osim_scaled_file.text(scaled)
+    again = OsimLeg(osim_file.read(osim.saved(tmp_path, text, "scaled.osim")))
+    sites, _ = OsimLeg(scaled).marker_sites()
+    there, _ = again.marker_sites()
+    assert there.names == sites.names
+    np.testing.assert_allclose(there.positions, sites.positions, atol=1e-12)
+
+
+def test_a_connected_marker_on_an_offset_frame_moves_to_its_body(tmp_path, rng):
+    """The spelling of OpenSim 4's previews; a location in the body belongs to no offset frame."""
+    joints = gliding_knees()
+    knee = next(j for j in joints if j.name == "knee_r")
+    connected = (
+        "<Marker name='on_frame'><connectors><Connector_PhysicalFrame_ name='parent_frame'>"
+        "<connectee_name>femur_r/shifted</connectee_name></Connector_PhysicalFrame_></connectors>"
+        "<location>0.01 0.02 0.03</location></Marker>"
+    )
+    text = osim.version_4(joints, markers=osim.MARKERS + connected).replace(
+        f"<Body name='{knee.parent}'><mass>1</mass>",
+        f"<Body name='{knee.parent}'><mass>1</mass><components><PhysicalOffsetFrame name='shifted'>"
+        "<translation>0 -0.1 0</translation><orientation>0 0 0.5</orientation>"
+        "</PhysicalOffsetFrame></components>",
+    )
+    scaled = osim_scaling.scaled(osim_file.read(osim.saved(tmp_path, text)), random_factors(rng))
+    again = osim_file.read(osim.saved(tmp_path, osim_scaled_file.text(scaled), "scaled.osim"))
+    (marker,) = [m for m in scaled.markers if m.name == "on_frame"]
+    (there,) = [m for m in again.markers if m.name == "on_frame"]
+    assert there.body == marker.body == "femur_r"
+    np.testing.assert_allclose(there.location, marker.location, atol=1e-12)

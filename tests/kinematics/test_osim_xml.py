@@ -1,10 +1,12 @@
 """Files that OpenSim opens although they are no XML."""
 
+from xml.etree import ElementTree
+
 import numpy as np
 import pytest
 
 from legsim.core.errors import LegsimError
-from legsim.kinematics import osim_file
+from legsim.kinematics import osim_file, osim_xml
 from legsim.kinematics.osim_leg import OsimLeg
 from tests.examples import osim
 
@@ -47,3 +49,15 @@ def test_a_marker_that_is_there_twice_counts_once_and_two_places_are_refused(tmp
     path = osim.saved(tmp_path, osim.version_4(osim.two_legs(), markers=other))
     with pytest.raises(LegsimError, match="two markers are named pelvis_M0, on pelvis and pelvis"):
         OsimLeg(osim_file.read(path)).marker_sites()
+
+
+@pytest.mark.parametrize(("inside", "is_set"), [
+    ("<a>true</a>", True), ("<a> TRUE </a>", True), ("<a>1</a>", True), ("<a>false</a>", False),
+    ("<a>0</a>", False), ("", None), ("<a/>", None), ("<a> </a>", None),
+])  # fmt: skip
+def test_flags_are_read_as_opensim_reads_them(inside, is_set):
+    element = ElementTree.fromstring(f"<e>{inside}</e>")
+    for missing in (False, True):
+        assert osim_xml.flag(element, "a", missing=missing) is (
+            missing if is_set is None else is_set
+        )

@@ -2,15 +2,19 @@
 not.
 """
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from legsim.core.values import FloatArray
-from legsim.kinematics import from_recording, plausibility
+from legsim.kinematics import from_recording, osim_file, plausibility
 from legsim.kinematics.leg_model import COORDINATES, LegModel
 from legsim.kinematics.moving_leg import MovingLeg
+from legsim.kinematics.osim_leg import OsimLeg
 from legsim.kinematics.skeleton import SegmentScales, segment_index
 from legsim.mocap.trajectories import JointTrajectories
+from tests.examples import osim
 
 LEG = LegModel.load()
 
@@ -54,6 +58,43 @@ def test_a_step_of_the_whole_person_is_named():
     said = " ".join(objections(values))
     assert "pelvis_tx steps at 50 m/s from frame 99 (0.990 s)" in said
     assert "pelvis is accelerated by" in said
+
+
+def of_model(tmp_path, knee: str) -> OsimLeg:
+    """A user's model whose pelvis has its places before its turns, with a range of the knees."""
+    pelvis, *legs = osim.two_legs()
+    names = sorted(pelvis.coordinates, key=lambda name: name[-2] != "t")
+    pelvis = replace(pelvis, coordinates={name: pelvis.coordinates[name] for name in names})
+    text = osim.version_4([pelvis, *legs]).replace(
+        "<range>-2.0 0.2</range>", f"<range>{knee}</range>"
+    )
+    return OsimLeg(osim_file.read(osim.saved(tmp_path, text)))
+
+
+def test_a_users_order_of_coordinates_does_not_change_the_units(tmp_path):
+    leg = of_model(tmp_path, "-2 0.2")
+    assert leg.coordinate_names[:3] == ("pelvis_tx", "pelvis_ty", "pelvis_tz")
+    values = np.tile(leg.default_coordinates, (300, 1))
+    values[150:, 0] += 5
+    values[200:, leg.coordinate_names.index("pelvis_tilt")] += 1
+    motion = JointTrajectories(np.arange(300) / 100, leg.coordinate_names, values)
+    said = " ".join(plausibility.objections(leg, motion))
+    assert "pelvis_tx steps at 500 m/s" in said
+    assert "pelvis_tilt steps at 5730 deg/s" in said
+
+
+@pytest.mark.parametrize(("knee", "angle", "shown"), [
+    ("-2 0", 0.0, False), ("0 2", 0.0, False), ("-2 0", -2.0, True), ("-2 0.2", 0.2, True),
+])  # fmt: skip
+def test_a_knee_that_stands_at_the_straight_end_of_a_users_model_is_plausible(
+    tmp_path, knee, angle, shown
+):
+    leg = of_model(tmp_path, knee)
+    values = np.tile(leg.default_coordinates, (100, 1))
+    values[:, leg.coordinate_names.index("knee_angle_r")] = angle
+    motion = JointTrajectories(np.arange(100) / 100, leg.coordinate_names, values)
+    said = plausibility.beyond_limits(leg, motion)
+    assert any(line.startswith("knee_angle_r is at its limit") for line in said) == shown
 
 
 def test_legs_of_unlike_length_are_named():

@@ -163,6 +163,28 @@ def test_a_standing_person_is_one_posture_and_keeps_the_lengths():
         assert found.leg.thigh_length(side) == pytest.approx(leg.thigh_length(side), rel=0.02)
 
 
+@pytest.mark.parametrize("pelvis_too", [False, True])
+def test_markers_hidden_in_turn_show_postures_by_those_that_two_frames_share(pelvis_too):
+    """Each of knees and ankles for a quarter, with a marker of the pelvis, so that none is seen
+    throughout.
+    """
+    pelvis = ("asis_r", "asis_l", "psis_r", "psis_l")
+    limbs = [f"{role}_{side}" for role in ("epicondyle_lateral", "malleolus_lateral")
+             for side in "rl"]  # fmt: skip
+    sites = SITES.only([*pelvis, *limbs])
+    motion = recording(GENERIC, squats(), sites)
+    positions = np.array(motion.positions_world)
+    for k, limb in enumerate(limbs):
+        hidden = [limb, pelvis[k]] if pelvis_too else [limb]
+        positions[30 * k : 30 * k + 30, [sites.index(name) for name in hidden]] = np.nan
+    problem = inverse_kinematics.Problem(GENERIC, sites, IkOptions())
+    whole = registration.postures(problem, motion.positions_world)
+    found = registration.postures(problem, positions)
+    assert len(found) > 0.5 * len(whole) > 10
+    depth = np.degrees(squats()[found, COORDINATES.index("hip_flexion_r")])
+    assert np.ptp(depth) > 85
+
+
 def test_the_sum_has_its_minimum_where_registration_ends(rng: np.random.Generator):
     motion = recording(GENERIC, squats(), SITES.only(PAPER_ROLES))
     noisy = MarkerTrajectories(

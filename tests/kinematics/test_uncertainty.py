@@ -1,5 +1,7 @@
 """Standard deviations of the coordinates: as large as errors are, and larger where markers lack."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -42,3 +44,4 @@ def test_without_registration_the_knee_is_less_certain():
     row = with_it.summary()["coordinates"][knee]
     assert row["standard_deviation"] == with_it.standard_deviations()[knee]
     assert any(line.startswith("least known") for line in with_it.lines())
+    assert any(re.match(r"lengths .* from \d+ postures?, by an", s) for s in with_it.lines())

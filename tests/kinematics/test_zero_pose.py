@@ -93,3 +93,16 @@ def test_a_model_of_the_user_has_a_zero_too(tmp_path, kind):
     for name in ("hip_a_r", "knee_angle_l"):
         # the weak prior toward the default moves angles by its share
         np.testing.assert_allclose(found.coordinate(name), expected[name], atol=1e-4)
+
+
+def test_the_zero_has_the_knees_sign_of_the_movement(tmp_path):
+    """Both trials count flexion positive; only the movement's knees bend enough to show it."""
+    knees = [COORDINATES.index(f"knee_angle_{side}") for side in "rl"]
+    for name, bend in (("move", 45 - 40 * np.cos(2 * np.pi * TIMES)), ("static", 8 + 0 * TIMES)):
+        values = np.zeros((len(TIMES), len(COORDINATES)))
+        values[:, knees] = np.radians(bend)[:, None]
+        opensim.save(tmp_path / f"{name}.mot", JointTrajectories(TIMES, COORDINATES, values))
+    person = from_recording.solve_kinematics(str(tmp_path / "move.mot"))
+    found = zero_pose.with_zero(person, tmp_path / "static.mot")
+    assert np.degrees(found.zero.values[knees]) == pytest.approx([-8, -8])
+    assert np.degrees(found.from_zero().coordinate("knee_angle_r")[0]) == pytest.approx(3)

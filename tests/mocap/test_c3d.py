@@ -63,6 +63,25 @@ def test_times_start_at_the_first_frame(write, positions):
     np.testing.assert_allclose(found.times[[0, -1]], [1.2, 1.39])
 
 
+@pytest.mark.parametrize("processor", [84, 86])
+@pytest.mark.parametrize(("header", "actual", "first"), [
+    (70000 - 65536, 70000, 70000),  # wrapped
+    (65535, 70000, 70000),  # at its limit
+    (121, 121, 121),
+    (121, 1, 121),  # a parameter that the file was cut after
+])  # fmt: skip
+def test_a_first_frame_beyond_16_bits_is_that_of_its_parameter(
+    write, positions, processor, header, actual, first
+):
+    count = len(positions)
+    data = c3d_bytes(
+        positions, LABELS, processor=processor, first_frame=header,
+        actual=(actual, actual + count - 1),
+    )  # fmt: skip
+    times = c3d.read(write(data)).times
+    np.testing.assert_allclose(times, (first - 1 + np.arange(count)) / 100)
+
+
 def test_a_count_of_frames_that_wraps_at_16_bits_is_known_by_the_files_length(write, positions):
     more = np.zeros((65536, len(LABELS), 4), "<f4")
     more[..., :3] = np.arange(1, 65537)[:, None, None] / 100

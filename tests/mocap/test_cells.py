@@ -4,13 +4,13 @@ import math
 
 import pytest
 
-from legsim.mocap._cells import number
+from legsim.mocap.cells import number
 
 
 @pytest.mark.parametrize("text", [
     "nan", "NaN", "-nan", "+NaN", "nan(ind)", "-nan(ind)", "-NaN(IND)", "nan(snan)", "-nan(snan)", "nan(0x8000000000000)", "1.#QNAN",
     "-1.#QNAN0", "1.#QNANB", "-1.#IND", "-1.#IND00", "1.#IND000", "1.#SNAN", "1.#R", "1.#QO", "NaNQ", "NaNS", "N/A", "n/a", "#N/A", "NA",
-    "<NA>", "NULL", "None", "missing", ".nan", "#NUM!",
+    "<NA>", "NULL", "None", "missing", ".nan", "#NUM!", "-", "--",
 ])  # fmt: skip
 def test_not_a_number_in_any_spelling(text):
     found = number(text)

@@ -194,3 +194,12 @@ def test_degrees_whose_widest_step_is_that_of_a_turn_in_radians_are_degrees():
     values[:, [j for j in TURNING if j != k]] *= 0.02
     motion, _ = raw(values, degrees=True, times=TIMES[::8]).to_plausible_motion()
     assert motion.coordinate("knee_angle_l")[0] == pytest.approx(np.radians(-120))
+
+
+def test_the_lengths_of_a_users_model_are_in_the_given_unit_whatever_their_names():
+    values = np.array([[900.0, 400.0, 0.1]] * 30)
+    found = raw(values, times=TIMES[:30], names=("pelvis_ty", "glide", "knee_angle_r"))
+    motion = found.to_motion(unit="mm", rotations=("knee_angle_r",), lengths=("pelvis_ty", "glide"))
+    np.testing.assert_allclose(motion.values[0], [0.9, 0.4, 0.1])
+    by_name = found.to_motion(unit="mm")
+    np.testing.assert_allclose(by_name.values[0], [0.9, 400, 0.1])

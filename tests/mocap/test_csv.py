@@ -40,6 +40,8 @@ def test_coordinates_are_loaded_to_the_last_bit(tmp_path, motion):
 
 def test_the_header_tells_names_and_units(tmp_path):
     path = tmp_path / "table.csv"
+    csv.save_coordinates(path, JointTrajectories([0.0], ("knee_ty_r",), [[-0.4]]))
+    assert path.read_text() == "time_s,knee_ty_r_m\n0.0,-0.4\n"
     csv.save_coordinates(
         path, JointTrajectories([0.0], ("pelvis_tx", "knee_angle_r"), [[1.0, 0.5]])
     )
@@ -83,3 +85,12 @@ def test_a_cell_longer_than_csv_allows_is_refused(tmp_path):
     (tmp_path / "x.csv").write_text("time_s,knee_angle_l_rad\n0," + 200000 * "1" + "\n")
     with pytest.raises(LegsimError, match=r"x\.csv: is not CSV"):
         csv.load(tmp_path / "x.csv")
+
+
+@pytest.mark.parametrize("columns", ["knee_angle_r_rad", "A_x_m,A_y_m,A_z_m"])
+def test_times_of_few_digits_become_even(tmp_path, columns):
+    path = tmp_path / "table.csv"
+    count = columns.count(",") + 1
+    rows = "".join(f"{k / 120:.3f}{',0.5' * count}\n" for k in range(600))
+    path.write_text(f"time_s,{columns}\n{rows}")
+    np.testing.assert_allclose(np.diff(csv.read(path).times) * 120, 1, atol=1e-3)

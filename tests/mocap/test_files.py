@@ -200,3 +200,13 @@ def test_a_table_is_read_once(tmp_path, monkeypatch):
 def test_no_two_formats_share_an_ending():
     suffixes = [suffix for form in mocap_files.FORMATS for suffix in form.suffixes]
     assert len(set(suffixes)) == len(suffixes)
+
+
+@pytest.mark.parametrize("lead", ["\n", "\t", "\r\n", " \n\t"])
+def test_blanks_before_a_trc_make_it_no_c3d(tmp_path, lead):
+    """A line end or tab before the P of PathFileType reads like the first two bytes of a C3D."""
+    motion = MarkerTrajectories(np.arange(3) / 100, ("A",), np.ones((3, 1, 3)))
+    trc.save(tmp_path / "a.trc", motion)
+    (tmp_path / "a.trc").write_bytes(lead.encode() + (tmp_path / "a.trc").read_bytes())
+    assert mocap_files.format_of(tmp_path / "a.trc").name == "TRC"
+    assert len(mocap_files.load_recording(tmp_path / "a.trc", up="y").times) == 3

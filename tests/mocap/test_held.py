@@ -5,6 +5,7 @@ stands still loses none.
 import numpy as np
 import pytest
 
+from legsim.mocap import held
 from legsim.mocap.held import find_held
 from tests.mocap.test_cleaning import RATE, recording
 
@@ -86,3 +87,13 @@ def test_a_point_that_never_moves_is_kept():
     positions = recording().positions_world.copy()
     positions[:, KNEE] = positions[0, KNEE]
     assert not find_held(positions, 1 / RATE).any()
+
+
+def test_the_digit_of_a_marker_is_found_once_however_often_it_repeats(monkeypatch, rng):
+    """Else the time grows by the square of a recording's length."""
+    calls = []
+    found = held._digit
+    monkeypatch.setattr(held, "_digit", lambda own: calls.append(1) or found(own))
+    positions = np.round(1 + 2.5e-4 * rng.normal(size=(500, 5, 3)), 3)
+    assert not held.find_held(positions, 0.01).any()
+    assert len(calls) == 5

@@ -195,6 +195,8 @@ def test_what_opensim_cannot_read_is_not_written(tmp_path, name, value, message)
     [
         ("pelvis_tx", False),
         ("pelvis_tilt", True),
+        ("knee_ty_r", False),
+        ("pf_tx_l", False),
         ("knee_angle_l_beta", False),
         ("mtp_angle_r", True),
     ],
@@ -258,6 +260,14 @@ def test_even_times_of_few_digits_become_even(write):
     text = TEXT[: TEXT.index("      0.00")].replace("nRows=2", "nRows=120") + rows
     np.testing.assert_allclose(np.diff(mocap_opensim.read(write(text)).times), 1 / 60, atol=1e-5)
     assert np.ptp(np.diff(mocap_opensim.read(write(text)).times)) < 1e-9
+
+
+def test_times_of_few_digits_stay_even_over_a_row_left_out(write):
+    kept = np.delete(np.arange(600), [300, 301, 420])
+    rows = "".join(f"{k / 120:.3f}\t1\t2\t3\t4\n" for k in kept)
+    text = TEXT[: TEXT.index("      0.00")].replace("nRows=2", f"nRows={len(kept)}") + rows
+    times = mocap_opensim.read(write(text)).times
+    np.testing.assert_allclose(np.diff(times) * 120, np.diff(kept), atol=1e-3)
 
 
 @pytest.mark.parametrize(

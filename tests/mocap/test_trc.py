@@ -243,12 +243,39 @@ def test_a_time_column_of_another_rate_is_kept(write):
     assert found.notes == ("the header says 200 Hz, the time column 100 Hz, which is taken",)
 
 
+@pytest.mark.parametrize(("unit", "seconds", "digits"), [
+    ("milliseconds", 1e-3, 1), ("microseconds", 1e-6, 0), ("minutes", 60.0, 8),
+])  # fmt: skip
 @pytest.mark.parametrize("rate", [100.0, 119.88])
-def test_a_time_column_in_milliseconds_becomes_seconds(write, rate):
-    rows = [f"{k}\t{1000 * k / rate:.1f}\t1\t2\t3\t4\t5\t6" for k in range(20)]
+def test_a_time_column_in_another_unit_becomes_seconds(write, rate, unit, seconds, digits):
+    rows = [f"{k}\t{k / rate / seconds:.{digits}f}\t1\t2\t3\t4\t5\t6" for k in range(20)]
     found = trc.read(write(text(rows, rate=f"{rate:g}", frames=20)))
-    np.testing.assert_allclose(found.times, np.arange(20) / rate, atol=1e-9)
-    assert found.notes == ("the time column is in milliseconds",)
+    np.testing.assert_allclose(found.times, np.arange(20) / rate, atol=1e-6)
+    assert found.notes == (f"the time column is in {unit}",)
+
+
+def test_a_sample_every_second_is_warned_of(write):
+    rows = [f"{k + 1}\t{k}.0\t1\t2\t3\t4\t5\t6" for k in range(20)]
+    (note,) = trc.read(write(text(rows, rate="1", frames=20))).notes
+    assert note.startswith("warning: a sample every 1 s: no movement is followed so slowly")
+
+
+def test_an_empty_first_column_leaves_names_with_blanks_whole(write):
+    plain = text(ROWS, names="R ASIS\t\t\tL ASIS")
+    head, _, rest = plain.partition("Frame#")
+    shifted = head + "".join(f"\t{line}\n" for line in ("Frame#" + rest).splitlines())
+    for content in (plain, shifted):
+        found = trc.read(write(content))
+        assert found.labels == ("R ASIS", "L ASIS")
+        np.testing.assert_array_equal(found.positions[0], [[1, 2, 3], [4, 5, 6]])
+
+
+def test_a_last_row_of_blanks_without_line_end_is_whole(write):
+    blank = [*ROWS[:2], "3\t0.02\t1\t2\t3\t\t\t"]
+    found = trc.read(write(text(blank).rstrip("\n")))
+    assert np.isnan(found.positions[2, 1]).all()
+    with pytest.raises(LegsimError, match=r"line 9\): the file breaks off in this row"):
+        trc.read(write(text(blank).rstrip("\n")[:-1]))
 
 
 def test_a_time_column_that_counts_frames_becomes_seconds(write):

@@ -37,6 +37,19 @@ def test_few_digits_of_another_rate_than_the_headers_are_kept():
     np.testing.assert_array_equal(times, stated)
 
 
+@pytest.mark.parametrize(("rate", "digits"), [(200, 2), (250, 2), (120, 2), (200, 1)])
+def test_times_of_fewer_digits_than_the_rate_has_are_its_multiples(rate, digits):
+    times, notes = found(np.arange(400) / rate, rate=rate, digits=digits)
+    np.testing.assert_allclose(times, np.arange(400) / rate, atol=1e-9)
+    assert notes == ()
+
+
+@pytest.mark.parametrize("digits", [2, 3])
+def test_few_digits_of_a_rate_near_the_headers_become_even(digits):
+    times, _ = found(np.arange(3000) / 119.88, rate=120, digits=digits)
+    np.testing.assert_allclose(np.diff(times), 1 / 119.88, rtol=1e-4)
+
+
 def test_left_out_frames_are_reported_with_their_number_and_place():
     frames = np.delete(np.arange(1, 101), [10, 11, 12, 50])
     times, notes = found((frames - 1) / 100, rate=100, frames=frames)

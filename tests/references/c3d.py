@@ -103,10 +103,12 @@ def c3d_bytes(
     analog_words: int = 0,
     model_outputs: Sequence[str] = (),
     channels: Channels | None = None,
+    actual: tuple[int, int] | None = None,
 ) -> bytes:
     """File with points (n, m, 3) in the file's unit; a positive scale stores 16-bit numbers.
 
-    NaN is written as a leftover position with residual -1.
+    NaN is written as a leftover position with residual -1. ``actual`` are the trial's first and
+    last frame in 32 bits.
     """
     n, m = positions.shape[:2]
     analog = np.full((n, analog_words), 7) if channels is None else channels.stored.reshape(n, -1)
@@ -130,11 +132,16 @@ def c3d_bytes(
         records += texts("ANGLES", 1, processor, model_outputs)
     if channels is not None:
         records += channels.records(2, processor)
+    if actual is not None:
+        records += group("TRIAL", 3, processor)
+        for name, frame in zip(("START", "END"), actual, strict=True):
+            words = struct.pack(order + "2H", frame % 65536, frame // 65536)
+            records += parameter(f"ACTUAL_{name}_FIELD", 3, processor, 2, (2,), words)
     per_frame = 1 if channels is None else len(channels.stored) // n
     blocks = (4 + len(records) + 1 + 511) // 512
     section = (bytes([1, 80, blocks, processor]) + records).ljust(512 * blocks, b"\0")
     header = bytes([2, 80]) + struct.pack(
-        order + "5H", m, analog.shape[1], first_frame, first_frame + n - 1, 10
+        order + "5H", m, analog.shape[1], first_frame, min(first_frame + n - 1, 65535), 10
     )
     header += (
         floats(np.array([scale]), processor)

@@ -145,3 +145,16 @@ def test_a_toml_gives_counts_numbers_of_columns_and_a_second_file(tmp_path):
     toml.write_text('file = "acc.csv"\ncounts_per_g = 2048\n')
     with pytest.raises(LegsimError, match=r"counts_per_g is given, but no columns"):
         imu_files.load(toml)
+
+
+def test_two_sensors_of_one_recording_are_refused(tmp_path):
+    """Both would have the readings of the first."""
+    second = """
+[[sensors]]
+name = "thigh_l"
+recorded_as = "shank_l"
+acceleration = ["gx", "gy", "gz"]
+angular_velocity = ["ax", "ay", "az"]
+"""
+    with pytest.raises(LegsimError, match="two sensors are that which is recorded as 'shank_l'"):
+        ls.read_imu(write(tmp_path, TABLE + second))

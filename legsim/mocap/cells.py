@@ -11,7 +11,7 @@ _NAN = re.compile(
         | 1\.\#(nan|q\w*|snan\w*|ind\w*|r)                # Windows before 2015, also cut short
         | \#?n/?a\!? | <na> | \#num! | \.nan              # tables, statistics, YAML
         | null | none | missing | undefined
-    )""",
+    ) | -{1,3}""",
     re.I | re.X,
 )
 

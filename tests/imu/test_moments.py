@@ -1,0 +1,33 @@
+"""Times of the day, of the hour and dates are seconds that go on."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from legsim.core.errors import LegsimError
+from legsim.imu import moments
+
+
+def read(cells):
+    return moments.seconds(Path("a.csv"), range(2, 2 + len(cells)), cells, "t")
+
+
+@pytest.mark.parametrize(("cells", "seconds"), [
+    (["00:01.230", "00:01.480", "01:00.000"], [1.23, 1.48, 60]),
+    (["59:59.900", "00:00.100"], [3599.9, 3600.1]),
+    (["9:00:00.000", "10:00:00,125"], [32400, 36000.125]),
+    (["23:59:59.990", "", "00:00:00.010", "00:00:00.030"], [86399.99, np.nan, 86400.01, 86400.03]),
+    (["12:00:00Z", "12:00:01+01:00"], [43200, 43201]),
+    (["1970-01-01T00:00:01", "1970-01-02 00:00:00.5", "1970/01/01 00:00:02Z"], [1, 86400.5, 2]),
+])  # fmt: skip
+def test_what_loggers_write_is_seconds(cells, seconds):
+    np.testing.assert_allclose(read(cells), seconds)
+
+
+@pytest.mark.parametrize(
+    "cell", ["12:60:00", "00:61", "12:00:00 AM", "noon", "31.01.2025 12:00:00"]
+)
+def test_what_is_no_time_is_refused_with_its_line(cell):
+    with pytest.raises(LegsimError, match=r"a.csv \(line 3\): '.*' in column 't' is no date"):
+        read(["12:00:00", cell])
