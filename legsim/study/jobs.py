@@ -64,6 +64,11 @@ class ScanJob:
         return f"{self.subject}-{self.posture}{level}".replace("/", "_")
 
     @property
+    def clean(self) -> bool:
+        """Whether it has the study's own sensors, without added noise."""
+        return self.noise is None and not self.sensor
+
+    @property
     def folder(self) -> Path:
         return self.study_folder / "runs" / self.name
 
@@ -155,14 +160,13 @@ def scan(job: ScanJob, on_progress: OnProgress | None = None) -> tuple[ScanScore
     def run() -> list[dict[str, Any]]:
         memory.give_back()  # what the scan before has left
         store = StageCache(job.store)
-        clean = job.noise is None and not job.sensor
         result = pipeline.run_scan(
             settings,
             job.folder,
             device=job.device,
             on_progress=on_progress or _quiet,
             store=store,
-            presented=clean,
+            presented=job.clean,
         )
         place = job.folder.relative_to(job.study_folder).as_posix()
         scores = [

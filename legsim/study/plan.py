@@ -126,7 +126,7 @@ def _shared_bytes(job: ScanJob) -> int:
     """Of what a noisy run takes from the clean one: the exposures, unless each has photons of its
     own, the reference, and the rest.
     """
-    own = job.noise is None and not job.sensor
+    own = job.clean
     images = (
         _exposures_bytes(job.settings) + _volume_bytes(job.settings)
         if own or job.settings.scan.detector.photons

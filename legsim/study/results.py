@@ -68,7 +68,12 @@ class ScanScore:
     folder: str
     """of the run, relative to the study's"""
     sensor: str = ""
-    """of the catalogue, with all its errors and a rough start; empty: the study's own settings"""
+    """of the catalogue, with all its errors; empty: the study's own settings"""
+
+    @property
+    def clean(self) -> bool:
+        """Whether it is of the study's own sensors, without added noise."""
+        return self.noise is None and not self.sensor
 
 
 @dataclass(frozen=True, slots=True)

@@ -352,7 +352,7 @@ def noisy_quality(scores: Sequence[ScanScore]) -> tuple[Table, Table]:
     scans = {(s.subject, s.posture) for s in noisy}
     # the published values are of held squats, and say nothing of other recordings
     squats = all(results.condition(posture) in statistics.POOLED for _, posture in scans)
-    clean = [s for s in scores if s.noise is None and (s.subject, s.posture) in scans]
+    clean = [s for s in scores if s.clean and (s.subject, s.posture) in scans]
     kinds = []
     for measure, published_of in (
         ("ssim", published_values.noisy_ssim),
