@@ -8,10 +8,11 @@ unknown, shadows of fiducials in the sensor whose spacing is known. Beads' place
 that wrong ones do not pull.
 
 The result has its covariance. It is that of the model: soft tissue between skin, sensor and bone is
-in it only as far as the errors of the shadows say so.
+in it only as far as the errors of the shadows say so. Where the shadows miss the path by more than
+their errors allow, they are as wrong as that, and the estimate is made again.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -19,7 +20,7 @@ from scipy.linalg import cho_factor, cho_solve
 
 from legsim.core import transforms
 from legsim.core.errors import LegsimError
-from legsim.core.values import FloatArray
+from legsim.core.values import FloatArray, frozen, positive
 from legsim.correction.error_state import ErrorState, SensorPath
 from legsim.deformation.models import RigidMotion
 from legsim.geometry.cone_beam import ConeBeamGeometry
@@ -38,8 +39,18 @@ _DOUBTED = 3.0
 _FIRM = 0.1
 """m, standard deviation of a bead about its first place: keeps one that is seldom seen in place"""
 
+SHADOW_ERROR_PX = 0.3
+"""standard deviation along u and v of a shadow's place, where nothing else is known of it"""
+
+_BEYOND_CHANCE = 1.2
+"""times their standard deviation that shadows may miss the path by, RMS: dozens of them make 1.1"""
+
 _FEWEST_VIEWS = 3
 """that a bead must be seen in to have a place"""
+
+
+class DivergedError(LegsimError):
+    """No path fits what is measured; what was given may all be of the right form."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -70,8 +81,14 @@ class BeadShadows:
 
     pixels: FloatArray
     """(v, b, 2) (u, v); NaN where unseen"""
-    error_px: float = 0.3
+    error_px: float = SHADOW_ERROR_PX
     """standard deviation along u and v, of detection and of skin that slides"""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(
+            self, "pixels", frozen("BeadShadows.pixels", self.pixels, (None, None, 2))
+        )
+        positive("BeadShadows.error_px", self.error_px)
 
     def enough(self) -> "BeadShadows":
         """Only the beads that are seen often enough to have a place.
@@ -96,8 +113,15 @@ class FiducialShadows:
     """(v, f, 2) (u, v); NaN where unseen"""
     points_sensor: FloatArray
     """(f, 3) m"""
-    error_px: float = 0.3
+    error_px: float = SHADOW_ERROR_PX
     """standard deviation along u and v"""
+
+    def __post_init__(self) -> None:
+        pixels = frozen("FiducialShadows.pixels", self.pixels, (None, None, 2))
+        places = frozen("FiducialShadows.points_sensor", self.points_sensor, (pixels.shape[1], 3))
+        object.__setattr__(self, "pixels", pixels)
+        object.__setattr__(self, "points_sensor", places)
+        positive("FiducialShadows.error_px", self.error_px)
 
     def enough(self) -> "FiducialShadows":
         """The same, if they are seen often enough to tell anything.
@@ -295,12 +319,12 @@ def solved(matrix: FloatArray, right: FloatArray) -> FloatArray:
     """The solution of normal equations.
 
     Raises:
-        LegsimError: they have none, as where steps ran far away.
+        DivergedError: they have none, as where steps ran far away.
     """
     try:
         return cho_solve(cho_factor(matrix), right)
     except (np.linalg.LinAlgError, ValueError) as error:
-        raise LegsimError(
+        raise DivergedError(
             "no path of the sensor fits its start, its signals and the shadows of beads or "
             "points; check which is which, the order of the views, and (column, row) of the pixels"
         ) from error
@@ -367,9 +391,14 @@ def smooth(
 
     Raises:
         LegsimError: shadows without a geometry or of other views.
+        DivergedError: no path fits them.
     """
-    problem, errors, places = _prepared(state, standing, geometry, beads, fiducials)
-    return _result(problem, *_descended(problem, errors, places))
+    problem, *begun = _prepared(state, standing, geometry, beads, fiducials)
+    found = _descended(problem, *begun)
+    worse = _believed(problem, state.path(found[0]), found[1])
+    if worse is not problem:
+        problem, found = worse, _descended(worse, *begun)
+    return _result(problem, *found)
 
 
 def _prepared(
@@ -454,6 +483,29 @@ def _smoothed(
         residual,
         settled,
     )
+
+
+def _believed(problem: _Problem, path: SensorPath, places: FloatArray) -> _Problem:
+    """The problem whose shadows have errors as large as they miss the path by; the same where they
+    are as stated.
+    """
+    given, found = (problem.beads, problem.fiducials), problem.shadows(path.poses, places)
+    beads, fiducials = (
+        shadows
+        if shadows is None or missed is None or (misfit := _misfit(missed)) <= _BEYOND_CHANCE
+        else replace(shadows, error_px=misfit * shadows.error_px)
+        for shadows, missed in zip(given, found, strict=True)
+    )
+    if beads is problem.beads and fiducials is problem.fiducials:
+        return problem
+    return replace(problem, beads=beads, fiducials=fiducials)
+
+
+def _misfit(shadows: _Shadows) -> float:
+    """RMS distance along u and v of the shadows that have weight, in standard deviations."""
+    total = 2 * float(shadows.weights.sum())
+    squares = float((shadows.weights * (shadows.miss**2).sum(-1)).sum())
+    return float(np.sqrt(squares / total)) if total else 0.0
 
 
 def triangulated(geometry: ConeBeamGeometry, pixels: FloatArray) -> FloatArray:

@@ -144,6 +144,17 @@ def test_a_standing_person_brings_centimeters_back_to_millimeters(rng: np.random
     assert np.isnan(found.residual_px)
 
 
+def test_errors_are_no_larger_than_stated_where_shadows_are_four_times_worse():
+    """8 draws, chi-square within its 99.9 %."""
+    places, draws = [], 8
+    for seed in range(draws):
+        rng = np.random.default_rng([seed, 12])
+        beads = replace(bead_shadows(1.2, rng), error_px=0.3)
+        found = smoother.smooth(sensed(rng), geometry=GEOMETRY, beads=beads)
+        places.append(normalized(missed(found)[-1], found.covariance_at(KNEE)[-1]))
+    assert sum(places) < chi2.ppf(0.999, 3 * draws)
+
+
 def test_wrong_shadows_do_not_pull(rng: np.random.Generator):
     """One in twelve views has a bead's shadow 20 px off, one does not see it."""
     state, right = sensed(rng), bead_shadows(0.3, rng)
