@@ -73,6 +73,17 @@ PRESETS: dict[str, dict[str, dict[str, Any]]] = {
 }
 
 
+FILES = (
+    *(("motion", key) for key in ("file", "marker_map", "scaling_file", "model")),
+    *(("motion", key) for key in ("marker_set", "scale_file", "zero_file")),
+    ("motion", "ik", "tasks_file"),
+    ("imu", "noise", "kind"),
+    ("phantom", "file"),
+    ("scan", "spectrum", "file"),
+)
+"""where settings may name a file; some of them may name what comes with legsim instead"""
+
+
 def load_settings(
     path: Path | str | None = None, *, preset: str = "paper", overrides: tuple[str, ...] = ()
 ) -> RunConfig:
@@ -84,6 +95,8 @@ def load_settings(
         LegsimError: unknown preset, missing file, not TOML, or a key or value that is not allowed;
             the line names the key.
     """
+    if isinstance(overrides, str):
+        overrides = (overrides,)
     where = None if path is None else Path(path)
     trees = [] if where is None else [read(where)]
     return from_trees(

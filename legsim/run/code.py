@@ -78,7 +78,8 @@ STAGES = {
     "aided": Code(
         (
             *("correction", "imu", "kinematics.from_recording", "scan.c_arm"),
-            *("phantom.leg_phantom", "evaluation.residual_motion"),
+            *("phantom.leg_phantom", "phantom.imaged_leg", "phantom.tissue_swing"),
+            "evaluation.residual_motion",
         ),
         (
             *("study.aiding", "simulation.setup", "run.scores", "run.volumes", "run.stages"),
