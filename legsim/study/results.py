@@ -122,6 +122,8 @@ class AidedScore:
     degrees: float
     followed: bool
     """whether a motion was followed; else the scan was left as it is"""
+    start: str = ""
+    """as methods.start of the settings; empty where it is not known"""
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,6 +2,7 @@
 tests, and every scan with its folder.
 """
 
+import math
 from collections.abc import Callable, Iterable, Sequence
 
 from legsim.evaluation.registration import RegistrationError
@@ -336,6 +337,8 @@ def _beside(ours: MeanAndDeviation, published: float | None) -> tuple[str, str, 
 
 def size(value: float) -> str:
     """Two or three digits of a number of any size: 8470, 0.943, 2.0e-5."""
+    if math.isnan(value):
+        return NONE
     if value == 0 or abs(value) >= 100:
         return f"{value:.0f}"
     if abs(value) >= 0.01:
