@@ -143,6 +143,7 @@ def run_scan(
     opened, out = open_device(device), Path(out)
     with failures.reported(opened.label), RunFolder(out, _about(settings, opened), store) as folder:
         write_text(out / "config.toml", config.dump(settings))
+        folder.write_manifest()  # of these settings, even where no stage runs
         return _run(StageContext(settings, folder, opened, on_progress), presented=presented)
 
 
@@ -225,6 +226,7 @@ def _present(
             lines,
             provenance,
             side=setup.side,
+            views=setup.times,
         )
         write_text(folder.path / "report.html", page.render(content))
         stage.on_progress("recording and report", 2, 2)

@@ -64,7 +64,7 @@ class ScanScore:
     metrics: Scores
     residuals: tuple[Residual, ...]
     seconds: float
-    """estimation and reconstruction"""
+    """estimation, with the images of beads that a method alone has, and reconstruction"""
     folder: str
     """of the run, relative to the study's"""
     sensor: str = ""

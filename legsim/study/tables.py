@@ -147,7 +147,10 @@ def sharpness(scores: Sequence[ScanScore]) -> Table | None:
         (f"gradient entropy {r}", _mean_of(statistics.of_region("gradient_entropy", r), 3))
         for r in regions(scores)
     ]
-    note = f"{published_tables.ENTROPY} Seconds: estimation and reconstruction. {SPREAD_NOTE}"
+    note = (
+        f"{published_tables.ENTROPY} Seconds: estimation, with the images of beads that only some "
+        f"methods have, and reconstruction. {SPREAD_NOTE}"
+    )
     return _by_method(
         "Sharpness and time",
         scores,
@@ -380,6 +383,9 @@ def noisy_quality(scores: Sequence[ScanScore]) -> tuple[Table, Table]:
                             for s in of_method
                             if s.noise and (s.noise.f_a, s.noise.f_g) == (f_a, f_g)
                         )
+                    ended = len({(s.subject, s.posture) for s in chosen})
+                    if ended < len(scans):
+                        label = f"{label} ({ended} of {counted(len(scans), 'scan')})"
                     for region in regions(noisy):
                         ours = statistics.over_scans(chosen, statistics.of_region(measure, region))
                         published: Score | None = (

@@ -43,7 +43,10 @@ def test_the_content_of_files_is_in_the_key_and_their_names_are_not(tmp_path: Pa
     beam, sensor, phantom = (tmp_path / n for n in ("beam.csv", "mine.toml", "PHANTOM.toml"))
     beam.write_text("energy_kev,weight\n40,1\n80,1\n")
     shutil.copy(SENSORS / "bmi160.toml", sensor)
-    phantom.write_text("bones = 1\n")
+    part = '[[part]]\nname = "skin"\nfile = "skin.stl"\nunit = "mm"\nmaterial = "muscle"\n'
+    phantom.write_text(part)
+    mesh = tmp_path / "skin.stl"
+    mesh.write_text("solid one")
 
     def key(folder: Path = tmp_path) -> tuple[object, ...]:
         names = (f"scan.spectrum.file={folder / beam.name}", "scan.spectrum.kind=file")
@@ -54,7 +57,8 @@ def test_the_content_of_files_is_in_the_key_and_their_names_are_not(tmp_path: Pa
     for path, old, new in (
         (beam, "80,1", "80,2"),
         (sensor, "turn_on_bias_mg = { value = 40", "turn_on_bias_mg = { value = 41"),
-        (phantom, "bones = 1", "bones = 2"),
+        (phantom, "muscle", "adipose"),
+        (mesh, "one", "two"),
     ):
         text = path.read_text()
         assert old in text
