@@ -1,6 +1,5 @@
 """The configured sensors and their errors, in SI units."""
 
-import warnings
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 
@@ -251,7 +250,6 @@ def records(
 
     The exact signals are computed once.
     """
-    _warn_of_rate(settings, view_rate_hz)
     errors = errors_of(settings.noise)
     every = 1 if errors is None else readout.oversampling(errors, settings.rate_hz)
     felt = sense(person, settings, every=every, shaking=shaking)
@@ -273,15 +271,6 @@ def records(
             streams = tuple(rng.spawn(len(read.sensor_names)))
             read = clock.lose_samples(read, settings.lost_share, settings.lost, streams)
         yield read
-
-
-def _warn_of_rate(settings: ImuConfig, view_rate_hz: float) -> None:
-    if settings.rate_hz < view_rate_hz:
-        warnings.warn(
-            f"the sensors take {settings.rate_hz:g} samples per second, fewer than the scan's "
-            f"{view_rate_hz:g} views: motion between samples is not seen; raise imu.rate_hz",
-            stacklevel=2,
-        )
 
 
 def _rest_force(person: MovingLeg, settings: ImuConfig, rest_at: float) -> FloatArray | None:

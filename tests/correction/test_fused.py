@@ -160,6 +160,15 @@ def test_shadows_that_are_worse_than_stated_do_no_harm(px: float):
     assert left_px(motion_found(found), SWAY) <= left_px(RigidMotion.identity(VIEWS), SWAY)
 
 
+def test_shadows_that_are_nowhere_near_the_path_are_doubted():
+    turned = BeadShadows(3 * shadows(SWAY, 1).pixels[::-1])
+    found = FusedBeads(turned, "", SensorPriors(BMI160))(scanned(SWAY, 1))
+    assert wobble_mm(motion_found(found)) < 1e-9
+    assert found.notes[1].startswith("In doubt: fused-beads: the shadows are")
+    good = FusedBeads(shadows(SWAY, 1), "", SensorPriors(BMI160))(scanned(SWAY, 1))
+    assert not any(note.startswith("In doubt") for note in good.notes)
+
+
 def test_shadows_that_fit_no_path_leave_the_scan_as_it_is(monkeypatch: pytest.MonkeyPatch):
     """A run goes on with its other methods."""
 

@@ -249,7 +249,7 @@ def test_a_scan_without_beads_says_where_they_go(tmp_path):
 def test_shadows_that_fit_no_path_of_the_sensor_are_doubted_and_move_nothing(tmp_path):
     path = write(tmp_path, beads=table(bead_pixels()[::-1]))
     result = ls.correct(path, ["fused-beads"], tmp_path / "o")
-    assert any("In doubt: fused-beads: the shadows are" in n for n in result.notes)
+    assert any("In doubt: fused-beads: no path of the sensor fits" in n for n in result.notes)
     assert (tmp_path / "o/volume-fused-beads.mha").read_bytes() == (
         tmp_path / "o/volume-uncorrected.mha"
     ).read_bytes()
