@@ -42,8 +42,9 @@ def correct(
         typer.Option(
             "--method",
             metavar="NAME",
-            help="rigid, nonrigid-2d, nonrigid-3d, articulated, rigid@<sensor>, or your own as "
-            "path/to/file.py:function. May be repeated. The uncorrected scan always comes along.",
+            help="rigid, rigid@<sensor>, nonrigid-3d, fused, autofocus or another of "
+            "docs/methods.md, or your own as path/to/file.py:function. May be repeated. The "
+            "uncorrected scan always comes along.",
         ),
     ] = None,
     geometry: Annotated[

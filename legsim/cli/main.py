@@ -44,7 +44,8 @@ app = typer.Typer(
 )
 
 geometry_app = typer.Typer(
-    help="Look at a scan geometry, or convert it between legsim JSON, RTK XML and plain matrices.",
+    help="Look at a scan geometry, or convert it between the formats of legsim, RTK, ASTRA, TIGRE, "
+    "CONRAD, projtable and plain matrices.",
     no_args_is_help=True,
 )
 app.add_typer(geometry_app, name="geometry")
@@ -153,6 +154,11 @@ def _report_end(how: str, arguments: list[str]) -> None:
     console.err.print(f"{how}; {kept if command in _RESUMED else restarted}")
 
 
+def _plain(message: str) -> str:
+    """A message of the parser in one line, without the name of its library's error."""
+    return message.replace("\n", " ").replace("Value error, ", "")
+
+
 def main(arguments: list[str] | None = None) -> None:
     """Runs the command line; exit code 0 only on success, 130 on Ctrl-C, 143 on SIGTERM, one line
     for an error unless --debug.
@@ -174,7 +180,7 @@ def main(arguments: list[str] | None = None) -> None:
         raise
     except typer.exceptions.TyperException as error:
         console.err.print(
-            f"error: {error.format_message()} (the command's --help says more)".replace("\n", " "),
+            f"error: {_plain(error.format_message())} (the command's --help says more)",
             style="red",
         )
         sys.exit(error.exit_code)

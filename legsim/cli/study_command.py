@@ -37,7 +37,7 @@ def study(
         typer.Option(
             "--recording",
             metavar="FILE",
-            help="A further recording, one scan more; its folder and name call it.",
+            help="A further recording, one scan more, named after its folder and file.",
         ),
     ] = None,
     workers: Annotated[

@@ -33,5 +33,4 @@ from .settings import load_settings as load_settings
 from .tree import ConfigSection as ConfigSection
 from .tree import merged as merged
 from .tree import parse_override as parse_override
-from .tree import read as read
 from .tree import validated as validated

@@ -11,7 +11,8 @@ from pydantic import Field
 
 from legsim.config.imu_file import ImuFileConfig, Vector
 from legsim.config.reconstruction import ReconstructionConfig
-from legsim.config.tree import ConfigSection, read, validated
+from legsim.config.tree import ConfigSection, validated
+from legsim.core.files import load_toml
 
 
 class JointConfig(ConfigSection):
@@ -134,7 +135,7 @@ def load(path: Path) -> MeasuredScanConfig:
     Raises:
         LegsimError: missing file, not TOML, or a key or value that is not allowed.
     """
-    return validated(MeasuredScanConfig, read(path), path)
+    return validated(MeasuredScanConfig, load_toml(path), path)
 
 
 def dump(scan: MeasuredScanConfig) -> str:

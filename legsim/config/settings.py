@@ -14,8 +14,9 @@ from legsim.config.methods import MethodsConfig
 from legsim.config.motion import MotionConfig
 from legsim.config.reconstruction import EvaluationConfig, GridConfig, ReconstructionConfig
 from legsim.config.scan import PhantomConfig, ScanConfig
-from legsim.config.tree import ConfigSection, merged, parse_override, read, validated
+from legsim.config.tree import ConfigSection, merged, parse_override, validated
 from legsim.core.errors import LegsimError
+from legsim.core.files import load_toml
 
 
 class RunConfig(ConfigSection):
@@ -98,7 +99,7 @@ def load_settings(
     if isinstance(overrides, str):
         overrides = (overrides,)
     where = None if path is None else Path(path)
-    trees = [] if where is None else [read(where)]
+    trees = [] if where is None else [load_toml(where)]
     return from_trees(
         preset,
         *trees,

@@ -7,7 +7,7 @@ from typing import Annotated, Any, ClassVar, TypeVar, get_args
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, PositiveFloat, ValidationError
 
-from legsim.core.errors import LegsimError, file_error
+from legsim.core.errors import LegsimError
 
 
 class ConfigSection(BaseModel):
@@ -42,24 +42,6 @@ def validated(model: type[_Model], tree: dict[str, Any], where: Path | None) -> 
         raise LegsimError(_explain(error, model, where)) from error
 
 
-def read(path: Path) -> dict[str, Any]:
-    """Reads a TOML file without validation.
-
-    Raises:
-        LegsimError: missing file, or not TOML.
-    """
-    try:
-        return tomllib.loads(path.read_text("utf-8"))
-    except FileNotFoundError:
-        raise file_error(path, "no such file", "give the path of a TOML file") from None
-    except (OSError, UnicodeDecodeError) as error:
-        raise file_error(
-            path, f"cannot be read ({error})", "give the path of a TOML file"
-        ) from None
-    except tomllib.TOMLDecodeError as error:
-        raise file_error(path, f"is not TOML: {error}", "fix that place") from None
-
-
 def parse_override(text: str, model: type[ConfigSection] | None = None) -> dict[str, Any]:
     """Parses ``section.key=value`` as a tree.
 
@@ -72,7 +54,7 @@ def parse_override(text: str, model: type[ConfigSection] | None = None) -> dict[
         raise LegsimError(f"--set {text}: expected section.key=value, as in --set scan.views=124")
     try:
         parsed: Any = tomllib.loads(f"v = {value.strip()}")["v"]
-    except tomllib.TOMLDecodeError:
+    except (tomllib.TOMLDecodeError, RecursionError):
         parsed = value.strip()
     if not isinstance(parsed, str) and model is not None and _takes_text(model, parts):
         parsed = value.strip()

@@ -91,9 +91,12 @@ def load_toml(path: Path, fix: str = "fix that place") -> dict[str, Any]:
     """
     try:
         return tomllib.loads(path.read_bytes().decode("utf-8-sig"))
+    except FileNotFoundError:
+        raise file_error(path, "no such file", "give the path of a TOML file") from None
     except OSError as error:
-        raise file_error(path, f"cannot be read ({error.strerror})", "check the path") from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        fix_path = "give the path of a TOML file"
+        raise file_error(path, f"cannot be read ({error.strerror})", fix_path) from error
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
         raise file_error(path, f"is not TOML ({error})", fix) from error
 
 

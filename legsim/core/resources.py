@@ -4,6 +4,7 @@ They are in a checkout or inside the installed package.
 """
 
 import os
+from collections.abc import Callable
 from pathlib import Path
 
 from legsim.core.errors import LegsimError
@@ -26,14 +27,14 @@ def motion_file(name: str) -> Path:
     Raises:
         LegsimError: the file did not come with this installation; the message lists the known ones.
     """
-    return _find("motions", name)
+    return _find("motions", name, os.path.isfile)
 
 
-def _find(folder: str, name: str) -> Path:
+def _find(folder: str, name: str, is_there: Callable[[Path], bool] = os.path.exists) -> Path:
     # a wheel has the folders inside the package; a checkout (also an editable one) next to it
     roots = [_PACKAGE / "data" / folder, _PACKAGE.parent / folder]
     for root in roots:
-        if os.path.exists(root / name):  # Path.exists raises where a name is too long
+        if is_there(root / name):  # Path.exists raises where a name is too long
             return root / name
     there = sorted(
         str(p.relative_to(r))

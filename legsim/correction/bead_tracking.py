@@ -93,24 +93,18 @@ def track(
 
     def search(view: int, offset: FloatArray) -> None:
         """Looks where the beads are expected by how far off they were."""
-        expected = resting[view] + offset
-        alone = _alone(expected * (1, row_ratio), search_px + 2 * float(sizes[view].mean()))
-        seen = np.full(expected.shape, np.nan)
-        seen[alone] = blob_detection.locate(
+        expected, radius_px = resting[view] + offset, float(sizes[view].mean())
+        alone = _alone(expected * (1, row_ratio), search_px + 2 * radius_px)
+        found[view, alone] = blob_detection.locate(
             projections.line_integrals[view],
             expected[alone],
-            radius_px=float(sizes[view].mean()),
+            radius_px=radius_px,
             search_px=search_px,
             least_contrast=least_contrast,
             row_ratio=row_ratio,
         )
-        change = seen - expected
-        has = np.isfinite(change).all(-1)
-        if has.any():
-            offset = offset + np.where(
-                has[:, None], np.nan_to_num(change), np.median(change[has], axis=0)
-            )
-        found[view], offsets[view] = seen, offset
+        found[view, ~alone] = np.nan
+        offsets[view] = offset + _shift(found[view] - expected)
 
     for view in range(len(geometry)):
         search(view, offsets[max(view - 1, 0)])
@@ -124,6 +118,14 @@ def track(
         search(int(view), offsets[view + 1])
         found[view] = np.where(early[view][:, None], found[view], forward[view])
     return found
+
+
+def _shift(change: FloatArray) -> FloatArray:
+    """(b, 2) how far beads moved; those that are not seen as the others' median."""
+    has = np.asarray(np.isfinite(change).all(-1))
+    if not has.any():
+        return np.zeros_like(change)
+    return np.where(has[:, None], np.nan_to_num(change), np.median(change[has], axis=0))
 
 
 def _alone(expected: FloatArray, clearance: float) -> NDArray[np.bool_]:

@@ -100,14 +100,19 @@ class Scores:
 
     def _repr_html_(self) -> str:
         """Formats the scores as an HTML table for notebooks."""
-        head = "".join(f"<th>{name}</th>" for name in SCORE_COLUMNS)
-        body = "".join(
-            f"<tr>{''.join(f'<td>{escape(cell)}</td>' for cell in row)}</tr>" for row in self.rows()
-        )
-        return (
-            f"<table><caption>{escape(self.protocol)}</caption><thead><tr>{head}</tr></thead>"
-            f"<tbody>{body}</tbody></table>"
-        )
+        return html_table(self.protocol, SCORE_COLUMNS, self.rows())
+
+
+def html_table(caption: str, columns: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """A table of texts for notebooks."""
+    head = "".join(f"<th>{escape(name)}</th>" for name in columns)
+    body = "".join(
+        f"<tr>{''.join(f'<td>{escape(cell)}</td>' for cell in row)}</tr>" for row in rows
+    )
+    return (
+        f"<table><caption>{escape(caption)}</caption><thead><tr>{head}</tr></thead>"
+        f"<tbody>{body}</tbody></table>"
+    )
 
 
 def protocol_sentence(scaling: Scaling, window: Window) -> str:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from legsim.core.errors import LegsimError, file_error
-from legsim.core.values import Float32Array, FloatArray
+from legsim.core.values import Float32Array, FloatArray, within
 from legsim.geometry.dicom import is_image, require_pydicom
 from legsim.geometry.image_files import LPS_FROM_WORLD
 from legsim.geometry.volume import Volume, VolumeGrid
@@ -48,6 +48,21 @@ class _Slice:
     along_column: FloatArray
     pitch: tuple[float, float]
     """mm between (columns, rows)"""
+    shape: tuple[object, object]
+    """rows, columns"""
+    series: str
+    modality: str
+    unit: str
+    """of the rescaled values; empty where the file does not say it"""
+    slope: float | None
+    """of the rescaling; None without one"""
+    shift: float
+    padding: float | None
+    """stored number of pixels that are none"""
+
+    def rescaled(self, values: FloatArray) -> FloatArray:
+        """Values in Hounsfield units, of stored ones."""
+        return values * (1.0 if self.slope is None else self.slope) + self.shift
 
 
 def load(folder: Path | str, *, water: float) -> CtVolume:
@@ -75,6 +90,8 @@ def load(folder: Path | str, *, water: float) -> CtVolume:
     ordered, step = _in_order(folder, slices)
     values = np.stack([_hounsfield(one) for one in ordered])
     notes, values = _without_padding(ordered, values)
+    if not within(values):
+        raise file_error(folder, "its values are beyond any Hounsfield unit", "export it again")
     values = (water * (1 + 1e-3 * values)).astype(np.float32)
     return CtVolume(_along_world(ordered[0], values, step), notes)
 
@@ -82,40 +99,66 @@ def load(folder: Path | str, *, water: float) -> CtVolume:
 def _read(path: Path) -> _Slice:
     pydicom = require_pydicom(path)
     try:
-        data = pydicom.dcmread(path)
-        directions = np.array(data.ImageOrientationPatient, float).reshape(2, 3)
-        position = np.array(data.ImagePositionPatient, float).reshape(3)
-        between_rows, between_columns = (float(size) for size in data.PixelSpacing)
+        return _slice(path, pydicom.dcmread(path))
     except Exception as error:
-        # pydicom raises many kinds of errors on broken files and missing elements
+        # pydicom raises many kinds of errors on broken files and missing elements, also when an
+        # element is looked at
         line = (str(error).strip().splitlines() or [type(error).__name__])[0]
         raise file_error(
             path,
             f"does not say where its slice is ({line})",
             "export the series as single CT slices, or leave this file out",
         ) from error
-    pitch = between_columns, between_rows
-    return _Slice(path, data, position, directions[0], directions[1], pitch)
+
+
+def _slice(path: Path, data: "Dataset") -> _Slice:
+    directions = np.array(data.ImageOrientationPatient, float).reshape(2, 3)
+    position = np.array(data.ImagePositionPatient, float).reshape(3)
+    between_rows, between_columns = (float(size) for size in data.PixelSpacing)
+    series, modality, unit = (
+        str(data.get(name, "")) for name in ("SeriesInstanceUID", "Modality", "RescaleType")
+    )
+    slope, shift, padding = (
+        None if (found := data.get(name)) is None else float(found)
+        for name in ("RescaleSlope", "RescaleIntercept", "PixelPaddingValue")
+    )
+    numbers = [*directions.flat, *position, between_rows, between_columns]
+    numbers += [number for number in (slope, shift, padding) if number is not None]
+    if not within(np.array(numbers)) or min(between_rows, between_columns) <= 0:
+        raise ValueError("its numbers are not finite, or its pixels have no size")
+    return _Slice(
+        path,
+        data,
+        position,
+        directions[0],
+        directions[1],
+        (between_columns, between_rows),
+        (data.get("Rows"), data.get("Columns")),
+        series,
+        modality,
+        unit,
+        slope,
+        shift or 0.0,
+        padding,
+    )
 
 
 def _check_alike(folder: Path, slices: list[_Slice]) -> None:
     """Refuses slices that do not make one volume in Hounsfield units."""
-    series = {str(one.data.get("SeriesInstanceUID", "")) for one in slices}
+    series = {one.series for one in slices}
     if len(series) > 1:
         raise file_error(folder, f"holds {len(series)} series", "give a folder with one of them")
     first = slices[0]
     for one in slices:
-        modality, unit = (str(one.data.get(name, "")) for name in ("Modality", "RescaleType"))
-        if modality != "CT" or unit not in ("", "HU") or "RescaleSlope" not in one.data:
+        if one.modality != "CT" or one.unit not in ("", "HU") or not one.slope:
             raise file_error(
                 one.path,
-                f"is no CT in Hounsfield units (modality {modality or 'unknown'}, unit "
-                f"{unit or 'unknown'})",
+                f"is no CT in Hounsfield units (modality {one.modality or 'unknown'}, "
+                f"unit {one.unit or 'unknown'})",
                 "give a CT series, or a volume in 1/mm as .mha or .nii",
             )
-        shape = (one.data.get("Rows"), one.data.get("Columns"))
         same = (
-            shape == (first.data.get("Rows"), first.data.get("Columns"))
+            one.shape == first.shape
             and np.allclose(one.pitch, first.pitch, rtol=1e-4)
             and np.abs(one.along_row - first.along_row).max() < _OBLIQUE
             and np.abs(one.along_column - first.along_column).max() < _OBLIQUE
@@ -172,7 +215,7 @@ def _hounsfield(one: _Slice) -> FloatArray:
         ) from error
     if values.ndim != 2:
         raise file_error(one.path, "holds several frames or colors", "export single gray slices")
-    return values * float(one.data.RescaleSlope) + float(one.data.get("RescaleIntercept", 0))
+    return one.rescaled(values)
 
 
 def _without_padding(
@@ -181,10 +224,8 @@ def _without_padding(
     """(notes, HU with air where a file says that a pixel is padding)."""
     count = 0
     for one, image in zip(slices, values, strict=True):
-        padding = one.data.get("PixelPaddingValue")
-        if padding is not None:
-            slope, shift = float(one.data.RescaleSlope), float(one.data.get("RescaleIntercept", 0))
-            outside = image == float(padding) * slope + shift
+        if one.padding is not None:
+            outside = image == one.rescaled(np.array(one.padding))
             image[outside] = -1000.0
             count += int(outside.sum())
     return ((f"{count} pixels of padding are air",) if count else ()), values

@@ -62,6 +62,17 @@ def read_projections(path: Path) -> DicomViews:
         raise file_error(
             path, f"holds no image that can be read ({line})", "export it without compression"
         ) from error
+    try:
+        _check_plain(path, data)
+        return _views(data, values[None] if values.ndim == 2 else values)
+    except (TypeError, ValueError, AttributeError, OverflowError, NotImplementedError) as error:
+        # a damaged element raises when it is looked at
+        problem = f"its rescaling, pixel size or angles are no numbers ({error})"
+        raise file_error(path, problem, "correct them, or export it again") from error
+
+
+def _check_plain(path: Path, data: "Dataset") -> None:
+    """Refuses colors, tables of values and shifted bits."""
     if int(data.get("SamplesPerPixel", 1)) != 1:
         raise file_error(path, "holds colors", "export gray images")
     if data.get("ModalityLUTSequence"):
@@ -72,12 +83,6 @@ def read_projections(path: Path) -> DicomViews:
     if high is not None and stored is not None and high + 1 != stored:
         problem = f"holds {stored} bits up to bit {high}, shifted ones"
         raise file_error(path, problem, "export it again")
-    values = values[None] if values.ndim == 2 else values
-    try:
-        return _views(data, values)
-    except (TypeError, ValueError, AttributeError, OverflowError, NotImplementedError) as error:
-        problem = f"its rescaling, pixel size or angles are no numbers ({error})"
-        raise file_error(path, problem, "correct them, or export it again") from error
 
 
 def _views(data: "Dataset", values: NDArray) -> DicomViews:
@@ -150,6 +155,7 @@ def in_order(paths: list[Path]) -> list[Path]:
         try:
             data = pydicom.dcmread(path, stop_before_pixels=True)
             number = int(data.InstanceNumber)
+            series.add(str(data.get("SeriesInstanceUID", "")))
         except Exception as error:
             # pydicom raises many kinds of errors on broken files
             raise file_error(
@@ -162,7 +168,6 @@ def in_order(paths: list[Path]) -> list[Path]:
                 "give the files of one series alone",
             )
         numbered[number] = path
-        series.add(str(data.get("SeriesInstanceUID", "")))
     if len(series) > 1:
         raise file_error(
             paths[0].parent, f"holds {len(series)} series", "give a folder with one of them"

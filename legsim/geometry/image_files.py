@@ -30,7 +30,7 @@ from legsim.core.errors import LegsimError, file_error
 from legsim.core.files import is_file
 from legsim.core.memory import in_words
 from legsim.core.values import LARGEST, Float32Array, FloatArray, within
-from legsim.geometry import _meta_header, _nifti_header, _whole_files
+from legsim.geometry import _meta_header, _nifti_header, _nrrd_header, _whole_files
 from legsim.geometry.cone_beam import ConeBeamGeometry, Projections
 from legsim.geometry.volume import Volume, VolumeGrid
 
@@ -257,15 +257,20 @@ def load_projections(path: Path | str, geometry: ConeBeamGeometry) -> Projection
             f"holds {header.size} columns, rows and views, but the geometry describes {expected}",
             "give the geometry file that belongs to these projections",
         )
-    if not np.isfinite(values).all():
-        view = int(np.flatnonzero(~np.isfinite(values).all(axis=(1, 2)))[0])
+    check_finite(path, values)
+    return Projections(geometry, values)
+
+
+def check_finite(path: Path | str, views: NDArray) -> None:
+    """Refuses views (v, rows, columns) with a value that is not finite, naming the first."""
+    finite = np.isfinite(views).all(axis=(1, 2))
+    if not finite.all():
         raise file_error(
             path,
             "holds values that are not finite numbers",
             "replace them before reconstructing",
-            place=f"view {view}",
+            place=f"view {int(np.argmin(finite))}",
         )
-    return Projections(geometry, values)
 
 
 def read_stored(
@@ -329,7 +334,7 @@ def read_samples(path: Path | str) -> tuple[np.ndarray, FloatArray, FloatArray, 
     path = Path(path)
     reader = _open(path)
     direction = np.array(reader.GetDirection()).reshape(3, 3)
-    if not np.allclose(direction.T @ direction, np.eye(3), atol=1e-3):
+    if not within(direction) or not np.allclose(direction.T @ direction, np.eye(3), atol=1e-3):
         raise file_error(
             path,
             f"its axes are not at right angles (direction cosines {direction.ravel().tolist()})",
@@ -342,6 +347,7 @@ def read_samples(path: Path | str) -> tuple[np.ndarray, FloatArray, FloatArray, 
 def _open(path: Path, dimensions: tuple[int, ...] = (3,)) -> sitk.ImageFileReader:
     if not is_file(path):
         raise file_error(path, "no such file", "check the name")
+    _nrrd_header.check(path)
     reader = sitk.ImageFileReader()
     reader.SetFileName(str(path))
     if path.suffix.lower() in (".mha", ".mhd"):

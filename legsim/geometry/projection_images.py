@@ -98,9 +98,11 @@ def read_images(path: Path | str, *, raw: RawLayout | None = None) -> Projection
             a file that is broken; the line says what to do.
     """
     path = Path(path)
-    if not os.path.isdir(path) and not view_files.is_pattern(path):
-        return _read_file(path, raw)
-    return _read_series(path, raw)
+    several = os.path.isdir(path) or view_files.is_pattern(path)
+    images = _read_series(path, raw) if several else _read_file(path, raw)
+    if not images.values.size:
+        raise file_error(path, "holds no pixel", "export it again")
+    return images
 
 
 def members(path: Path | str) -> list[Path]:
@@ -158,14 +160,8 @@ def projections_of(
             f"{expected}",
             "give the geometry file that belongs to these projections",
         )
-    if values.dtype.kind == "f" and counts is None and not np.isfinite(values).all():
-        view = int(np.flatnonzero(~np.isfinite(values).all(axis=(1, 2)))[0])
-        raise file_error(
-            path,
-            "holds values that are not finite numbers",
-            "replace them before reconstructing",
-            place=f"view {view}",
-        )
+    if counts is None and values.dtype.kind == "f":
+        image_files.check_finite(path, values)
     notes = [*images.notes, *_angle_notes(images, geometry)]
     if counts is not None and line_integrals:
         raise LegsimError(f"{path}: counts or line integrals? say one of the two")
@@ -186,9 +182,13 @@ def projections_of(
 
 
 def read_field(path: Path | str, raw: RawLayout | None = None) -> FloatArray:
-    """(rows, columns) of a flat or dark field or a map of bad pixels: the mean of its images."""
+    """(rows, columns) of a flat or dark field or a map of bad pixels: the mean of its images.
+
+    Not finite where an image is not, which makes a bad pixel of it.
+    """
     one = None if raw is None else replace(raw, views=1)
-    return read_images(path, raw=one).values.mean(axis=0, dtype=float)
+    with np.errstate(over="ignore", invalid="ignore"):
+        return read_images(path, raw=one).values.mean(axis=0, dtype=float)
 
 
 def read_counts(
@@ -294,12 +294,27 @@ def _read_series(place: Path, raw: RawLayout | None) -> ProjectionImages:
         notes += more
     one = None if raw is None else replace(raw, views=1)
     parts = [_read_file(path, one) for path in members]
+    # each file of DICOM has a rescaling of its own, which some leave out
+    _check_alike(members, parts, own_kinds=by_dicom)
+    first = parts[0]
+    angles = [part.angles_deg for part in parts]
+    known = [a for a in angles if a is not None]
+    return ProjectionImages(
+        np.concatenate([part.values for part in parts]),
+        first.pixel_mm,
+        first.origin_mm,
+        np.concatenate(known) if len(known) == len(angles) else None,
+        first.no_counts,
+        (*notes, *_few(dict.fromkeys(note for part in parts for note in part.notes))),
+    )
+
+
+def _check_alike(members: list[Path], parts: list[ProjectionImages], *, own_kinds: bool) -> None:
+    """Refuses files of several scans; those of ``own_kinds`` may hold several kinds of numbers."""
     first = parts[0]
     for path, part in zip(members, parts, strict=True):
-        if (
-            part.values.shape[1:] != first.values.shape[1:]
-            # each file of DICOM has a rescaling of its own, which some leave out
-            or (part.values.dtype != first.values.dtype and not by_dicom)
+        if part.values.shape[1:] != first.values.shape[1:] or (
+            part.values.dtype != first.values.dtype and not own_kinds
         ):
             raise file_error(
                 path,
@@ -321,16 +336,6 @@ def _read_series(place: Path, raw: RawLayout | None) -> ProjectionImages:
                 f"has pixels of {part.pixel_mm} mm, {members[0].name} of {first.pixel_mm}",
                 "give the views of one scan alone",
             )
-    angles = [part.angles_deg for part in parts]
-    known = [a for a in angles if a is not None]
-    return ProjectionImages(
-        np.concatenate([part.values for part in parts]),
-        first.pixel_mm,
-        first.origin_mm,
-        np.concatenate(known) if len(known) == len(angles) else None,
-        first.no_counts,
-        (*notes, *_few(dict.fromkeys(note for part in parts for note in part.notes))),
-    )
 
 
 def _few(notes: Iterable[str]) -> list[str]:

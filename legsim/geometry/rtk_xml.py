@@ -210,10 +210,10 @@ def _legsim_note(path: Path, root: ElementTree.Element) -> dict[str, Any] | None
         if element.tag is ElementTree.Comment and text.startswith("legsim {"):
             try:
                 note = json.loads(text.removeprefix("legsim "))
-            except json.JSONDecodeError as error:
+            except (json.JSONDecodeError, RecursionError) as error:
                 raise file_error(
                     path,
-                    f"legsim's comment is not JSON ({error.msg})",
+                    f"legsim's comment is not JSON ({getattr(error, 'msg', error)})",
                     "restore or remove it",
                     place="comment",
                 ) from error

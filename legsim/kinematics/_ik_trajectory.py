@@ -295,8 +295,8 @@ def _march(
     rows = np.union1d(np.setdiff1d(frames, solved), doubtful)
     settle(problem, values, frames, rows, *recording[:2], trace.converged)
     for k in np.flatnonzero(lost.any(0)):
-        told = frames[~lost[frames, k]]
-        values[lost[:, k], k] = np.interp(np.flatnonzero(lost[:, k]), told, values[told, k])
+        kept = frames[~lost[frames, k]]
+        values[lost[:, k], k] = np.interp(np.flatnonzero(lost[:, k]), kept, values[kept, k])
     return frames
 
 

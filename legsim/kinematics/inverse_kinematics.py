@@ -106,7 +106,7 @@ def solve(
         config: weights, tasks, locks, priors and tolerances; the defaults suit the seven markers of
             the study as well as full sets. Names of markers are those of ``sites``.
         pegs: of feet that stand still in ``motion``, as registration finds them.
-        progress: told (frames done, frames in all).
+        progress: called with (frames done, frames in all).
 
     Raises:
         LegsimError: no frame shows three markers of the pelvis, or a leg has no marker at all.

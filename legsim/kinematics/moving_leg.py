@@ -125,7 +125,9 @@ class MovingLeg:
         fit = () if self.fit is None else plausibility.poor_fit(self.fit.ik, times)
         return (
             *plausibility.objections(self.leg, self.trajectories),
-            *plausibility.at_limits(self.leg, self.trajectories, by_markers=self.fit is not None),
+            *plausibility.beyond_limits(
+                self.leg, self.trajectories, by_markers=self.fit is not None
+            ),
             *fit,
         )
 

@@ -55,11 +55,13 @@ def objections(leg: Leg, trajectories: JointTrajectories) -> tuple[str, ...]:
     )
 
 
-def at_limits(
+def beyond_limits(
     leg: Leg, trajectories: JointTrajectories, *, by_markers: bool = True
 ) -> tuple[str, ...]:
-    """Sentences on knees that stay at a limit, where the markers would bend them further, or
-    overextended by more than people's, and on hips that are beyond people's.
+    """Sentences on joints that are, for long, where few people's are.
+
+    They are knees that stay at a limit, where the markers would bend them further, or
+    overextended by more than people's, and hips beyond people's range.
     """
     why = "its markers do not sit where the model has them" if by_markers else "is another model's"
     lines = []

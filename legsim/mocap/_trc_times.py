@@ -136,15 +136,15 @@ def _skips(times: FloatArray, frames: FloatArray, rate: float, *, timed: bool) -
         if gaps > 1
         else ""
     )
-    told = (
+    missed = (
         f"{missing} of {frames[-1] - frames[0] + 1:g} frames are left out in {gaps} "
         f"place{'s'[: gaps - 1]}, first {where}{most}"
     )
     span = (frames[-1] - frames[0]) / rate
     if not timed or abs((times[-1] - times[0]) - span) <= max(0.1 * missing, 0.75) / rate:
-        return told
+        return missed
     return (
-        f"{told}, but the times run on as if none were missing; the times are taken (empty the "
+        f"{missed}, but the times run on as if none were missing; the times are taken (empty the "
         "time column to have the frame numbers taken)"
     )
 

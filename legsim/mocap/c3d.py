@@ -85,24 +85,12 @@ def frame_count(header: C3dHeader, size: int, notes: list[str]) -> int:
     Raises:
         LegsimError: no frame, or the file ends before the last frame.
     """
-    if header.scale == 0 or not np.isfinite(header.scale):
-        problem = f"the file has the scale {header.scale:g}"
-        raise file_error(header.path, problem, CURE, place="header")
-    if header.data_block < 2 or (header.data_block - 1) * BLOCK >= size:
-        problem = (
-            f"the data should start at block {header.data_block}, outside the file of "
-            f"{size // BLOCK} blocks"
-        )
-        raise file_error(header.path, problem, CURE, place="header")
+    _check_data(header, size)
     held = (size - (header.data_block - 1) * BLOCK) // frame_bytes(header)
     said = _said_frames(header, held)
     if said < 1:
-        raise file_error(
-            header.path,
-            f"frames {header.first_frame} to {header.last_frame} are none",
-            CURE,
-            place="header",
-        )
+        problem = f"frames {header.first_frame} to {header.last_frame} are none"
+        raise file_error(header.path, problem, CURE, place="header")
     if said > held:
         problem = f"the file ends after frame {held} of {said}"
         raise file_error(header.path, problem, "copy the file again, or " + CURE, place="header")
@@ -119,14 +107,27 @@ def frame_count(header: C3dHeader, size: int, notes: list[str]) -> int:
     return said
 
 
+def _check_data(header: C3dHeader, size: int) -> None:
+    """Refuses a data section that is not in the file's ``size`` bytes, or has no scale."""
+    if header.scale == 0 or not np.isfinite(header.scale):
+        problem = f"the file has the scale {header.scale:g}"
+        raise file_error(header.path, problem, CURE, place="header")
+    if header.data_block < 2 or (header.data_block - 1) * BLOCK >= size:
+        problem = (
+            f"the data should start at block {header.data_block}, outside the file of "
+            f"{size // BLOCK} blocks"
+        )
+        raise file_error(header.path, problem, CURE, place="header")
+
+
 def _said_frames(header: C3dHeader, held: int) -> int:
     """Frames the file says it has, where there is room for ``held``.
 
-    16 bits of the header hold 65535: longer trials stop or wrap there, and are told by a parameter,
-    or by the room alone where it is that of the wraps.
+    16 bits of the header hold 65535: longer trials stop or wrap there. A parameter says how long
+    they are, or the room alone where it is that of the wraps.
     """
     said = header.last_frame - header.first_frame + 1
-    told = [
+    stated = [
         int(n[0])
         for name in ("LONG_FRAMES", "FRAMES")
         if (n := header.numbers("POINT", name)).size and np.isfinite(n[0])
@@ -134,9 +135,9 @@ def _said_frames(header: C3dHeader, held: int) -> int:
     start, end = (header.numbers("TRIAL", f"ACTUAL_{which}_FIELD") for which in ("START", "END"))
     if start.size == 2 and end.size == 2 and np.isfinite([*start, *end]).all():
         low, high = (int(x[0] % 65536) + 65536 * int(x[1] % 65536) for x in (start, end))
-        told.insert(0, high - low + 1)
+        stated.insert(0, high - low + 1)
     stops = header.last_frame >= 65535
-    for count in told:
+    for count in stated:
         if count > said and (stops or (count <= held and (count - said) % 65536 == 0)):
             return count
     more, left = divmod(held - said, 65536)

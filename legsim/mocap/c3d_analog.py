@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from legsim.core.errors import file_error
-from legsim.core.values import FloatArray
+from legsim.core.values import FloatArray, within
 from legsim.mocap import c3d
 from legsim.mocap._c3d_header import BLOCK, CURE, C3dHeader, floats, integers, read_header
 
@@ -25,7 +25,7 @@ class AnalogChannels:
     units: tuple[str, ...]
     """as the file states them; empty where it does not"""
     values: FloatArray
-    """(n, k)"""
+    """(n, k); NaN where a sample was stored as no number"""
 
 
 def load_analog(path: Path | str) -> AnalogChannels:
@@ -37,33 +37,54 @@ def load_analog(path: Path | str) -> AnalogChannels:
     path = Path(path)
     data = c3d.file_bytes(path)
     header = read_header(path, data)
+    channels, per_frame = _samples(header)
     notes: list[str] = []
+    frames, rate = c3d.frame_count(header, len(data), notes), c3d.frame_rate(header, notes)
+    _check_rate(header, rate * per_frame)
+    raw = _raw(header, data, frames).reshape(frames * per_frame, channels)
+    first = (max(header.first_frame, 1) - 1) / rate
+    labels = _texts(header, "LABELS", channels)
+    named = tuple(label or f"*{k + 1}" for k, label in enumerate(labels))
+    times = first + np.arange(len(raw)) / (rate * per_frame)
+    return AnalogChannels(times, named, _texts(header, "UNITS", channels), _scaled(header, raw))
+
+
+def _samples(header: C3dHeader) -> tuple[int, int]:
+    """(channels, samples of each per frame)."""
     used = _one(header, "USED", 0.0)
     channels = int(used) if np.isfinite(used) else 0
     if channels < 1 or header.analog_words < 1:
-        raise file_error(path, "holds no analog channel", "export the trial with its channels")
-    frames, rate = c3d.frame_count(header, len(data), notes), c3d.frame_rate(header, notes)
+        raise file_error(header.path, "holds no analog channel", "export the trial with channels")
     per_frame, rest = divmod(header.analog_words, channels)
     if rest:
         problem = (
             f"{header.analog_words} analog samples per frame are not those of {channels} channels"
         )
-        raise file_error(path, problem, CURE, place="header")
+        raise file_error(header.path, problem, CURE, place="header")
+    return channels, per_frame
+
+
+def _check_rate(header: C3dHeader, rate: float) -> None:
+    """Refuses a stated rate that is not that of the samples, ``rate`` in Hz."""
     stated = _one(header, "RATE", 0.0)
-    if stated and abs(stated - rate * per_frame) > 1e-3 * rate * per_frame:
-        problem = f"states {stated:g} Hz, and holds {per_frame} samples per frame at {rate:g} Hz"
-        raise file_error(path, problem, CURE, place="ANALOG:RATE")
-    raw = _raw(header, data, frames).reshape(frames * per_frame, channels)
+    if stated and not abs(stated - rate) <= 1e-3 * rate:
+        problem = f"states {stated:g} Hz, and holds samples at {rate:g} Hz"
+        raise file_error(header.path, problem, CURE, place="ANALOG:RATE")
+
+
+def _scaled(header: C3dHeader, raw: FloatArray) -> FloatArray:
+    """(n, k) in the stated units, of samples as stored."""
+    channels = raw.shape[1]
     scales = _each(header, "SCALE", channels, 1.0) * _one(header, "GEN_SCALE", 1.0)
     offsets = _each(header, "OFFSET", channels, 0.0)
+    if not within(np.concatenate([scales, offsets])):
+        raise file_error(header.path, "a scale or offset is no number", CURE, place="ANALOG")
     if _unsigned(header):
         offsets = np.where(offsets < 0, offsets + 65536, offsets)
     values = (raw - offsets) * scales
-    first = (max(header.first_frame, 1) - 1) / rate
-    labels = _texts(header, "LABELS", channels)
-    named = tuple(label or f"*{k + 1}" for k, label in enumerate(labels))
-    times = first + np.arange(len(values)) / (rate * per_frame)
-    return AnalogChannels(times, named, _texts(header, "UNITS", channels), values)
+    if not within(values[~np.isnan(values)]):
+        raise file_error(header.path, "a sample is infinite", CURE, place="data section")
+    return values
 
 
 def _raw(header: C3dHeader, data: bytes, frames: int) -> FloatArray:

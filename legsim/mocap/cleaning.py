@@ -2,7 +2,7 @@
 bridged, noise filtered.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from itertools import combinations
 
@@ -128,6 +128,40 @@ def clean(
     """
     check_covered(marker_map, motion.marker_names, required)
     motion, held = _without_held(motion)
+    found, never = _seen_roles(motion, marker_map, required)
+    used = {name for names in found.values() for name in names}
+    times, source = _even(motion, sorted(used))
+    resampled = len(times) != len(motion.times) or not np.array_equal(times, motion.times)
+    dt = float(times[-1] - times[0]) / (len(times) - 1)
+    _check_filter(filter_hz, 1 / dt)
+    segments = {name: marker_map.segment(r) for r, names in found.items() for name in names}
+    stages = _cleaned(source, segments, times, longest_gap_s)
+    means = _means(stages.bridged, found)
+    _person.check(means, times)
+    of_roles = {role: marker_map.segment(role) for role in found}
+    span = span_in_view(means, of_roles)
+    whole = span_in_view(_means(stages.source, found), of_roles)
+    view_notes = (*note_of(whole, times), *_lost_notes(whole, span, times))
+    means, stages = {role: x[span] for role, x in means.items()}, stages.within(span)
+    times = times[span]
+    cleaned = np.stack(
+        [low_pass(x, 1 / dt, filter_hz) if filter_hz else x for x in means.values()], axis=1
+    )
+    reports = tuple(_report(role, names, stages, dt) for role, names in found.items())
+    notes = (
+        *_few([note for name, note in held.items() if name in used]),
+        *_exchange_notes(motion, [n for n in motion.marker_names if n in used]),
+        *_guessed_notes(stages, found, times),
+        *view_notes,
+    )
+    report = CleaningReport(marker_map.name, 1 / dt, filter_hz, resampled, reports, never, notes)
+    return MarkerTrajectories(times, tuple(means), cleaned), report
+
+
+def _seen_roles(
+    motion: MarkerTrajectories, marker_map: MarkerMap, required: Sequence[str]
+) -> tuple[dict[str, tuple[str, ...]], tuple[str, ...]]:
+    """(labels of each role that some sample shows, roles whose labels none does)."""
     seen = [
         name
         for k, name in enumerate(motion.marker_names)
@@ -138,42 +172,23 @@ def clean(
     never = tuple(role for role in marker_map.found_in(motion.marker_names) if role not in found)
     _check_seen(never, marker_map, motion, required)
     _check_copies(motion, found)
-    times, source = _even(motion, sorted({name for names in found.values() for name in names}))
-    resampled = len(times) != len(motion.times) or not np.array_equal(times, motion.times)
-    dt = float(times[-1] - times[0]) / (len(times) - 1)
-    _check_filter(filter_hz, 1 / dt)
-    segments = {name: marker_map.segment(r) for r, names in found.items() for name in names}
-    stages = _cleaned(source, segments, times, longest_gap_s)
-    means = {
-        role: np.mean([stages.bridged[name] for name in names], axis=0)
-        for role, names in found.items()
+    return found, never
+
+
+def _means(
+    positions: Mapping[str, FloatArray], found: Mapping[str, tuple[str, ...]]
+) -> dict[str, FloatArray]:
+    """(n, 3) of each role, the mean of its labels."""
+    return {
+        role: np.mean([positions[name] for name in names], axis=0) for role, names in found.items()
     }
-    _person.check(means, times)
-    span = span_in_view(means, {role: marker_map.segment(role) for role in found})
-    shown = {
-        role: np.mean([stages.source[name] for name in names], axis=0)
-        for role, names in found.items()
-    }
-    whole = span_in_view(shown, {role: marker_map.segment(role) for role in found})
-    notes = (*note_of(whole, times), *_lost_notes(whole, span, times))
-    means, stages = {role: x[span] for role, x in means.items()}, stages.within(span)
-    times = times[span]
-    cleaned = np.stack(
-        [low_pass(x, 1 / dt, filter_hz) if filter_hz else x for x in means.values()], axis=1
-    )
-    reports = tuple(_report(role, names, stages, dt) for role, names in found.items())
-    used = {name for names in found.values() for name in names}
-    held_notes = [note for name, note in held.items() if name in used]
-    if len(held_notes) > _MANY:
-        held_notes = [f"{held_notes[0]}; and so are {len(held_notes) - 1} markers more"]
-    notes = (
-        *held_notes,
-        *_exchange_notes(motion, [n for n in motion.marker_names if n in used]),
-        *_guessed_notes(stages, found, times),
-        *notes,
-    )
-    report = CleaningReport(marker_map.name, 1 / dt, filter_hz, resampled, reports, never, notes)
-    return MarkerTrajectories(times, tuple(means), cleaned), report
+
+
+def _few(notes: list[str]) -> list[str]:
+    """Notes on markers that are held; where they are many, the first and how many more."""
+    if len(notes) <= _MANY:
+        return notes
+    return [f"{notes[0]}; and so are {len(notes) - 1} markers more"]
 
 
 def _without_held(motion: MarkerTrajectories) -> tuple[MarkerTrajectories, dict[str, str]]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -83,7 +84,7 @@ def replay_report_lines(recovered: MovingLeg, out: Path) -> list[str]:
         *recovered.lines(),
         f"report: {out / 'report.html'}",
         f"files: {files} in {out}",
-        f"to look around: legsim view {out}",
+        f"to look around: {shlex.join(['legsim', 'view', str(out)])}",
     ]
 
 

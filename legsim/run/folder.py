@@ -18,11 +18,11 @@ from types import TracebackType
 from typing import Any, Literal, Self
 
 from legsim.core import memory
-from legsim.core.errors import file_error, printable
+from legsim.core.errors import LegsimError, file_error, printable
 from legsim.core.files import PREFIX, is_file, sha256, write_text
 from legsim.evaluation.registration import RegistrationError
 from legsim.run.lock import FolderLock
-from legsim.run.store import StageCache
+from legsim.run.store import StageCache, is_entry
 
 _PACKAGE = Path(__file__).parents[1]
 
@@ -199,7 +199,7 @@ def _manifest(folder: Path) -> dict[str, Any]:
         return {}
     try:
         content = json.loads(path.read_text("utf-8"))
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, RecursionError) as error:
         raise file_error(path, f"is not a manifest ({error})", fix) from error
     if not isinstance(content, dict) or not isinstance(content.get("stages", {}), dict):
         raise file_error(path, "is not a manifest", fix)
@@ -208,19 +208,13 @@ def _manifest(folder: Path) -> dict[str, Any]:
 
 def _entries(folder: Path) -> dict[str, Any]:
     """Stages that the folder's manifest confirms, damaged entries left out."""
-    content = _manifest(folder)
+    return _confirmed(_manifest(folder))
+
+
+def _confirmed(content: dict[str, Any]) -> dict[str, Any]:
     if content.get("schema") != SCHEMA:
         return {}
-    return {stage: entry for stage, entry in content.get("stages", {}).items() if _is_entry(entry)}
-
-
-def _is_entry(entry: Any) -> bool:
-    if not isinstance(entry, dict) or not entry.keys() >= {"key", "seconds", "peak_mib", "files"}:
-        return False
-    files = entry["files"]
-    return isinstance(files, dict) and all(
-        isinstance(f, dict) and "sha256" in f for f in files.values()
-    )
+    return {stage: entry for stage, entry in content.get("stages", {}).items() if is_entry(entry)}
 
 
 def check_kind(folder: Path, kind: Kind) -> None:
@@ -260,20 +254,38 @@ class FinishedStage:
 
 
 def finished_stages(folder: Path) -> tuple[FinishedStage, ...]:
-    """Every stage that the folder's manifest confirms; none where there is no manifest."""
+    """Every stage that the folder's manifest confirms; none without a manifest that can be read."""
     return tuple(
         FinishedStage(stage, e["key"], e["seconds"], e["peak_mib"])
-        for stage, e in _entries(folder).items()
+        for stage, e in _confirmed(head(folder)).items()
     )
+
+
+def head(folder: Path) -> dict[str, Any]:
+    """Content of the folder's manifest; empty where there is none, or none that can be read."""
+    try:
+        return _manifest(folder)
+    except LegsimError:
+        return {}
 
 
 REGISTRATION_ERROR_FILE = "registration-error.json"
 
 
 def registration_error(folder: Path) -> RegistrationError | None:
-    """The registration's own error as measured by a run; None where it was not measured."""
+    """The registration's own error as measured by a run; None where it was not measured.
+
+    Raises:
+        LegsimError: the file is damaged.
+    """
     path = folder / REGISTRATION_ERROR_FILE
-    return RegistrationError(**json.loads(path.read_text("utf-8"))) if path.is_file() else None
+    if not path.is_file():
+        return None
+    try:
+        return RegistrationError(**json.loads(path.read_text("utf-8")))
+    except (OSError, ValueError, TypeError) as error:
+        fix = f"delete {folder}, and run again"
+        raise file_error(path, f"cannot be read ({error})", fix) from error
 
 
 def commit() -> str:

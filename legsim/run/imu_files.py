@@ -10,6 +10,7 @@ from legsim.config import tree
 from legsim.config.imu_file import ImuFileConfig, WornSensorConfig
 from legsim.core.constants import STANDARD_GRAVITY
 from legsim.core.errors import LegsimError, file_error
+from legsim.core.files import load_toml
 from legsim.imu import files, recording, tables
 from legsim.imu.recording import ImuRecording
 from legsim.imu.signals import ImuSignals
@@ -66,7 +67,7 @@ def read_imu(path: Path | str) -> ImuSignals:
 def load(path: Path) -> tuple[WornSensor, ...]:
     """Reads the sensors of a file, or of the file that a TOML is about; errors as in read_imu."""
     if path.suffix.lower() == ".toml":
-        settings = tree.validated(ImuFileConfig, tree.read(path), path)
+        settings = tree.validated(ImuFileConfig, load_toml(path), path)
         return load_configured(settings, path.parent)
     return load_configured(ImuFileConfig(file=str(path)), Path())
 

@@ -6,14 +6,16 @@ folder that some string of its code names (a module loaded by name, a table, a n
 
 import ast
 import importlib.util
+import os
 import sys
+import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from types import ModuleType
 
 from legsim.core.errors import file_error
-from legsim.core.files import key_of, sha256
+from legsim.core.files import is_file, key_of, sha256
 from legsim.run import code
 
 
@@ -114,9 +116,11 @@ def _roots(module: Path) -> list[Path]:
 
 def _tree(path: Path) -> ast.Module:
     try:
-        return ast.parse(path.read_bytes())
-    except (SyntaxError, ValueError):
-        # loading it will say what is wrong
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            return ast.parse(path.read_bytes())
+    except (SyntaxError, ValueError, RecursionError, MemoryError):
+        # loading it will say what is wrong, and warn
         return ast.Module([], [])
 
 
@@ -140,9 +144,9 @@ def _beside(name: str, importer: Path, roots: list[Path]) -> Iterator[Path]:
         place = root
         for part in name.lstrip(".").split("."):
             place = place / part
-            found = [p for p in (place.with_suffix(".py"), place / "__init__.py") if p.is_file()]
+            found = [p for p in (place.with_suffix(".py"), place / "__init__.py") if is_file(p)]
             yield from (p.resolve() for p in found)
-            if not place.is_dir():
+            if not os.path.isdir(place):  # no error where a name is too long for a file
                 break
 
 
@@ -155,5 +159,5 @@ def _named(path: Path, folder: Path) -> Iterator[Path]:
         if not 0 < len(text) < 200 or "\n" in text or "\0" in text or text in (".", ".."):
             continue
         for place in (folder / text, folder / f"{text}.py"):
-            if place.is_file() and place.resolve().is_relative_to(folder):
+            if is_file(place) and place.resolve().is_relative_to(folder):
                 yield place.resolve()

@@ -4,6 +4,7 @@
 files.
 """
 
+import shlex
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -102,7 +103,7 @@ class RunResult:
             "numbers": "metrics.json",
         }
         return [f"{what}: {self.folder / name}" for what, name in names.items()] + [
-            f"to look around: legsim view {self.folder}"
+            f"to look around: {shlex.join(['legsim', 'view', str(self.folder)])}"
         ]
 
 

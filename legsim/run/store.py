@@ -8,15 +8,16 @@ machines that see the same file system, may fill and read one store.
 import contextlib
 import errno
 import json
+import math
 import os
 import shutil
 import time
 import uuid
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeGuard
 
 from legsim.core.errors import file_error
-from legsim.core.files import full_disk
+from legsim.core.files import full_disk, is_file
 
 _ENTRY = "entry.json"
 
@@ -39,10 +40,19 @@ class StageCache:
         place = self._place(stage, key)
         try:
             entry = json.loads((place / _ENTRY).read_text("utf-8"))
+        except (FileNotFoundError, ValueError, RecursionError):
+            entry = None
+        if (
+            not is_entry(entry)
+            or entry["key"] != key
+            or not all(is_file(place / name) for name in entry["files"])
+        ):
+            self.drop(stage, key)
+            return None
+        try:
             for name in entry["files"]:
                 _link(place / name, into / name)
-        except (FileNotFoundError, ValueError):
-            self.drop(stage, key)
+        except FileNotFoundError:  # another process has dropped it
             return None
         return entry
 
@@ -83,6 +93,25 @@ class StageCache:
 
     def _place(self, stage: str, key: str) -> Path:
         return self.path / stage / key
+
+
+def is_entry(entry: Any) -> TypeGuard[dict[str, Any]]:
+    """Whether this says of a finished stage what a manifest holds; files lie within its folder."""
+    if not isinstance(entry, dict) or not entry.keys() >= {"key", "seconds", "peak_mib", "files"}:
+        return False
+    files = entry["files"]
+    numbers = entry["seconds"], entry["peak_mib"] or 0
+    return (
+        all(isinstance(number, int | float) and math.isfinite(number) for number in numbers)
+        and isinstance(files, dict)
+        and all(_within(name) for name in files)
+        and all(isinstance(f, dict) and isinstance(f.get("sha256"), str) for f in files.values())
+    )
+
+
+def _within(name: str) -> bool:
+    """Whether a file's name does not lead out of its folder."""
+    return not Path(name).is_absolute() and ".." not in Path(name).parts
 
 
 def check_shared(store: Path, folder: Path) -> None:
@@ -142,9 +171,9 @@ def _link(source: Path, target: Path) -> None:
     except OSError:
         try:
             shutil.copy2(source, partial)
-        except OSError:  # half a copy where the disk is full
+        except OSError as error:  # half a copy where the disk is full
             partial.unlink(missing_ok=True)
-            raise
+            raise full_disk(target, error) or error from error
     os.replace(partial, target)
     # rename leaves both names where they are already one file
     partial.unlink(missing_ok=True)

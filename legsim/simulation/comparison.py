@@ -2,13 +2,12 @@
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from html import escape
 from typing import NamedTuple
 
 from legsim.core.errors import LegsimError
 from legsim.correction.method import CorrectionMethod, checked
 from legsim.evaluation.scaling import Scaling
-from legsim.evaluation.similarity import Scores, prepare
+from legsim.evaluation.similarity import Scores, html_table, prepare
 from legsim.evaluation.ssim import Window
 from legsim.geometry.volume import Volume, VolumeGrid
 from legsim.reconstruction.fdk import fdk
@@ -63,14 +62,7 @@ class ScoreTable:
 
     def _repr_html_(self) -> str:
         """Formats the scores as an HTML table for notebooks."""
-        head = "".join(f"<th>{escape(name)}</th>" for name in self.columns())
-        body = "".join(
-            f"<tr>{''.join(f'<td>{escape(cell)}</td>' for cell in row)}</tr>" for row in self.rows()
-        )
-        return (
-            f"<table><caption>{escape(self.protocol)}</caption><thead><tr>{head}</tr></thead>"
-            f"<tbody>{body}</tbody></table>"
-        )
+        return html_table(self.protocol, self.columns(), self.rows())
 
 
 class Comparison(NamedTuple):

@@ -10,7 +10,7 @@ from pydantic import Field
 from legsim import config
 from legsim.config import ConfigSection, RunConfig
 from legsim.core.errors import LegsimError, file_error
-from legsim.core.files import is_file
+from legsim.core.files import is_file, load_toml
 from legsim.imu.calibration import CalibrationKind
 from legsim.imu.noise import Convention
 from legsim.study.results import NoiseLevel
@@ -146,7 +146,7 @@ def load(
         LegsimError: no such study, or a key or value that is not allowed.
     """
     file = _find(path)
-    tree = config.read(file)
+    tree = load_toml(file)
     if preset is not None:
         tree["preset"] = preset
     if recordings:
@@ -157,6 +157,15 @@ def load(
             tree.get("settings", {}), config.parse_override(override, config.RunConfig)
         )
     study = config.validated(StudyConfig, tree, file)
+    _check_asked(study, file)
+    _check_settings(study, file)
+    _check_recording(study, file)
+    _check_levels(study, file)
+    return _anchored(study, file.parent), file.parent
+
+
+def _check_asked(study: StudyConfig, file: Path) -> None:
+    """Refuses a study of nothing, or of things that need others."""
     if not (study.methods or study.ladder or study.aiding):
         raise file_error(
             file, "asks for nothing", 'name methods = ["rigid", ...], a [ladder] or [aiding]'
@@ -173,7 +182,9 @@ def load(
             "asks for noisy reconstructions but for no clean ones to compare with",
             'name methods = ["rigid"]',
         )
-    _check_settings(study, file)
+
+
+def _check_recording(study: StudyConfig, file: Path) -> None:
     try:
         study.recording.format(subject="", posture="")
     except (LookupError, ValueError) as error:
@@ -181,6 +192,9 @@ def load(
         raise file_error(
             file, f"recording = {study.recording!r} cannot be filled in ({error!r})", cure
         ) from None
+
+
+def _check_levels(study: StudyConfig, file: Path) -> None:
     levels = [level for n in study.noise for level in n.noise()]
     twice = next((level for level in levels if levels.count(level) > 1), None)
     if twice is not None:
@@ -189,7 +203,6 @@ def load(
             f"[[noise]] has {twice.label} twice",
             "name each level once, with all methods that it is tried on",
         )
-    return _anchored(study, file.parent), file.parent
 
 
 def _anchored(study: StudyConfig, base: Path) -> StudyConfig:

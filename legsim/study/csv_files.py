@@ -1,5 +1,6 @@
 """Every score and every draw of noise of a study as CSV, in full precision."""
 
+import shlex
 from collections.abc import Sequence
 from dataclasses import asdict, fields
 
@@ -48,7 +49,8 @@ def scores_csv(scores: Sequence[ScanScore]) -> str:
             for structure in structures
             for unit in _RESIDUALS
         ]
-        rest += [score.seconds, score.folder, f"legsim run {score.folder}/config.toml --out OTHER"]
+        again = ["legsim", "run", f"{score.folder}/config.toml", "--out", "OTHER"]
+        rest += [score.seconds, score.folder, shlex.join(again)]
         who = (
             score.subject,
             score.posture,

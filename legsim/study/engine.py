@@ -172,7 +172,7 @@ def run_on_cluster(
             )
             # else Dask would run it again when the worker that holds its result is lost
             future.release()
-            ended[name] = _told(came)
+            ended[name] = _unwrapped(came)
             on_step(_end(name, ended, len(tasks), came.seconds))
             send()
         for name in (task.name for task in tasks if task.name not in ended):
@@ -226,8 +226,8 @@ def _attempt_elsewhere(task: Task, needed: Sequence[Any]) -> _Warned:
     )
 
 
-def _told(ended: _Warned) -> Any:
-    """The value; the warnings are given here."""
+def _unwrapped(ended: _Warned) -> Any:
+    """The value, after its warnings are given here."""
     for message in ended.messages:
         warnings.warn(message, stacklevel=2)
     return ended.value

@@ -5,9 +5,7 @@ Each leaves its scores in a file with a key, a hash of all that decides them, an
 there when it is asked again.
 """
 
-import json
 import zlib
-from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -16,7 +14,7 @@ import numpy as np
 
 from legsim import __version__
 from legsim.config import ImuConfig, NoiseConfig, RunConfig, noise_keys
-from legsim.core import files, memory
+from legsim.core import memory
 from legsim.core.files import key_of
 from legsim.core.progress import OnProgress
 from legsim.evaluation import similarity
@@ -28,7 +26,7 @@ from legsim.run import c_arm, code, methods, named_files, pipeline, stages
 from legsim.run import motion as run_motion
 from legsim.run import sensors as run_sensors
 from legsim.run.store import StageCache
-from legsim.study import aiding, results
+from legsim.study import aiding, kept, results
 from legsim.study.config import Aiding, Ladder, exponent
 from legsim.study.results import (
     AidedScore,
@@ -160,40 +158,42 @@ def scan(job: ScanJob, on_progress: OnProgress | None = None) -> tuple[ScanScore
     )
 
     def run() -> list[dict[str, Any]]:
-        memory.give_back()  # what the scan before has left
-        store = StageCache(job.store)
-        result = pipeline.run_scan(
-            settings,
-            job.folder,
-            device=job.device,
-            on_progress=on_progress or _quiet,
-            store=store,
-            presented=job.clean,
-        )
-        place = job.folder.relative_to(job.study_folder).as_posix()
-        scores = [
-            ScanScore(
-                job.subject,
-                job.posture,
-                m.method,
-                job.noise,
-                job.repetition,
-                m.metrics,
-                m.residuals,
-                m.seconds,
-                place,
-                job.sensor,
-            )
-            for m in result.methods
-        ]
-        return [asdict(score) for score in scores]
+        return [asdict(score) for score in _scan(job, on_progress or _quiet)]
 
-    kept = job.study_folder / "scores" / f"{job.name}.json"
+    path = job.study_folder / "scores" / f"{job.name}.json"
     if not (job.folder / "manifest.json").is_file():
         # the report shows the run's folder: where somebody deleted it, it is filled again from the
         # store
-        kept.unlink(missing_ok=True)
-    return tuple(results.score_from(entry) for entry in _kept(kept, key, run))
+        path.unlink(missing_ok=True)
+    return tuple(results.score_from(entry) for entry in kept.entries(path, key, run))
+
+
+def _scan(job: ScanJob, on_progress: OnProgress) -> list[ScanScore]:
+    memory.give_back()  # what the scan before has left
+    result = pipeline.run_scan(
+        job.settings,
+        job.folder,
+        device=job.device,
+        on_progress=on_progress,
+        store=StageCache(job.store),
+        presented=job.clean,
+    )
+    place = job.folder.relative_to(job.study_folder).as_posix()
+    return [
+        ScanScore(
+            job.subject,
+            job.posture,
+            m.method,
+            job.noise,
+            job.repetition,
+            m.metrics,
+            m.residuals,
+            m.seconds,
+            place,
+            job.sensor,
+        )
+        for m in result.methods
+    ]
 
 
 def ladder(job: LadderJob, on_progress: OnProgress | None = None) -> tuple[LadderScore, ...]:
@@ -211,7 +211,7 @@ def ladder(job: LadderJob, on_progress: OnProgress | None = None) -> tuple[Ladde
     def run() -> list[dict[str, Any]]:
         return [asdict(score) for score in _ladder(job, on_progress or _quiet)]
 
-    entries = _kept(job.study_folder / "scores" / f"{job.name}.json", key, run)
+    entries = kept.entries(job.study_folder / "scores" / f"{job.name}.json", key, run)
     return tuple(results.ladder_score_from(entry) for entry in entries)
 
 
@@ -278,7 +278,7 @@ def sensor(job: SensorJob, on_progress: OnProgress | None = None) -> tuple[Senso
     def run() -> list[dict[str, Any]]:
         return [asdict(score) for score in _sensor(job, on_progress or _quiet)]
 
-    entries = _kept(job.study_folder / "scores" / f"{job.name}.json", key, run)
+    entries = kept.entries(job.study_folder / "scores" / f"{job.name}.json", key, run)
     return tuple(SensorScore(**entry) for entry in entries)
 
 
@@ -333,26 +333,9 @@ def aided(job: AidedJob, on_progress: OnProgress | None = None) -> tuple[AidedSc
             for aid, left in of_draw.items()
         ]
 
-    entries = _kept(job.study_folder / "scores" / f"{job.name}.json", key, run)
+    entries = kept.entries(job.study_folder / "scores" / f"{job.name}.json", key, run)
     return tuple(AidedScore(**entry) for entry in entries)
 
 
 def _quiet(*_: object) -> None:
     """Progress that nobody watches."""
-
-
-def _kept(
-    path: Path, key: str, compute: Callable[[], list[dict[str, Any]]]
-) -> list[dict[str, Any]]:
-    """What the file holds if it was written under this key, else what is computed now and written
-    there.
-    """
-    if path.is_file():
-        content = json.loads(path.read_text("utf-8"))
-        if content["key"] == key:
-            return content["entries"]
-    entries = compute()
-    path.parent.mkdir(parents=True, exist_ok=True)
-    files.write_text(path, json.dumps({"key": key, "entries": entries}, indent=1) + "\n")
-    # as it will be read the next time, so that both times give the same
-    return json.loads(path.read_text("utf-8"))["entries"]

@@ -192,7 +192,7 @@ def load(path: Path) -> StudyResults:
         )
     except FileNotFoundError:
         raise file_error(path, "no such file", "give the folder of a study") from None
-    except (OSError, ValueError, KeyError, TypeError) as error:
+    except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
         raise file_error(
             path, f"is not a study's results ({error!r})", "run the study again"
         ) from None

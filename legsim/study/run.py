@@ -2,7 +2,6 @@
 beside the published ones.
 """
 
-import json
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -16,7 +15,7 @@ from legsim.geometry import image_files
 from legsim.geometry.volume import NamedVolume
 from legsim.report.page import Picture
 from legsim.run import methods
-from legsim.run.folder import check_kind, finished_stages, registration_error
+from legsim.run.folder import check_kind, finished_stages, head, registration_error
 from legsim.run.lock import FolderLock
 from legsim.scene.slices import VolumeSlices
 from legsim.study import engine, report
@@ -196,8 +195,7 @@ def _about(planned: Plan, out: Path) -> tuple[tuple[str, str], ...]:
         f"{scan.views} views of {scan.columns}x{scan.rows} pixels, {grid.voxels}^3 voxels of "
         f"{grid.voxel_mm:g} mm"
     )
-    manifest = planned.scans[0].folder / "manifest.json"
-    said = json.loads(manifest.read_text("utf-8")) if manifest.is_file() else {}
+    said = head(planned.scans[0].folder)
     return (
         ("size", size),
         *((name, str(said[name])) for name in ("commit", "device") if said.get(name)),

@@ -1,6 +1,6 @@
 """The sections of a study's report: tables and pictures of one question each."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -8,7 +8,8 @@ from legsim import figures
 from legsim.figures import BoxGroup, ErrorLine, ErrorPanel, Figure, HeatMap
 from legsim.imu.noise import Convention
 from legsim.report import published_tables, published_values
-from legsim.report.page import PageSection, Picture
+from legsim.report.page import PageSection, Picture, Table
+from legsim.report.published_values import Score
 from legsim.study import statistics
 from legsim.study import tables as study_tables
 from legsim.study.results import (
@@ -39,43 +40,10 @@ def without_noise(clean: tuple[ScanScore, ...], results: StudyResults) -> tuple[
 
 def _quality(clean: tuple[ScanScore, ...], results: StudyResults) -> PageSection:
     """SSIM and RMSE beside the published values, as tables and box plots; both to the phantom."""
-    blocks = {name: block for name, block in statistics.blocks(clean).items() if name != "all"}
-    whole = study_tables.regions(clean)[0]
-    drawn = []
-    for measure, published_of in (("SSIM", published_values.ssim), ("RMSE", published_values.rmse)):
-        groups = []
-        for condition, block in blocks.items():
-            for method in methods_of(block):
-                values = statistics.per_scan(
-                    statistics.of_method(block, method),
-                    statistics.of_region(measure.lower(), whole),
-                )
-                published = published_of(method, whole, condition)
-                series = published_tables.heading(condition)
-                groups.append(
-                    BoxGroup(
-                        method,
-                        series,
-                        np.array(list(values.values())),
-                        None if published is None else published.mean,
-                    )
-                )
-        caption = (
-            f"{measure} of the whole leg over scans: median, quartiles, whiskers from the 5th to "
-            "the 95th percentile, one dot per scan"
-        ) + (
-            "; diamonds are the published means."
-            if any(group.published is not None for group in groups)
-            else "."
-        )
-        caption = f"{caption} {study_tables.protocol(clean)}"
-        drawn.append(
-            _picture(
-                f"box-{measure.lower()}",
-                caption,
-                figures.box_plots(groups, axis_label=f"{measure}, whole leg"),
-            )
-        )
+    drawn = (
+        _boxes(clean, "SSIM", published_values.ssim),
+        _boxes(clean, "RMSE", published_values.rmse),
+    )
     lines = (
         "Beside each of our values stand the published one and the difference, ours minus "
         "published. "
@@ -93,8 +61,40 @@ def _quality(clean: tuple[ScanScore, ...], results: StudyResults) -> PageSection
         "Image quality",
         (*(lines if beside else ()), study_tables.SPREAD_NOTE),
         (*tables, *(() if phantom is None else (phantom,))),
-        tuple(drawn),
+        drawn,
     )
+
+
+def _boxes(
+    clean: tuple[ScanScore, ...],
+    measure: str,
+    published_of: Callable[[str, str, str], Score | None],
+) -> Picture:
+    """Box plots of a measure of the whole leg, by posture and method."""
+    whole = study_tables.regions(clean)[0]
+    groups = []
+    for condition, block in statistics.blocks(clean).items():
+        for method in methods_of(block) if condition != "all" else ():
+            values = statistics.per_scan(
+                statistics.of_method(block, method), statistics.of_region(measure.lower(), whole)
+            )
+            published = published_of(method, whole, condition)
+            groups.append(
+                BoxGroup(
+                    method,
+                    published_tables.heading(condition),
+                    np.array(list(values.values())),
+                    None if published is None else published.mean,
+                )
+            )
+    diamonds = any(group.published is not None for group in groups)
+    caption = (
+        f"{measure} of the whole leg over scans: median, quartiles, whiskers from the 5th to the "
+        f"95th percentile, one dot per scan{'; diamonds are the published means' * diamonds}. "
+        f"{study_tables.protocol(clean)}"
+    )
+    figure = figures.box_plots(groups, axis_label=f"{measure}, whole leg")
+    return _picture(f"box-{measure.lower()}", caption, figure)
 
 
 def _residuals(clean: tuple[ScanScore, ...], results: StudyResults) -> PageSection:
@@ -114,36 +114,18 @@ def _tests(clean: tuple[ScanScore, ...]) -> PageSection:
     title = "Are the differences more than chance?"
     if len(methods_of(clean)) < 2:
         return PageSection(title)
-    pools, whole = statistics.pools(clean), study_tables.regions(clean)[0]
+    pools = statistics.pools(clean)
     tables, few, tested = [], [], []
     for condition, pool in pools.items():
-        heading, count, made = published_tables.heading(condition), 0, []
-        for measure in ("SSIM", "RMSE"):
-            found = statistics.paired_tests(pool, statistics.of_region(measure.lower(), whole))
-            count = max((test.scans for test in found), default=0)
-            if any(test.p is not None for test in found):
-                where, stem = (
-                    ("", "")
-                    if len(pools) == 1
-                    else (f", {heading}", f"_{condition.replace('/', '_')}")
-                )
-                caption = (
-                    f"Paired test between methods, {measure} of the whole leg{where}, n = "
-                    f"{_counts(found)}"
-                )
-                made.append(
-                    study_tables.tests(
-                        caption,
-                        found,
-                        f"test_{measure.lower()}{stem}",
-                        study_tables.protocol(pool),
-                    )
-                )
+        heading = published_tables.heading(condition)
+        alone = len(pools) == 1
+        where, stem = ("", "") if alone else (f", {heading}", f"_{condition.replace('/', '_')}")
+        made, count = _test_tables(pool, where, stem)
         tables += made
         if made:
             tested.append(heading)
         else:
-            few.append(f"{count}" if len(pools) == 1 else f"{count} of {heading}")
+            few.append(f"{count}" if alone else f"{count} of {heading}")
     lines = []
     if tested:
         lines.append(
@@ -158,6 +140,25 @@ def _tests(clean: tuple[ScanScore, ...]) -> PageSection:
             "are the fewest for a result."
         )
     return PageSection(title, tuple(lines), tuple(tables))
+
+
+def _test_tables(pool: tuple[ScanScore, ...], where: str, stem: str) -> tuple[list[Table], int]:
+    """(paired tests by SSIM and RMSE of the whole leg, none where scans are too few; scans).
+
+    ``where`` and ``stem`` name the pool in captions and files.
+    """
+    whole, tables, count = study_tables.regions(pool)[0], [], 0
+    for measure in ("SSIM", "RMSE"):
+        found = statistics.paired_tests(pool, statistics.of_region(measure.lower(), whole))
+        count = max((test.scans for test in found), default=0)
+        if any(test.p is not None for test in found):
+            caption = (
+                f"Paired test between methods, {measure} of the whole leg{where}, n = "
+                f"{_counts(found)}"
+            )
+            name, note = f"test_{measure.lower()}{stem}", study_tables.protocol(pool)
+            tables.append(study_tables.tests(caption, found, name, note))
+    return tables, count
 
 
 def _counts(found: Sequence[PairedTest]) -> str:

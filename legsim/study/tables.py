@@ -3,7 +3,8 @@ tests, and every scan with its folder.
 """
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
 
 from legsim.evaluation.registration import RegistrationError
 from legsim.evaluation.scores import MeanAndDeviation, spread
@@ -11,7 +12,6 @@ from legsim.imu.noise import Convention
 from legsim.report import published_tables, published_values
 from legsim.report.page import Table
 from legsim.report.published_tables import NONE, Entry, counted, quality_entry
-from legsim.report.published_values import Score
 from legsim.study import results, statistics
 from legsim.study.results import NoiseLevel, ScanScore, SensorScore, StageCost
 from legsim.study.statistics import LadderCell, Measure, PairedTest
@@ -350,6 +350,44 @@ def size(value: float) -> str:
     return f"{mantissa}e{int(power)}"
 
 
+@dataclass(frozen=True, slots=True)
+class _NoiseGroup:
+    """Scores of one method at one level of noise, as read by one convention."""
+
+    method: str
+    convention: str
+    level: tuple[float | None, float | None]
+    """f_a, f_g; both None without noise"""
+    scores: tuple[ScanScore, ...]
+
+    @property
+    def heading(self) -> str:
+        return f"{self.method}, noise read as {self.convention}"
+
+    @property
+    def label(self) -> str:
+        if self.level == (None, None):
+            return "no noise"
+        f_a, f_g = self.level
+        return f"f_a = {exponent(f_a)}, f_g = {exponent(f_g)}"
+
+
+def _noise_groups(noisy: Sequence[ScanScore], clean: Sequence[ScanScore]) -> Iterator[_NoiseGroup]:
+    """By convention, method and level, the clean ones of the method first."""
+    for convention in dict.fromkeys(s.noise.convention for s in noisy if s.noise is not None):
+        of_convention = [s for s in noisy if s.noise and s.noise.convention == convention]
+        for method in results.methods_of(of_convention):
+            without = tuple(statistics.of_method(clean, method))
+            yield _NoiseGroup(method, convention, (None, None), without)
+            of_level: dict[tuple[float | None, float | None], list[ScanScore]] = {}
+            for score in statistics.of_method(of_convention, method):
+                if score.noise is not None:
+                    of_level.setdefault((score.noise.f_a, score.noise.f_g), []).append(score)
+            for level, chosen in of_level.items():
+                same = without if level == (None, None) else tuple(chosen)
+                yield _NoiseGroup(method, convention, level, same)
+
+
 def noisy_quality(scores: Sequence[ScanScore]) -> tuple[Table, Table]:
     """SSIM and RMSE of reconstructions from noisy sensors, with the clean ones of the same scans,
     by convention and method.
@@ -359,40 +397,20 @@ def noisy_quality(scores: Sequence[ScanScore]) -> tuple[Table, Table]:
     # the published values are of held squats, and say nothing of other recordings
     squats = all(results.condition(posture) in statistics.POOLED for _, posture in scans)
     clean = [s for s in scores if s.clean and (s.subject, s.posture) in scans]
-    kinds = []
-    for measure, published_of in (
-        ("ssim", published_values.noisy_ssim),
-        ("rmse", published_values.noisy_rmse),
-    ):
-        entries = []
-        for convention in dict.fromkeys(s.noise.convention for s in noisy if s.noise is not None):
-            of_convention = [
-                s for s in noisy if s.noise is not None and s.noise.convention == convention
-            ]
-            for method in results.methods_of(of_convention):
-                group = f"{method}, noise read as {convention}"
-                of_method = statistics.of_method(of_convention, method)
-                levels = tuple(dict.fromkeys(s.noise for s in of_method if s.noise is not None))
-                for f_a, f_g in ((None, None), *((level.f_a, level.f_g) for level in levels)):
-                    if f_a is None and f_g is None:
-                        label, chosen = "no noise", statistics.of_method(clean, method)
-                    else:
-                        label = f"f_a = {exponent(f_a)}, f_g = {exponent(f_g)}"
-                        chosen = tuple(
-                            s
-                            for s in of_method
-                            if s.noise and (s.noise.f_a, s.noise.f_g) == (f_a, f_g)
-                        )
-                    ended = len({(s.subject, s.posture) for s in chosen})
-                    if ended < len(scans):
-                        label = f"{label} ({ended} of {counted(len(scans), 'scan')})"
-                    for region in regions(noisy):
-                        ours = statistics.over_scans(chosen, statistics.of_region(measure, region))
-                        published: Score | None = (
-                            published_of(f_a, f_g, region) if method == "rigid" and squats else None
-                        )
-                        entries.append(Entry(group, label, region, ours, published))
-        kinds.append(entries)
+    ssim, rmse = [], []
+    for group in _noise_groups(noisy, clean):
+        ended, label = len({(s.subject, s.posture) for s in group.scores}), group.label
+        if ended < len(scans):
+            label = f"{label} ({ended} of {counted(len(scans), 'scan')})"
+        for region in regions(noisy):
+            published = squats and group.method == "rigid"
+            for entries, measure, published_of in (
+                (ssim, "ssim", published_values.noisy_ssim),
+                (rmse, "rmse", published_values.noisy_rmse),
+            ):
+                ours = statistics.over_scans(group.scores, statistics.of_region(measure, region))
+                theirs = published_of(*group.level, region) if published else None
+                entries.append(Entry(group.heading, label, region, ours, theirs))
     note = (
         f"Over {counted(len(scans), 'scan')}; repetitions of a scan are averaged first. "
         f"{SPREAD_NOTE} The noise of the sensors is divided "
@@ -403,7 +421,7 @@ def noisy_quality(scores: Sequence[ScanScore]) -> tuple[Table, Table]:
         published_tables.table(
             "SSIM from noisy sensors",
             "noise",
-            kinds[0],
+            ssim,
             note=note,
             source=source,
             name="noisy_ssim",
@@ -411,7 +429,7 @@ def noisy_quality(scores: Sequence[ScanScore]) -> tuple[Table, Table]:
         published_tables.table(
             "RMSE from noisy sensors",
             "noise",
-            kinds[1],
+            rmse,
             note=note,
             source=source,
             name="noisy_rmse",

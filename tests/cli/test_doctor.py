@@ -23,7 +23,7 @@ def test_it_looks_at_devices_memory_disk_and_viewer(tmp_path):
     assert all(f.cure for f in findings if not f.good)
 
 
-def test_a_device_that_fails_the_probe_is_told_with_its_reason(tmp_path, monkeypatch):
+def test_a_device_that_fails_the_probe_is_reported_with_its_reason(tmp_path, monkeypatch):
     broken = dataclasses.replace(
         discovery.candidates()[0], seconds=None, failure="unknown target CPU"
     )
@@ -55,7 +55,7 @@ def test_packages_are_those_that_the_installation_asks_for(tmp_path, monkeypatch
 
 
 @pytest.mark.parametrize(("free", "writable"), [(3 * 2**30, True), (5 * 2**30, False)])
-def test_a_disk_that_is_full_or_closed_is_told(tmp_path, monkeypatch, free, writable):
+def test_a_disk_that_is_full_or_closed_is_reported(tmp_path, monkeypatch, free, writable):
     monkeypatch.setattr(shutil, "disk_usage", lambda _: type("Usage", (), {"free": free}))
     monkeypatch.setattr(os, "access", lambda *_: writable)
     (disk,) = findings(tmp_path, "disk").values()
@@ -63,7 +63,7 @@ def test_a_disk_that_is_full_or_closed_is_told(tmp_path, monkeypatch, free, writ
     assert ("not writable" in disk.detail) is not writable
 
 
-def test_too_little_memory_is_told(tmp_path, monkeypatch):
+def test_too_little_memory_is_reported(tmp_path, monkeypatch):
     monkeypatch.setattr(os, "sysconf", lambda name: {"SC_PAGE_SIZE": 4096}.get(name, 2**20))
     (memory,) = findings(tmp_path, "memory").values()
     assert not memory.good

@@ -231,14 +231,14 @@ def test_a_stopped_command_leaves_no_half_file_and_says_what_is_kept(sent, code,
     )
 
 
-def test_a_warning_is_told_once_whatever_its_numbers(capsys, monkeypatch):
+def test_a_warning_is_reported_once_whatever_its_numbers(capsys, monkeypatch):
     monkeypatch.setattr(cli_main, "_warned", set())
     for text in ("short scan: 197.6 deg", "short scan: 197.9 deg", "full disk"):
         _warn(text)
-    told = capsys.readouterr().err
-    assert told.count("short scan") == 1
-    assert "197.6" in told
-    assert "full disk" in told
+    written = capsys.readouterr().err
+    assert written.count("short scan") == 1
+    assert "197.6" in written
+    assert "full disk" in written
 
 
 @pytest.mark.parametrize("folder", ["x[/b]", "[red]", ":warning:", "end\\\\"])
@@ -288,3 +288,8 @@ def test_commands_in_the_documents_have_options_and_settings_that_exist(line):
         command = command.commands[words.pop(0)]
     given = command.make_context("legsim", words).params
     config.load_settings(overrides=tuple(given.get("settings") or ()))
+
+
+def test_a_choice_that_does_not_exist_is_refused_in_plain_words(capsys):
+    said = " ".join(failure(capsys, "run", "--preset", "tiny").split())
+    assert said.startswith("error: Invalid value for '--preset': 'tiny' is not one of 'demo'"), said

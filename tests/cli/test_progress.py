@@ -31,7 +31,7 @@ def test_on_a_terminal_each_stage_is_a_bar():
     assert "1/2" in stream.getvalue()
 
 
-def test_in_a_log_each_run_is_told_as_it_begins_and_as_it_ends():
+def test_in_a_log_each_run_is_reported_as_it_begins_and_as_it_ends():
     shown, stream = console(terminal=False)
     with progress.of_study(shown) as (runs, stages):
         runs(Step("anna [1]", 0, 2, None))

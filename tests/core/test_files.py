@@ -136,8 +136,13 @@ def test_toml_is_read_with_a_byte_order_mark_and_refused_in_one_line(tmp_path):
     path.write_bytes(b"a = '\xff'\n")
     with pytest.raises(LegsimError, match="is not TOML"):
         files.load_toml(path)
-    with pytest.raises(LegsimError, match=r"cannot be read .*check the path"):
+    with pytest.raises(LegsimError, match=r"no such file; give the path of a TOML file"):
         files.load_toml(tmp_path / "none.toml")
+    with pytest.raises(LegsimError, match=r"cannot be read .*; give the path of a TOML file"):
+        files.load_toml(tmp_path)
+    path.write_text("a = " + 100_000 * "[")
+    with pytest.raises(LegsimError, match=r"is not TOML .*recursion"):
+        files.load_toml(path)
 
 
 def test_a_name_that_no_file_can_have_is_no_file(tmp_path):

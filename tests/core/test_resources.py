@@ -13,9 +13,16 @@ def test_the_model_is_found():
 def test_files_inside_an_installed_package_come_first(tmp_path, monkeypatch):
     package = tmp_path / "site" / "legsim"
     for folder in (package / "data", package.parent):
-        (folder / "motions" / "walk").mkdir(parents=True)
+        (folder / "motions").mkdir(parents=True)
+        (folder / "motions" / "walk.trc").write_text("")
     monkeypatch.setattr(resources, "_PACKAGE", package)
-    assert resources.motion_file("walk") == package / "data" / "motions" / "walk"
+    assert resources.motion_file("walk.trc") == package / "data" / "motions" / "walk.trc"
+
+
+@pytest.mark.parametrize("name", [".", "subject01", ""])
+def test_a_folder_is_no_recording(name):
+    with pytest.raises(LegsimError, match="is not part of this legsim installation"):
+        resources.motion_file(name)
 
 
 def test_a_missing_file_is_named_with_what_is_there():

@@ -32,6 +32,12 @@ def changed(path, **elements):
     data.save_as(path)
 
 
+def replaced(path, old, new):
+    data = path.read_bytes()
+    assert old in data
+    path.write_bytes(data.replace(old, new))
+
+
 @pytest.mark.parametrize("top", [60.0, 900.0])
 def test_a_written_series_is_read_back_within_half_a_step(tmp_path, rng, top):
     volume, paths = saved(tmp_path / "ct", rng, top)
@@ -138,6 +144,14 @@ def shifted(paths):
             "are at the same place",
         ),
         (lambda p: p[1].write_bytes(p[1].read_bytes()[:900]), r"slice_0001.dcm: "),
+        (
+            lambda p: replaced(p[1], b"\x08\0\x60\0CS", b"\x08\0\x60\0C\x13"),
+            "slice_0001.dcm: does not say where its slice is",
+        ),
+        (lambda p: changed(p[1], RescaleSlope="1e31"), "are not finite"),
+        (lambda p: changed(p[1], RescaleSlope="1e29"), "beyond any Hounsfield unit"),
+        (lambda p: changed(p[1], RescaleSlope=0), "is no CT in Hounsfield units"),
+        (lambda p: changed(p[1], PixelSpacing=[0, 1]), "its pixels have no size"),
     ],
 )
 def test_what_makes_no_volume_is_refused(tmp_path, rng, spoil, said):

@@ -137,6 +137,7 @@ def test_files_of_a_series_are_taken_by_their_instance_numbers(tmp_path, values)
         (b"0.3\\0.4", b"0.3\\x.4"),
         (b"0.3\\0.4", b"0.3\\0.0"),
         (b"DS\x08\x000.3", b"D\x13\x08\x000.3"),  # a kind of element that does not exist
+        (b"(\0\x02\x01US", b"(\0\x02\x01U\x13"),  # the same, of the highest bit
     ],
 )
 def test_elements_that_are_no_numbers_are_refused(tmp_path, values, element, value):

@@ -157,7 +157,7 @@ def test_matrices_in_brackets_over_several_lines(tmp_path):
         ),
     ],
 )
-def test_malformed_json_is_told_where(tmp_path, content, message):
+def test_malformed_json_is_refused_with_its_place(tmp_path, content, message):
     (tmp_path / "g.json").write_text(content)
     with pytest.raises(LegsimError, match=message) as caught:
         files.load_geometry(tmp_path / "g.json")

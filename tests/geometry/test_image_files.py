@@ -155,7 +155,7 @@ def test_values_that_are_no_numbers_are_refused(tmp_path: Path) -> None:
         image_files.load_volume(tmp_path / "p.mha")
 
 
-def test_a_cut_file_is_told_in_one_line_and_itk_is_silent(
+def test_a_cut_file_is_refused_in_one_line_and_itk_is_silent(
     tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     path = tmp_path / "v.mha"

@@ -6,6 +6,7 @@ import SimpleITK as sitk
 import tifffile
 
 from legsim.core.errors import LegsimError
+from legsim.geometry import counts as geometry_counts
 from legsim.geometry import image_files, projection_images
 from legsim.geometry.projection_images import RawLayout, read_images, read_projections
 from tests.geometry.test_files import circular
@@ -179,3 +180,21 @@ def test_files_of_unequal_numbers_of_views_are_refused(tmp_path, rng):
     np.save(tmp_path / "p1.npy", values[3:5])
     with pytest.raises(LegsimError, match=r"p1\.npy: holds 2 views, p0\.npy 3"):
         projection_images.read_images(tmp_path)
+
+
+def test_a_flat_field_that_is_infinite_in_a_pixel_has_a_bad_one_there(tmp_path, rng):
+    flat = np.full((2, 30, 40), 5e4)
+    flat[0, 3, 4], flat[:, 20, 9], flat[1, 11, 12] = np.inf, 1e308, np.nan
+    np.save(tmp_path / "flat.npy", flat)
+    counts = projection_images.read_counts(flat=tmp_path / "flat.npy")
+    assert counts is not None
+    thick = rng.uniform(1, 1.001, (3, 30, 40))
+    made = geometry_counts.line_integrals(5e4 * np.exp(-thick), counts)
+    np.testing.assert_allclose(made.values, thick, atol=2e-3)
+    assert "3 dead" in made.notes[0]
+
+
+def test_images_without_a_pixel_are_refused(tmp_path):
+    np.save(tmp_path / "none.npy", np.zeros((0, 6, 7)))
+    with pytest.raises(LegsimError, match=r"none\.npy: holds no pixel"):
+        read_images(tmp_path / "none.npy")

@@ -68,7 +68,7 @@ def test_rtk_parameters_before_the_projections_hold_for_all(tmp_path):
     np.testing.assert_allclose(loaded.matrices, circular(2).matrices, atol=1e-10)
 
 
-def test_rtk_matrix_alone_is_enough_and_a_contradiction_is_told(tmp_path):
+def test_rtk_matrix_alone_is_enough_and_a_contradiction_is_reported(tmp_path):
     matrix = "<Matrix>-1198 0 0 0 0 -1198 0 0 0 0 1 -780</Matrix>"
     wrap = (
         "<RTKThreeDCircularGeometry "
@@ -141,7 +141,7 @@ def test_rtk_matrix_alone_is_enough_and_a_contradiction_is_told(tmp_path):
         ),
     ],
 )
-def test_malformed_xml_is_told_where(tmp_path, content, message):
+def test_malformed_xml_is_refused_with_its_place(tmp_path, content, message):
     (tmp_path / "g.xml").write_text(content)
     with pytest.raises(LegsimError, match=message):
         files.load_geometry(tmp_path / "g.xml", columns=2, rows=2, pixel_mm=1.0)

@@ -23,7 +23,7 @@ def resting() -> tuple[ImuSignals, SensorStart]:
     return ImuSignals(TIMES, ("s",), np.zeros_like(force), force), start
 
 
-def test_a_known_shift_and_turn_are_told():
+def test_a_known_shift_and_turn_are_reported():
     clean = np.tile(np.eye(4), (5, 1, 1))
     moved = clean.copy()
     moved[:, :3, 3] = [0.003, 0.0, -0.006]

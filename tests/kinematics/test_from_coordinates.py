@@ -123,7 +123,7 @@ def test_a_model_without_subtalar_and_toe_joints_is_read_with_them_at_zero(tmp_p
     )
 
 
-def test_samples_left_out_of_coordinates_are_told(tmp_path, solved):
+def test_samples_left_out_of_coordinates_are_reported(tmp_path, solved):
     kept = np.delete(np.arange(len(solved.times)), np.arange(100, 130))
     opensim.save(
         tmp_path / "c.mot",

@@ -39,11 +39,11 @@ def test_a_shipped_recording_becomes_a_bent_knee():
     assert {m["role"] for m in recovered.summary()["markers"]} >= {"sacrum", "epicondyle_lateral_l"}
 
 
-@pytest.mark.parametrize(("up", "told"), [("y", False), ("-z", True)])
-def test_who_lies_or_has_another_axis_up_is_asked_about(tmp_path, squat, up, told):
+@pytest.mark.parametrize(("up", "asked"), [("y", False), ("-z", True)])
+def test_who_lies_or_has_another_axis_up_is_asked_about(tmp_path, squat, up, asked):
     config = saved(tmp_path, short(squat, 40)).model_copy(update={"up": up, "registration": False})
     found = run_motion.solve(config)
-    assert any("the shanks are not upright" in note for note in found.notes) == told
+    assert any("the shanks are not upright" in note for note in found.notes) == asked
 
 
 @pytest.mark.parametrize("name", ["nowhere.trc", "subject99/squat_30.trc"])

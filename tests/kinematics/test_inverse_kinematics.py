@@ -368,14 +368,14 @@ def test_who_lies_without_markers_on_the_feet_has_neutral_ankles(how):
 
 
 def test_progress_ends_at_the_last_frame():
-    told = []
+    steps = []
     inverse_kinematics.solve(
         LEG,
         recording(squats(600), sites(SEVEN)),
         sites(SEVEN),
-        progress=lambda done, total: told.append((done, total)),
+        progress=lambda done, total: steps.append((done, total)),
     )
-    assert told[-1] == (600, 600)
+    assert steps[-1] == (600, 600)
 
 
 @pytest.mark.parametrize(

@@ -24,7 +24,7 @@ def squat() -> MarkerTrajectories:
     return trc.load(from_recording.find_recording(SQUAT))
 
 
-def test_a_poor_fit_and_what_was_not_seen_are_told_aloud(tmp_path, squat):
+def test_a_poor_fit_and_what_was_not_seen_are_warned_of(tmp_path, squat):
     """A knee's marker that trembles in one place for good, and an ankle's that is never seen
     again.
     """
@@ -52,7 +52,7 @@ def test_a_poor_fit_and_what_was_not_seen_are_told_aloud(tmp_path, squat):
     )
 
 
-def test_joints_of_the_foot_that_priors_decide_are_told_with_their_share():
+def test_joints_of_the_foot_that_priors_decide_are_reported_with_their_share():
     person = from_recording.solve_kinematics(SQUAT)
     (line,) = [text for text in person.lines() if text.startswith("decided by the prior")]
     assert "ankle_angle_r, subtalar_angle_r, mtp_angle_r, ankle_angle_l" in line

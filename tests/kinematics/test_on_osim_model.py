@@ -116,7 +116,7 @@ def test_locked_coordinates_stay_and_clamped_ones_stop(tmp_path, model, leg):
     assert person.fit.ik.coordinate_at_limit[column] > 5
 
 
-def test_too_few_markers_and_a_wrong_size_are_refused_or_told(tmp_path, model, leg):
+def test_too_few_markers_and_a_wrong_size_are_refused_or_reported(tmp_path, model, leg):
     few = tmp_path / "few.trc"
     recorded(leg, few, name=lambda n: n if n.startswith("femur") else f"x{n}")
     with pytest.raises(LegsimError, match=r"6 of the 22 markers .* three on the pelvis"):

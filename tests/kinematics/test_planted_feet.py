@@ -227,8 +227,8 @@ def test_pegs_come_and_go_without_a_step():
     assert ends[-1]
     assert not ends[:200].any()
     steps = np.degrees(np.abs(np.diff(solution.trajectories.values[:, ROTATIONS], axis=0)))
-    told = np.degrees(np.abs(np.diff(values[:, ROTATIONS], axis=0)))
-    assert steps.max() < told.max() + 2.0
+    largest = np.degrees(np.abs(np.diff(values[:, ROTATIONS], axis=0)))
+    assert steps.max() < largest.max() + 2.0
 
 
 def test_markers_decide_where_pegs_are_not_given():

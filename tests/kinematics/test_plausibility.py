@@ -73,7 +73,7 @@ def test_a_lax_knee_is_plausible_and_one_that_no_person_has_is_not():
     ):
         values[:, column] = np.radians(degrees)
         moved = JointTrajectories(np.arange(100) / 100, COORDINATES, values)
-        lines = plausibility.at_limits(LEG, moved)
+        lines = plausibility.beyond_limits(LEG, moved)
         assert len(lines) == len(said)
         assert all(line.startswith(start) for line, start in zip(lines, said, strict=True))
 
@@ -83,7 +83,7 @@ def test_a_hip_that_no_person_has_is_named(sign: int, shown: bool):
     values = swaying()
     values[:, COORDINATES.index("hip_flexion_r")] = sign * np.radians(90)
     times = np.arange(len(values)) / 100
-    lines = plausibility.at_limits(LEG, JointTrajectories(times, COORDINATES, values))
+    lines = plausibility.beyond_limits(LEG, JointTrajectories(times, COORDINATES, values))
     assert any("hip_flexion_r is beyond what people's hips do" in line for line in lines) == shown
 
 

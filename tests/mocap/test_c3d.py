@@ -63,7 +63,7 @@ def test_times_start_at_the_first_frame(write, positions):
     np.testing.assert_allclose(found.times[[0, -1]], [1.2, 1.39])
 
 
-def test_a_count_of_frames_that_wraps_at_16_bits_is_told_by_the_files_length(write, positions):
+def test_a_count_of_frames_that_wraps_at_16_bits_is_known_by_the_files_length(write, positions):
     more = np.zeros((65536, len(LABELS), 4), "<f4")
     more[..., :3] = np.arange(1, 65537)[:, None, None] / 100
     data = c3d_bytes(positions, LABELS) + more.tobytes()

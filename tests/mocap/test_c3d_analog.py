@@ -72,8 +72,35 @@ def test_a_file_without_channels_is_refused(tmp_path):
 def test_a_rate_that_contradicts_the_samples_is_refused(tmp_path):
     path = written(tmp_path / "a.c3d", replace(channels(), rate=1000.0))
     with pytest.raises(
-        LegsimError, match=r"ANALOG:RATE.*states 1000 Hz, and holds 4 samples per frame"
+        LegsimError, match=r"ANALOG:RATE.*states 1000 Hz, and holds samples at 400 Hz"
     ):
+        c3d_analog.load_analog(path)
+
+
+def test_a_rate_that_is_no_number_is_refused(tmp_path):
+    path = written(tmp_path / "a.c3d", replace(channels(), rate=np.nan))
+    with pytest.raises(LegsimError, match=r"ANALOG:RATE.*states nan Hz"):
+        c3d_analog.load_analog(path)
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, 1e35])
+@pytest.mark.parametrize("where", ["scales", "gen_scale"])
+def test_a_scale_that_is_no_number_is_refused(tmp_path, where, value):
+    wrong = [0.01, value, 0.5] if where == "scales" else value
+    path = written(tmp_path / "a.c3d", replace(channels(), **{where: wrong}))
+    with pytest.raises(LegsimError, match=r"ANALOG.*a scale or offset is no number"):
+        c3d_analog.load_analog(path)
+
+
+def test_samples_that_are_no_numbers_are_missing_and_infinite_ones_refused(tmp_path):
+    one = channels()
+    stored = one.stored.astype(float)
+    stored[7, 1] = np.nan
+    found = c3d_analog.load_analog(written(tmp_path / "a.c3d", replace(one, stored=stored)))
+    assert np.argwhere(np.isnan(found.values)).tolist() == [[7, 1]]
+    stored[7, 1] = np.inf
+    path = written(tmp_path / "b.c3d", replace(one, stored=stored))
+    with pytest.raises(LegsimError, match="a sample is infinite"):
         c3d_analog.load_analog(path)
 
 

@@ -288,8 +288,8 @@ def turning(places) -> MarkerTrajectories:
     )
 
 
-@pytest.mark.parametrize(("length", "told"), [(20, False), (60, True)])
-def test_a_stretch_that_hides_most_markers_is_called_a_guess(length, told):
+@pytest.mark.parametrize(("length", "reported"), [(20, False), (60, True)])
+def test_a_stretch_that_hides_most_markers_is_called_a_guess(length, reported):
     """A sixth of a second is bridged within millimeters, half a second is not."""
     motion = recording()
     positions = motion.positions_world.copy()
@@ -298,8 +298,8 @@ def test_a_stretch_that_hides_most_markers_is_called_a_guess(length, told):
         MarkerTrajectories(motion.times, LABELS, positions), SEVEN, longest_gap_s=2.0
     )
     said = [note for note in report.notes if "the movement there is a guess" in note]
-    assert len(said) == told
-    if told:
+    assert len(said) == reported
+    if reported:
         assert "from 3.333 to 3.825 s" in said[0]
 
 

@@ -132,18 +132,18 @@ def test_a_few_poses_may_be_a_second_apart():
     assert raw(squat()[:5], times=np.arange(5.0)).to_plausible_motion()[1] == ()
 
 
-@pytest.mark.parametrize(("name", "size", "told"), [
+@pytest.mark.parametrize(("name", "size", "stated"), [
     ("pelvis_tx", 0.5, "0.5 m"), ("pelvis_ty", -0.05, "0.05 m"), ("knee_angle_l", 0.4, "22.9 degrees"),
     ("pelvis_rotation", 3.0, "172 degrees"),
 ])  # fmt: skip
-def test_a_step_is_reported_with_time_coordinate_and_size(name, size, told):
+def test_a_step_is_reported_with_time_coordinate_and_size(name, size, stated):
     values = squat()
     k = NAMES.index(name)
     values[120:, k] += size
     motion, notes = raw(values).to_plausible_motion()
     np.testing.assert_array_equal(motion.values, values)
     assert len(notes) == 1
-    assert notes[0].startswith(f"warning: {name} jumps by {told} at 1 s, within 0.00833 s")
+    assert notes[0].startswith(f"warning: {name} jumps by {stated} at 1 s, within 0.00833 s")
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.002])

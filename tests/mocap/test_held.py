@@ -65,7 +65,7 @@ def test_a_foot_that_rests_while_the_body_moves_is_kept(millimeters):
     assert not find_held(rounded(positions, millimeters), 1 / RATE).any()
 
 
-def test_nothing_is_told_where_all_markers_stand():
+def test_nothing_is_reported_where_all_markers_stand():
     moving = recording(noise=0).positions_world
     slowest = 1 + int(np.linalg.norm(np.diff(moving[200:-200, 0], axis=0), axis=1).argmin()) + 200
     positions = np.insert(moving, slowest, np.repeat(moving[slowest][None], 120, axis=0), axis=0)

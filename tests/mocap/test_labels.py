@@ -57,7 +57,7 @@ def test_the_set_that_covers_most_is_guessed():
     assert labels.guess([small, large], LABELS).name == "small"
 
 
-def test_what_is_missing_and_what_is_there_is_told_in_one_line():
+def test_what_is_missing_and_what_is_there_is_reported_in_one_line():
     with pytest.raises(
         LegsimError,
         match=r"'seven' finds no marker for epicondyle_lateral_r among .*LKNE.*give a marker map",
@@ -66,7 +66,7 @@ def test_what_is_missing_and_what_is_there_is_told_in_one_line():
     assert "\n" not in str(caught.value)
 
 
-def test_a_recording_of_something_else_is_told():
+def test_a_recording_of_something_else_is_reported():
     with pytest.raises(
         LegsimError,
         match=(

@@ -198,7 +198,7 @@ def test_known_bending_is_undone(device: Device) -> None:
     assert error.mean() < 0.1 * np.abs(means(still, grid, PLACES) - TRUTH).mean()
 
 
-def test_a_rest_that_is_told_by_points_or_a_field_changes_nothing(device: Device) -> None:
+def test_a_rest_that_is_stated_by_points_or_a_field_changes_nothing(device: Device) -> None:
     projections = project(scan(views=60, shape_vu=(48, 78)), [BODY, BONE])
     grid, times = VolumeGrid.cubic(30, 0.005, (0.0, 0.0, 0.0)), projections.geometry.times
     joints = np.array([[0.02, 0.3, 0.0], [0.0, 0.0, 0.05], [0.0, -0.3, -0.02]])

@@ -89,7 +89,7 @@ def test_the_warning_gives_the_numbers() -> None:
 
 
 @pytest.mark.parametrize(("missing", "expected"), [(0, False), (4, False), (8, True)])
-def test_a_part_of_the_arc_that_is_missing_is_told(missing: int, expected: bool) -> None:
+def test_a_part_of_the_arc_that_is_missing_is_reported(missing: int, expected: bool) -> None:
     """248 views over 210 degrees without ``missing`` of them in the middle."""
     whole = scan(210.0, 248)
     geometry = replace(

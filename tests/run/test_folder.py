@@ -9,7 +9,13 @@ from legsim.core import files as core_files
 from legsim.core.errors import LegsimError
 from legsim.core.files import PREFIX, write_text
 from legsim.run import folder as run_folder
-from legsim.run.folder import RunFolder
+from legsim.run.folder import (
+    REGISTRATION_ERROR_FILE,
+    RunFolder,
+    finished_stages,
+    head,
+    registration_error,
+)
 
 
 def writing(path: Path, text: str) -> Callable[[], tuple[str]]:
@@ -124,12 +130,22 @@ def test_an_unwritable_folder_is_refused(tmp_path):
         RunFolder(tmp_path / "file" / "below", {})
 
 
-@pytest.mark.parametrize("text", ["{", "[]", '{"stages": 3}'])
+@pytest.mark.parametrize("text", ["{", "[]", '{"stages": 3}', 100_000 * "["])
 def test_what_is_no_manifest_is_named_and_leaves_no_lock(tmp_path, text):
     (tmp_path / "manifest.json").write_text(text)
+    assert finished_stages(tmp_path) == ()
+    assert head(tmp_path) == {}
     with pytest.raises(LegsimError, match=r"manifest\.json: is not a manifest"):
         RunFolder(tmp_path, {})
     assert [p.name for p in tmp_path.iterdir()] == ["manifest.json"]
+
+
+@pytest.mark.parametrize("text", ["{", "[]", "{}", '{"a": 1}'])
+def test_a_damaged_error_of_the_registration_is_named(tmp_path, text):
+    assert registration_error(tmp_path) is None
+    (tmp_path / REGISTRATION_ERROR_FILE).write_text(text)
+    with pytest.raises(LegsimError, match=r"registration-error\.json: cannot be read .*delete"):
+        registration_error(tmp_path)
 
 
 def test_a_second_writer_is_refused_until_the_first_closes(tmp_path):
@@ -167,7 +183,7 @@ def test_a_studys_folder_takes_no_run_and_a_runs_folder_no_study(tmp_path):
         run_folder.check_kind(tmp_path / "runs" / "one", "study")
 
 
-def test_a_folder_of_an_older_version_is_told_by_its_stages(tmp_path):
+def test_a_folder_of_an_older_version_is_known_by_its_stages(tmp_path):
     for stage, kind in (("replay", "replay"), ("geometry", "run"), ("kinematics", None)):
         content = {"schema": run_folder.SCHEMA, "stages": {stage: {}}}
         (tmp_path / "manifest.json").write_text(json.dumps(content))

@@ -49,7 +49,7 @@ def holder(folder: Path, locks: str) -> subprocess.Popen:
     return process
 
 
-def test_a_second_process_is_told_of_the_first_until_that_is_killed(tmp_path, locks):
+def test_a_second_process_is_refused_naming_the_first_until_that_is_killed(tmp_path, locks):
     process = holder(tmp_path, locks)
     name = f"process {process.pid} on {socket.gethostname()}"
     try:

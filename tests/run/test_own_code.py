@@ -82,7 +82,19 @@ def test_what_it_takes_of_legsim_is_in_it(folder, monkeypatch):
 def test_circles_and_files_that_cannot_be_parsed_end(folder):
     (folder / "further_of_mine.py").write_text("import own\nimport helper_of_mine\ndef half(")
     assert own_code.fingerprint(folder / "own.py")
-    (folder / "further_of_mine.py").write_bytes(b"\xff\0")
+    for content in (b"\xff\0", b"a = " + 10_000 * b"-" + b"1", b"a = " + 200_000 * b"-" + b"1"):
+        (folder / "further_of_mine.py").write_bytes(content)
+        assert own_code.fingerprint(folder / "own.py")
+
+
+def test_names_that_no_file_can_have_name_none(folder):
+    before = own_code.fingerprint(folder / "unused_of_mine.py")
+    (folder / "unused_of_mine.py").write_text(f"1/0\nimport {300 * 'a'}.b\nc = 'd/{190 * 'e'}'\n")
+    assert own_code.fingerprint(folder / "unused_of_mine.py") != before
+
+
+def test_a_look_at_the_code_warns_of_nothing(folder):
+    (folder / "further_of_mine.py").write_text("a = '\\d' is '\\d'\n")
     assert own_code.fingerprint(folder / "own.py")
 
 

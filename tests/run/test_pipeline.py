@@ -2,6 +2,7 @@ import importlib.util
 import json
 import os
 import re
+import shlex
 import subprocess
 import sys
 from pathlib import Path
@@ -201,6 +202,16 @@ def test_rows_have_a_cell_a_column(tiny_run):
         (tiny_run.folder / line.split(": ")[1]).exists() or "legsim view" in line
         for line in tiny_run.places()
     )
+
+
+def test_the_command_to_look_around_is_one_for_a_shell(tmp_path):
+    result = pipeline.RunResult(tmp_path / "my run [1]", ())
+    (line,) = (line for line in result.places() if "legsim view" in line)
+    assert shlex.split(line.removeprefix("to look around: ")) == [
+        "legsim",
+        "view",
+        str(tmp_path / "my run [1]"),
+    ]
 
 
 def test_a_scan_longer_than_the_recording_is_refused(tiny_settings, tmp_path):

@@ -177,3 +177,32 @@ def test_what_a_killed_process_left_is_removed_after_a_day_and_nothing_else(tmp_
     os.utime(old, (1e9, 1e9))
     check_shared(tmp_path / "store", tmp_path / "b")
     assert sorted(p.name for p in (tmp_path / "store/count").iterdir()) == [new.name, key_of(1)]
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        lambda text: "",
+        lambda text: "[]",
+        lambda text: "[" * 100_000,
+        lambda text: text.replace('"files"', '"file"'),
+        lambda text: text.replace("numbers.txt", "../numbers.txt"),
+        lambda text: text.replace("numbers.txt", "/dev/null"),
+        lambda text: text.replace("numbers.txt", "n" * 300),
+        lambda text: text.replace("numbers.txt", ""),
+        lambda text: text.replace('"sha256": "', '"sha256": "0'),
+        lambda text: text.replace('"sha256": "', '"sha": "'),
+        lambda text: text.replace('"seconds": ', '"seconds": Infinity, "s": '),
+        lambda text: text.replace('"key": "', '"key": "0'),
+    ],
+)
+def test_a_damaged_entry_is_dropped(tmp_path, damage):
+    first, second = folders(tmp_path)
+    finish(first, key_of(1), "one")
+    (entry,) = (tmp_path / "store").rglob("entry.json")
+    entry.write_text(damage(entry.read_text()))
+    assert not second.done("count", key_of(1))
+    assert list(second.path.glob("*.txt")) in ([], [second.path / "numbers.txt"])
+    assert not entry.exists()
+    finish(second, key_of(1), "one")
+    assert entry.exists()

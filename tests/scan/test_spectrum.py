@@ -60,12 +60,12 @@ def test_filters_act_by_beer_and_lambert_and_the_response_weighs_by_energy():
     )
 
 
-def test_what_the_tube_model_cannot_do_is_told():
+def test_what_the_tube_model_cannot_do_is_reported():
     with pytest.raises(LegsimError, match=r"no spectrum for 2000 kV.*choose 30 to 300 kV"):
         tube(kvp=2000.0)
 
 
-def test_a_missing_tube_model_is_told(monkeypatch):
+def test_a_missing_tube_model_is_reported(monkeypatch):
     monkeypatch.setitem(sys.modules, "spekpy", None)
     with pytest.raises(LegsimError, match=r"pip install 'legsim\[spectra\]'"):
         scan_spectrum.tube(kvp=90, anode_deg=12, aluminum_mm=3, copper_mm=0, response="energy")

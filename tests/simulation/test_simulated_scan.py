@@ -186,9 +186,9 @@ def test_its_repr_names_the_leg_and_the_sensors(left):
 
 
 def test_progress_counts_both_exposures(person):
-    told: list[tuple[str, int, int]] = []
-    simulate_scan(person, ARM, progress=lambda *now: told.append(now))
-    assert [work for work, done, count in told if done == count == 24] == [
+    steps: list[tuple[str, int, int]] = []
+    simulate_scan(person, ARM, progress=lambda *now: steps.append(now))
+    assert [work for work, done, count in steps if done == count == 24] == [
         "projecting",
         "projecting, at rest",
     ]

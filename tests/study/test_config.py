@@ -133,7 +133,7 @@ def test_noise_goes_into_the_runs(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("added", "told"),
+    ("added", "said"),
     [
         ("subject = 3", "unknown key; valid here: name, title"),
         ('[[noise]]\nconvention = "mks"\nlevels = [[1, 1]]', "noise.0.convention"),
@@ -162,8 +162,8 @@ def test_noise_goes_into_the_runs(tmp_path):
         ('recording = "{subject.trc"', "recording = .*expected '}'"),
     ],
 )
-def test_mistakes_are_named_with_their_place(tmp_path, added, told):
-    with pytest.raises(LegsimError, match=told):
+def test_mistakes_are_named_with_their_place(tmp_path, added, said):
+    with pytest.raises(LegsimError, match=said):
         asked, base = load(tmp_path, f"{PLAIN}\n{added}\n")
         study_plan.plan(asked, base, tmp_path)
 

@@ -166,7 +166,7 @@ def test_no_task_waits_behind_a_long_one_while_a_worker_is_free(tmp_path):
 
 
 @pytest.mark.end_to_end
-def test_a_scheduler_that_is_not_there_is_told():
+def test_a_scheduler_that_is_not_there_is_reported():
     pytest.importorskip("distributed")
     with pytest.raises(LegsimError, match="no Dask scheduler answers"):
         engine.run_on_cluster(
@@ -174,7 +174,7 @@ def test_a_scheduler_that_is_not_there_is_told():
         )
 
 
-def test_a_scheduler_without_workers_is_told(tmp_path, monkeypatch):
+def test_a_scheduler_without_workers_is_reported(tmp_path, monkeypatch):
     distributed = pytest.importorskip("distributed")
     monkeypatch.setattr(engine, "_PATIENCE_S", 0.2)
     with (
@@ -190,7 +190,7 @@ def test_a_scheduler_without_workers_is_told(tmp_path, monkeypatch):
         )
 
 
-def test_workers_that_do_not_see_the_folder_are_told(tmp_path):
+def test_workers_that_do_not_see_the_folder_are_named(tmp_path):
     distributed = pytest.importorskip("distributed")
     with distributed.LocalCluster(
         n_workers=1, threads_per_worker=1, processes=False, dashboard_address=":0"

@@ -1,6 +1,5 @@
 """Jobs of a study: their names and seeds, and that what was scored once is not computed again."""
 
-import json
 import shutil
 from dataclasses import replace
 from pathlib import Path
@@ -15,7 +14,7 @@ from legsim.run.folder import RunFolder
 from legsim.run.pipeline import RunResult
 from legsim.study import jobs as study_jobs
 from legsim.study.config import Aiding, Ladder
-from legsim.study.jobs import AidedJob, LadderJob, ScanJob, SensorJob, _kept, seed_of
+from legsim.study.jobs import AidedJob, LadderJob, ScanJob, SensorJob, seed_of
 from legsim.study.results import NoiseLevel
 
 LADDER = Ladder(f_a=(0.0, "none"), f_g=(1.0,), conventions=("SI",), repetitions=2)
@@ -53,14 +52,6 @@ def test_a_ladder_is_scored_once(tmp_path, monkeypatch):
     assert study_jobs.ladder(job(tmp_path)) == first
     with pytest.raises(AssertionError, match="computed again"):
         study_jobs.ladder(job(tmp_path, ladder=LADDER.model_copy(update={"repetitions": 3})))
-
-
-def test_scores_of_other_settings_are_not_taken(tmp_path):
-    kept = tmp_path / "scores" / "x.json"
-    assert _kept(kept, "key", lambda: [{"a": 1.5}]) == [{"a": 1.5}]
-    assert _kept(kept, "key", lambda: [{"a": 2.5}]) == [{"a": 1.5}]
-    assert _kept(kept, "other", lambda: [{"a": 2.5}]) == [{"a": 2.5}]
-    assert json.loads(kept.read_text())["key"] == "other"
 
 
 def test_a_scan_is_scored_again_only_where_its_folder_was_deleted(tmp_path, monkeypatch):

@@ -33,7 +33,7 @@ def test_every_shipped_study_plans(tmp_path, name):
     assert asked.name == name
 
 
-def test_a_recording_that_is_not_there_is_told_before_anything_runs(tmp_path):
+def test_a_recording_that_is_not_there_is_reported_before_anything_runs(tmp_path):
     asked, base = load(tmp_path, PLAIN.replace("squat_30", "squat_45"))
     with pytest.raises(LegsimError, match="squat_45"):
         study_plan.plan(asked, base, tmp_path)

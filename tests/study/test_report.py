@@ -156,7 +156,7 @@ def test_nothing_at_all_is_an_empty_page_with_its_failures(tmp_path):
     assert "all failed" in (tmp_path / "report.html").read_text()
 
 
-def test_what_sensors_need_is_told_for_each_convention(ladder_alone):
+def test_what_sensors_need_is_reported_for_each_convention(ladder_alone):
     lines = [line for line in ladder_alone.summary if "White noise" in line]
     assert ["SI convention" in lines[0], "per-sample convention" in lines[1]] == [True, True]
     assert "divided by about 8.1;" in lines[0]

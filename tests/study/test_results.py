@@ -72,7 +72,7 @@ def test_infinite_numbers_are_refused(tmp_path, number):
         study_results.load(path)
 
 
-def test_a_missing_file_is_told(tmp_path):
+def test_a_missing_file_is_reported(tmp_path):
     with pytest.raises(LegsimError, match="no such file"):
         study_results.load(tmp_path / "results.json")
 

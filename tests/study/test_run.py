@@ -163,7 +163,7 @@ def test_a_second_run_computes_nothing(through):
     assert {p: p.stat().st_mtime_ns for p in through.glob("runs/*/*")} == before
 
 
-def test_a_disk_that_is_too_small_is_told_before_anything_runs(through, monkeypatch):
+def test_a_disk_that_is_too_small_is_reported_before_anything_runs(through, monkeypatch):
     asked, base = config.load(
         str(through.parent / "STUDY.toml"), preset="paper", overrides=("grid.voxels=512",)
     )
@@ -183,11 +183,11 @@ def test_more_workers_than_the_memory_holds_are_refused(through, monkeypatch):
 
 
 def test_photons_of_each_run_and_a_true_field_take_disk(through):
-    def told(*overrides: str, methods: str = '"rigid"]') -> int:
+    def needed(*overrides: str, methods: str = '"rigid"]') -> int:
         (through.parent / "other.toml").write_text(STUDY.replace('"rigid"]', methods, 1))
         asked, base = config.load(str(through.parent / "other.toml"), overrides=overrides)
         return study_plan.plan(asked, base, through).disk()
 
     exposures, volume, nodes = 2 * 4 * 62 * 62 * 48, 4 * 40**3, 31**3
-    assert told("scan.detector.photons=1e5") - told() == exposures + volume
-    assert told(methods='"rigid", "oracle-nonrigid"]') - told() == volume + 3 * 4 * 62 * nodes
+    assert needed("scan.detector.photons=1e5") - needed() == exposures + volume
+    assert needed(methods='"rigid", "oracle-nonrigid"]') - needed() == volume + 3 * 4 * 62 * nodes

@@ -20,7 +20,7 @@ def test_every_noise_number_stands_under_its_convention(written_study):
                 assert any("SI" in word or "per-sample" in word for word in words), table.name
 
 
-def test_too_few_scans_are_told():
+def test_too_few_scans_are_reported():
     few = tuple(s for s in RESULTS.scores if s.subject == "subject01" and s.noise is None)
     content = report.content(StudyResults("s", "Two", few, (), ()))
     (section,) = [s for s in content.sections if s.title == "Are the differences more than chance?"]
@@ -29,7 +29,7 @@ def test_too_few_scans_are_told():
     )
 
 
-def test_every_posture_of_ones_own_is_tested_and_told():
+def test_every_posture_of_ones_own_is_tested_and_reported():
     rng, scans = np.random.default_rng(3), [("standing", 7), ("stairs/up", 6), ("lunge", 2)]
     scores = [
         example_study.score(rng, f"p{k}", posture, method, loss)

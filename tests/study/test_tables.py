@@ -135,7 +135,7 @@ def test_registration_tells_mean_largest_and_how_often():
     assert row["applied"] == f"{sum(r.applied for r in found)} of 14"
 
 
-def test_the_registrations_own_error_is_told():
+def test_the_registrations_own_error_is_reported():
     table = tables.registration(
         CLEAN, [RegistrationError(0.02, 0.01), RegistrationError(0.04, 0.03)]
     )
@@ -168,7 +168,7 @@ def test_a_matrix_of_tests_has_p_below_and_differences_above():
     assert all(rows[method][method] == "" for method in rows)
 
 
-def test_too_few_scans_are_told_in_their_cell():
+def test_too_few_scans_are_reported_in_their_cell():
     few = [s for s in CLEAN if s.subject in ("subject01", "subject02") or s.method != "rigid"]
     table = tables.tests(
         "c", statistics.paired_tests(few, statistics.of_region("ssim", "leg")), "n", "how"

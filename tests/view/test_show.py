@@ -41,7 +41,7 @@ def test_a_notebook_shows_it_in_the_cell(person, monkeypatch):
     assert view_show.show(person) == ("viewer", "rest")
 
 
-def test_a_notebook_without_the_extra_is_told_what_to_install(person, monkeypatch):
+def test_a_notebook_without_the_extra_is_refused_with_what_to_install(person, monkeypatch):
     monkeypatch.setattr(view_show, "_in_notebook", lambda: True)
     monkeypatch.setitem(sys.modules, "rerun.notebook", None)
     with pytest.raises(LegsimError, match=r"pip install 'legsim\[notebook\]'"):

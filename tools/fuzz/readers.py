@@ -7,23 +7,26 @@ from pathlib import Path
 import numpy as np
 
 import legsim as ls
-from legsim.config import measured_scan, tree
+from legsim.config import measured_scan
 from legsim.core import resources
+from legsim.core.files import load_toml
 from legsim.deformation import files as motion_files
-from legsim.geometry import label_images, projection_images
+from legsim.geometry import ct_volume, image_files, label_images, projection_images
+from legsim.geometry.counts import line_integrals
 from legsim.geometry.projection_images import RawLayout
 from legsim.imu import catalogue
 from legsim.imu import files as imu_files
-from legsim.kinematics import ik_tasks, osim_file, osim_scaling
-from legsim.mocap import marker_sets
+from legsim.kinematics import ik_tasks, on_osim_model, osim_file, osim_marker_set, osim_scaling
+from legsim.mocap import c3d_analog, marker_sets
 from legsim.phantom import label_maps, label_structures
 from legsim.run import imu_files as run_imu_files
-from legsim.run import measured, projection_files, shadow_files
+from legsim.run import measured, own_code, projection_files, shadow_files
 from legsim.run.folder import RunFolder
+from legsim.run.store import StageCache
 from legsim.scan import spectrum
 from legsim.study import config as study_config
-from legsim.study import results
-from tools.fuzz import samples
+from legsim.study import kept, results
+from tools.fuzz import run_samples, samples, sensor_samples
 from tools.fuzz.samples import Maker
 
 
@@ -78,15 +81,26 @@ def _labels(path: Path) -> object:
 def _imu_toml(path: Path) -> object:
     table = path.parent / "table.csv"
     if not table.exists():
-        samples.imu_table(table)
+        sensor_samples.imu_table(table)
     return [sensor.recording for sensor in run_imu_files.load(path)]
 
 
 def _imu_table(path: Path) -> object:
     described = path.parent / "described.toml"
     if not described.exists():
-        described.write_text(samples.IMU_TOML.replace("table.csv", path.name))
+        described.write_text(sensor_samples.IMU_TOML.replace("table.csv", path.name))
     return [sensor.recording for sensor in run_imu_files.load(described)]
+
+
+def _imu_channels(path: Path) -> object:
+    described = path.parent / "described.toml"
+    if not described.exists():
+        described.write_text(sensor_samples.CHANNELS_TOML)
+    return [sensor.recording for sensor in run_imu_files.load(described)]
+
+
+def _beads(path: Path) -> object:
+    return shadow_files.load_beads(path, samples.geometry())
 
 
 def _fiducials(path: Path) -> object:
@@ -96,7 +110,7 @@ def _fiducials(path: Path) -> object:
 
 def _scan(path: Path) -> object:
     if not (path.parent / "scan").exists():
-        samples.scan_toml(path.with_name("first.toml"))
+        run_samples.scan_toml(path.with_name("first.toml"))
     beside = path.parent / "scan" / path.name
     beside.write_bytes(path.read_bytes())
     measured_scan.load(beside)
@@ -127,13 +141,89 @@ def _of_meshes(suffix: str, *makers: Maker) -> Reader:
     return Reader(suffix, _mesh, makers)
 
 
+def _osim_leg(path: Path) -> object:
+    leg, _ = on_osim_model.load(path, None)
+    return leg.marker_sites()
+
+
+def _osim_markers(path: Path) -> object:
+    bare = path.parent / "bare.osim"
+    if not bare.exists():
+        samples.osim(4)(bare)
+    return osim_marker_set.with_set(osim_file.read(bare), path)
+
+
+def _ct(path: Path) -> object:
+    beside = path.parent / "ct" / path.name
+    beside.write_bytes(path.read_bytes())
+    return ct_volume.load(beside.parent, water=20.6)
+
+
+def _view(path: Path) -> object:
+    """One view of a folder."""
+    folder = path.parent / "views"
+    if not folder.exists():
+        folder.mkdir()
+        for k in range(3):
+            samples.dicom_view(k)(folder / f"{k}.dcm")
+    (folder / "1.dcm").write_bytes(path.read_bytes())
+    return projection_images.read_images(folder).values.astype(float)
+
+
+def _projections_of_a_run(path: Path) -> object:
+    return ls.load_projections(path, samples.geometry())
+
+
+def _labels_on_grid(path: Path) -> object:
+    return image_files.load_labels(path, samples.volume().grid)
+
+
+def _flat(path: Path) -> object:
+    counts = projection_images.read_counts(flat=path)
+    values = (1e4 * np.exp(-samples.images())).astype(np.uint16)
+    return None if counts is None else line_integrals(values, counts).values
+
+
+def _method(path: Path) -> object:
+    """Whose files are found; it is not run."""
+    (path.parent / "table.json").write_text("{}")
+    (path.parent / "weights.py").write_text("import table\n")
+    return own_code.fingerprint(path)
+
+
+def _stored(path: Path) -> object:
+    """An entry of the store of finished stages."""
+    store = StageCache(path.parent / "store")
+    place = store.path / "one" / "k"
+    place.mkdir(parents=True, exist_ok=True)
+    (place / "a.txt").write_text("a")
+    (place / "entry.json").write_bytes(path.read_bytes())
+    into = path.parent / "into"
+    into.mkdir(exist_ok=True)
+    (into / "a.txt").unlink(missing_ok=True)
+    with RunFolder(path.parent / "fetching", {}, store=store) as folder:
+        return folder.cached("one", "k", lambda: ("a.txt",))
+
+
 def _manifest(path: Path) -> None:
     if not (path.parent / "run").exists():
-        samples.manifest(path.with_name("first.json"))
+        run_samples.manifest(path.with_name("first.json"))
     (path.parent / "run/manifest.json").write_bytes(path.read_bytes())
     with RunFolder(path.parent / "run", {}) as folder:
         folder.done("one", "k")
 
+
+def _scores(path: Path) -> object:
+    """What a study has kept."""
+    return kept.entries(path, "k", lambda: [{"a": 1.0}])
+
+
+CHANNELS = (
+    sensor_samples.channels(),
+    sensor_samples.channels(unsigned=True, scale=0.1),
+    sensor_samples.channels(processor=85),
+    sensor_samples.channels(processor=86, scale=0.1),
+)
 
 MODELS = resources.model_file("lower_body").parent
 
@@ -152,12 +242,16 @@ READERS: dict[str, Reader] = {
         samples.c3d(85, -1.0, model_outputs=("LKneeAngles",)),
         samples.c3d(86, 0.1),
     ),
+    "c3d_analog": Reader(".c3d", c3d_analog.load_analog, CHANNELS, may_hold="nan"),
+    "imu_c3d": Reader(".c3d", _imu_channels, CHANNELS),
     "mot": _of_markers(".mot"),
     "sto": _of_markers(".sto", samples.recording, samples.content(samples.STATES)),
     "angles_csv": _of_markers(".csv", lambda p: ls.save_recording(p, samples.coordinates())),
     "osim": Reader(".osim", osim_file.read, (samples.osim(4), samples.osim(3)), may_hold="inf"),
     "scales": Reader(".xml", osim_scaling.read, (samples.content(samples.SCALES),)),
     "ik_tasks": Reader(".xml", ik_tasks.read, (samples.content(samples.TASKS),)),
+    "osim_leg": Reader(".osim", _osim_leg, (samples.osim(4), samples.osim(3)), may_hold="inf"),
+    "osim_markers": Reader(".xml", _osim_markers, (samples.marker_set,), may_hold="inf"),
     "marker_set": Reader(
         ".toml",
         marker_sets.load,
@@ -182,6 +276,9 @@ READERS: dict[str, Reader] = {
     "volume_nifti": Reader(".nii", ls.load_volume, (samples.saved_volume,)),
     "volume_nii_gz": Reader(".nii.gz", ls.load_volume, (samples.saved_volume,)),
     "volume_nrrd": Reader(".nrrd", ls.load_volume, (samples.saved_volume,)),
+    "volume_mhd": Reader(".mhd", ls.load_volume, (samples.volume_mhd,)),
+    "labels_on_grid": Reader(".mha", _labels_on_grid, (samples.labels_on_grid,)),
+    "ct_slice": Reader(".dcm", _ct, (samples.dicom_slice,)),
     "labels_nifti": Reader(".nii", _labels, (samples.itk_image(samples.labels()),)),
     "labels_mha": Reader(
         ".mha",
@@ -194,6 +291,9 @@ READERS: dict[str, Reader] = {
     ),
     "label_map": Reader(".toml", label_maps.load_label_map, (samples.content(samples.LABEL_MAP),)),
     "projections_mha": _of_projections(".mha", samples.saved_projections),
+    "projections_of_a_run": Reader(".mha", _projections_of_a_run, (samples.saved_projections,)),
+    "flat_field": Reader(".tif", _flat, (samples.flat,)),
+    "views_dicom": Reader(".dcm", _view, (samples.dicom_view(1),)),
     "projections_tiff": _of_projections(
         ".tif", samples.tiff(), samples.tiff(compression="zlib"), samples.tiff(bigtiff=True)
     ),
@@ -205,16 +305,17 @@ READERS: dict[str, Reader] = {
         lambda p: projection_images.read_images(p).values,
         (samples.itk_image((1e4 * samples.images()[0]).astype(np.uint16)),),
     ),
-    "imu": Reader(".csv", imu_files.load_imu, (samples.imu,), may_hold="nan"),
-    "imu_rows": Reader(".csv", imu_files.load_recordings, (samples.imu,)),
-    "xsens": Reader(".txt", imu_files.load_recordings, (samples.xsens,)),
-    "imu_sto": Reader(".sto", imu_files.load_recordings, (samples.imu_storage,)),
-    "imu_table": Reader(".csv", _imu_table, (samples.imu_table,)),
-    "imu_toml": Reader(".toml", _imu_toml, (samples.content(samples.IMU_TOML),)),
+    "imu": Reader(".csv", imu_files.load_imu, (sensor_samples.imu,), may_hold="nan"),
+    "imu_rows": Reader(".csv", imu_files.load_recordings, (sensor_samples.imu,)),
+    "xsens": Reader(".txt", imu_files.load_recordings, (sensor_samples.xsens,)),
+    "imu_sto": Reader(".sto", imu_files.load_recordings, (sensor_samples.imu_storage,)),
+    "imu_table": Reader(".csv", _imu_table, (sensor_samples.imu_table,)),
+    "imu_toml": Reader(".toml", _imu_toml, (samples.content(sensor_samples.IMU_TOML),)),
     "fiducials": Reader(".csv", _fiducials, (samples.content(samples.FIDUCIALS),)),
+    "beads": Reader(".csv", _beads, (samples.content(samples.BEADS),), may_hold="nan"),
     "sensor": Reader(".toml", catalogue.load_sensor, (samples.sensor_toml,)),
     "spectrum": Reader(".csv", spectrum.load, (samples.spectrum,)),
-    "motion": Reader(".npz", motion_files.load_motion, (samples.motion,)),
+    "motion": Reader(".npz", motion_files.load_motion, tuple(samples.motion(k) for k in range(4))),
     "phantom": Reader(".toml", _phantom, (samples.content(samples.PHANTOM),)),
     "stl": _of_meshes(".stl", samples.mesh("stl"), samples.mesh("stl_ascii")),
     "ply": _of_meshes(".ply", samples.mesh("ply")),
@@ -227,12 +328,15 @@ READERS: dict[str, Reader] = {
         samples.vtp("appended", ">", "Q"),
         samples.vtp("raw", compressed=True),
     ),
-    "settings": Reader(".toml", ls.load_settings, (samples.settings,)),
-    "scan_toml": Reader(".toml", _scan, (samples.scan_toml,)),
+    "settings": Reader(".toml", ls.load_settings, (run_samples.settings,)),
+    "scan_toml": Reader(".toml", _scan, (run_samples.scan_toml,)),
     "study_toml": Reader(
         ".toml", lambda p: study_config.load(str(p)), (samples.content(samples.STUDY),)
     ),
-    "toml": Reader(".toml", tree.read, (samples.content(samples.STUDY),), may_hold="naninf"),
-    "results": Reader(".json", results.load, (samples.results,), may_hold="nan"),
-    "manifest": Reader(".json", _manifest, (samples.manifest,)),
+    "toml": Reader(".toml", load_toml, (samples.content(samples.STUDY),), may_hold="naninf"),
+    "results": Reader(".json", results.load, (run_samples.results,), may_hold="nan"),
+    "manifest": Reader(".json", _manifest, (run_samples.manifest,)),
+    "stored": Reader(".json", _stored, (run_samples.stored,)),
+    "scores": Reader(".json", _scores, (run_samples.scores,)),
+    "own_method": Reader(".py", _method, (samples.content(run_samples.METHOD),)),
 }

@@ -9,10 +9,10 @@ import numpy as np
 import tomli_w
 
 import legsim as ls
+from legsim.deformation.models import ControlPointMotion, FieldMotion, Motion
+from legsim.deformation.polyrigid import PolyrigidMotion
 from legsim.geometry import files as geometry_files
 from legsim.geometry import image_files
-from legsim.imu import files as imu_files
-from legsim.imu.signals import ImuSignals
 from legsim.kinematics import from_recording
 from legsim.mocap import files as mocap_files
 
@@ -141,6 +141,13 @@ def osim(version: int) -> Maker:
     return lambda path: path.write_text(write(examples.two_legs(), markers=examples.MARKERS))
 
 
+def marker_set(path: Path) -> None:
+    """OpenSim's markers of :func:`osim` in a file of their own."""
+    from tests.examples import osim as examples
+
+    path.write_text(f"<MarkerSet name='s'><objects>{examples.MARKERS}</objects></MarkerSet>")
+
+
 def saved_geometry(format: str) -> Maker:
     """In one of the formats that legsim writes."""
     return lambda path: geometry_files.save_geometry(path, geometry(), format=format)
@@ -198,6 +205,24 @@ def saved_projections(path: Path) -> None:
     image_files.save_projections(path, ls.Projections(geometry(), images()))
 
 
+def volume_mhd(path: Path) -> None:
+    """A header alone; the numbers are in a file beside it, of one name in every folder."""
+    import SimpleITK as sitk
+
+    sitk.WriteImage(sitk.GetImageFromArray(volume().attenuation), str(path))
+
+
+def labels_on_grid(path: Path) -> None:
+    """Whole numbers on the grid of :func:`volume`."""
+    import SimpleITK as sitk
+
+    grid = volume().grid
+    image = sitk.GetImageFromArray((volume().attenuation > 0).astype(np.uint8))
+    image.SetSpacing([1e3 * s for s in grid.spacing_xyz])
+    image.SetOrigin((1e3 * grid.origin).tolist())
+    sitk.WriteImage(image, str(path))
+
+
 def itk_image(values: np.ndarray, **options: object) -> Maker:
     """An image that ITK writes."""
     import SimpleITK as sitk
@@ -231,6 +256,13 @@ def tiff(**options: object) -> Maker:
     return lambda path: tifffile.imwrite(path, images(), **options)  # type: ignore[arg-type]
 
 
+def flat(path: Path) -> None:
+    """What a detector reads without an object."""
+    import tifffile
+
+    tifffile.imwrite(path, np.random.default_rng(5).integers(50_000, 60_000, (2, 6, 7), np.uint16))
+
+
 def dicom(**elements: object) -> Maker:
     """A multi-frame image."""
 
@@ -243,6 +275,18 @@ def dicom(**elements: object) -> Maker:
     return make
 
 
+def dicom_view(number: int) -> Maker:
+    """A file of its own for one of three views."""
+
+    def make(path: Path) -> None:
+        from tests.geometry.test_dicom import written
+
+        values = np.random.default_rng(number).integers(0, 60000, (1, 6, 7)).astype(np.uint16)
+        written(path, values, InstanceNumber=number + 1, PositionerPrimaryAngle=2.0 * number)
+
+    return make
+
+
 ANGLES = {
     "ImagerPixelSpacing": [0.3, 0.4],
     "PositionerPrimaryAngle": -100.0,
@@ -251,71 +295,17 @@ ANGLES = {
 }
 
 
-def imu(path: Path) -> None:
-    """Two sensors in legsim's own table."""
-    from tests.examples.sensors import still
-
-    one = still(30)
-    rate = np.stack([one.angular_velocity] * 2, 1)
-    force = np.stack([one.specific_force] * 2, 1)
-    imu_files.save_imu(path, ImuSignals(one.times, ("a", "b"), rate, force))
-
-
-def imu_rows(scale: float = 1.0) -> list[list[float]]:
-    """(t, three of acceleration, three of angular velocity) of a sensor at rest."""
-    from tests.examples.sensors import still
-
-    one = still(30)
-    return np.column_stack([one.times, scale * one.specific_force, one.angular_velocity]).tolist()
-
-
-def xsens(path: Path) -> None:
-    """A text export of Xsens."""
-    head = "// Start Time: Unknown\n// Update Rate: 100.0Hz\nPacketCounter,SampleTimeFine,"
-    head += "Acc_X,Acc_Y,Acc_Z,Gyr_X,Gyr_Y,Gyr_Z\n"
-    rows = (
-        f"{(65520 + k) % 65536},,{','.join(map(repr, row[1:]))}" for k, row in enumerate(imu_rows())
-    )
-    path.write_text(head + "\n".join(rows) + "\n")
-
-
-def imu_storage(path: Path) -> None:
-    """OpenSim's vectors, both quantities in one table."""
-    head = "DataRate=100.0\nDataType=Vec3\nversion=3\nendheader\n"
-    head += "time\ttibia|linear_acceleration\ttibia|angular_velocity\n"
-    rows = (
-        f"{t!r}\t{','.join(map(repr, f))}\t{','.join(map(repr, w))}"
-        for t, f, w in ((row[0], row[1:4], row[4:]) for row in imu_rows())
-    )
-    path.write_text(head + "\n".join(rows) + "\n")
-
-
-def imu_table(path: Path) -> None:
-    """A logger's table with a counter."""
-    lines = ["some logger 1.0", "", "n;ax;ay;az;gx;gy;gz"]
-    lines += [";".join(map(str, [250 + k, *row[1:]])) for k, row in enumerate(imu_rows())]
-    path.write_text("\n".join(lines) + "\n")
-
-
-IMU_TOML = """file = "table.csv"
-rate_hz = 100.0
-counter = "n"
-clock_offset_s = 0.5
-[[sensors]]
-name = "shank"
-segment = "tibia_l"
-acceleration = ["ax", "ay", "az"]
-angular_velocity = ["gx", "gy", "gz"]
-acceleration_bias_mg = [1.0, 2.0, 3.0]
-[sensors.start]
-position_mm = [0.0, 1.0, 2.0]
-rotation_deg = [0.0, 90.0, 0.0]
-"""
-
 FIDUCIALS = "view,point,u,v\n" + "".join(
     f"{k},{name},{10 + k}.5,{20 + j}\n"
     for k in range(2)
     for j, name in enumerate(("origin", "x", "y", "z"))
+)
+
+BEADS = "view,bead,u,v\n" + "".join(
+    f"{k},{bead},{2 + bead}.5,{1 + k}\n"
+    for k in range(5)
+    for bead in range(2)
+    if (k, bead) != (2, 1)
 )
 
 
@@ -373,68 +363,41 @@ conventions = ["per-sample"]
 """
 
 
-def settings(path: Path) -> None:
-    """Every setting of a run."""
-    from legsim import config
-
-    path.write_text(config.dump(config.RunConfig()), "utf-8")
-
-
-def scan_toml(path: Path) -> None:
-    """A measured scan and the files that it names."""
-    from tests.examples import measured
-
-    path.write_text(measured.write(path.parent / "scan").read_text())
-
-
-def results(path: Path) -> None:
-    """A study's results as they are written."""
-    from legsim.study import results as study_results
-
-    made = study_results.StudyResults(
-        "a",
-        "A",
-        (),
-        (),
-        (("version", "1"),),
-        ("one failed",),
-        (study_results.StageCost("motion", 1, 2.0, None),),
+def motions() -> tuple[Motion, ...]:
+    """One of every kind, of four views."""
+    times, rng = np.arange(4) / 31, np.random.default_rng(4)
+    still = np.tile(np.eye(4), (4, 1, 1))
+    points = rng.normal(size=(5, 3)) / 10
+    grid = ls.VolumeGrid.cubic(3, 0.1, [0.0, 0.0, 0.0])
+    moved = points + rng.normal(size=(4, 5, 3)) / 1e3
+    moved[0] = points
+    nodes = rng.normal(size=(4, 3, 3, 3, 3)) / 1e3
+    nodes[0] = 0
+    shares = np.full((2, 3, 3, 3), 0.5, np.float32)
+    return (
+        ls.RigidMotion(times, still),
+        ControlPointMotion(times, points, moved),
+        FieldMotion(times, grid, nodes.astype(np.float32)),
+        PolyrigidMotion(times, np.tile(np.eye(4), (4, 2, 1, 1)), grid, shares),
     )
-    study_results.save(path, made)
-    tree = json.loads(path.read_text())
-    tree["ladder"] = [
-        {
-            "subject": "s",
-            "posture": "p",
-            "repetition": 0,
-            "translation_mm": 1.0,
-            "rotation_deg": 2.0,
-            "noise": {"convention": "SI", "f_a": 1.0, "f_g": None},
-        }
-    ]
-    path.write_text(json.dumps(tree))
 
 
-def manifest(path: Path) -> None:
-    """A run folder's manifest."""
-    from legsim.run.folder import RunFolder
-
-    with RunFolder(path.parent / "run", {}) as folder:
-
-        def write() -> tuple[str]:
-            (folder.path / "a.txt").write_text("a")
-            return ("a.txt",)
-
-        folder.cached("one", "k", write)
-    path.write_bytes((path.parent / "run/manifest.json").read_bytes())
-
-
-def motion(path: Path) -> None:
-    """A rigid motion of four views."""
+def motion(number: int) -> Maker:
+    """Of one of :func:`motions`."""
     from legsim.deformation import files as motion_files
 
-    matrices = np.tile(np.eye(4), (4, 1, 1))
-    motion_files.save_motion(path, ls.RigidMotion(np.arange(4) / 31, matrices))
+    return lambda path: motion_files.save_motion(path, motions()[number])
+
+
+def dicom_slice(path: Path) -> None:
+    """The second of four slices of a CT series; the others are beside it in the folder ct."""
+    from legsim.geometry import ct_series
+
+    folder = path.parent / "ct"
+    grid = ls.VolumeGrid((5, 4, 6), (7e-4, 9e-4, 1.1e-3), (0.1, 0.45, -0.083))
+    drawn = np.random.default_rng(6).uniform(0, 60, grid.shape_zyx).astype(np.float32)
+    slices = ct_series.save(folder, ls.Volume(grid, drawn), water=20.6)
+    slices[1].rename(path)
 
 
 def sensor_toml(path: Path) -> None:

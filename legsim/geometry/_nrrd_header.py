@@ -1,0 +1,40 @@
+"""A look at an NRRD's header before ITK reads it.
+
+NRRD's library copies a line that it cannot understand into a message of a fixed length, and writes
+beyond that: the process ends. Comments, pairs of key and value and the field `content` may be long.
+"""
+
+from pathlib import Path
+
+from legsim.core.errors import file_error
+
+_LONGEST = 800
+"""bytes of a field's line; from 1000 on the message overflows, and no field needs that many"""
+
+
+def check(path: Path) -> None:
+    """Refuses an NRRD with a line that would end the process; other files are passed over.
+
+    Raises:
+        LegsimError: a field's line is too long to be one.
+    """
+    with path.open("rb") as stream:
+        if stream.read(4) != b"NRRD":
+            return
+        for number, line in enumerate(stream, 1):
+            if not line.strip():
+                return
+            if len(line) > _LONGEST and not _may_be_long(line):
+                raise file_error(
+                    path,
+                    f"its header has a line of {len(line)} bytes, which is no field",
+                    "write the file again",
+                    place=f"line {number}",
+                )
+
+
+def _may_be_long(line: bytes) -> bool:
+    """Whether it is a comment, a pair of key and value, or free text."""
+    key, separator, _ = line.partition(b":=")
+    pair = bool(separator) and b": " not in key
+    return pair or line.startswith(b"#") or line.lower().startswith(b"content: ")
