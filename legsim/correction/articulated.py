@@ -11,12 +11,13 @@ import numpy as np
 
 from legsim.core import transforms
 from legsim.core.errors import LegsimError
+from legsim.core.values import FloatArray
 from legsim.correction.bone_regions import FEMUR, NEAR_AXES, PATELLA, TIBIA, find_bones
 from legsim.correction.control_points import AttachedPoint
 from legsim.correction.limb_motion import Limb, articulated_motion
 from legsim.correction.method import Correction, Scan
 from legsim.correction.rigid import sensor_path
-from legsim.deformation.models import FieldMotion
+from legsim.deformation.models import FieldMotion, RigidMotion
 from legsim.geometry.cone_beam import Projections
 from legsim.geometry.volume import Volume, VolumeGrid
 from legsim.imu.strapdown import Scheme
@@ -25,6 +26,9 @@ from legsim.reconstruction.fdk import FdkOptions, fdk
 
 _SEEN_AT = 2e-3
 """m between the voxels in which bones are looked for"""
+
+_SAME_TIME = 1e-6
+"""s"""
 
 _EDGE, _NODE = 0.26, 8e-3
 """m, size of the cube and distance of its nodes where none are given"""
@@ -46,10 +50,17 @@ class Articulated:
     scheme: Scheme = "accurate"
     device: Device | None = None
     """None opens the fastest"""
+    kneecap: str | RigidMotion | None = None
+    """what the scanned leg's patella follows: a sensor on it, by name, or its motion at the views,
+    however it was found (registered to a CT, say); None: the knee's flexion, as published"""
 
     def __call__(self, scan: Scan, /) -> Correction:
         nodes = self.nodes or around_center(scan.projections)
         limbs = limbs_of(scan, self.scheme)
+        if self.kneecap is not None:
+            at = scan.joints.index(scanned_leg(scan))
+            led = replace(limbs[at], kneecap=_kneecap(scan, self.kneecap, self.scheme))
+            limbs = (*limbs[:at], led, *limbs[at + 1 :])
         motion, notes = follow_limbs(scan.projections, limbs, nodes, self.device)
         return Correction("articulated", scan.projections, motion, notes=notes)
 
@@ -103,6 +114,22 @@ def limbs_of(scan: Scan, scheme: Scheme = "accurate") -> tuple[Limb, ...]:
     return tuple(limbs)
 
 
+def _kneecap(scan: Scan, source: str | RigidMotion, scheme: Scheme) -> FloatArray:
+    """Poses (v, 4, 4) in world of something that is fixed to the patella.
+
+    Raises:
+        LegsimError: an unknown sensor, or a motion at other times than the views.
+    """
+    if isinstance(source, str):
+        return sensor_path(scan, source, scheme)
+    if len(source.times) != len(scan.times) or np.abs(source.times - scan.times).max() > _SAME_TIME:
+        raise LegsimError(
+            f"the patella's motion has {len(source.times)} times from {source.times[0]:g} s, the "
+            f"scan {len(scan.times)} views from {scan.times[0]:g} s; give it at the views' times"
+        )
+    return source.moved_from_reference
+
+
 def scanned_leg(scan: Scan) -> tuple[AttachedPoint, ...]:
     """The leg, of those whose joints are on sensors, whose knee starts nearest to the center."""
     center = scan.projections.geometry.rotation_center()
@@ -144,7 +171,8 @@ def _with_bones(limb: Limb, volume: Volume) -> tuple[Limb, str]:
     except LegsimError as error:
         return limb, (
             f"{error}; every point takes shares of the motions of thigh and shank by its distance "
-            "from their axes, so that bone near the knee is not rigid."
+            "from their axes, so that bone near the knee is not rigid"
+            f"{'' if limb.kneecap is None else ', and the motion of the patella is not used'}."
         )
     sizes = {
         name: 1e6 * bones.volume(label)
@@ -154,6 +182,7 @@ def _with_bones(limb: Limb, volume: Volume) -> tuple[Limb, str]:
     without = (
         ""
         if sizes["patella"] > 0
-        else " No patella was told apart: it moves with what it touches there."
+        else " No patella was told apart: it moves with what it touches there"
+        + ("." if limb.kneecap is None else ", and its own motion is not used.")
     )
     return replace(limb, bones=bones), f"a first reconstruction shows {seen}.{without}"

@@ -30,7 +30,7 @@ from legsim.correction.bone_regions import (
     soft_tissue,
 )
 from legsim.correction.bone_registration import BonePoses, BonePriors
-from legsim.correction.fused import DISCERNED, SensorPriors, sensor_state
+from legsim.correction.fused import SensorPriors, discerned, sensor_state
 from legsim.correction.leg_axes import find_axes
 from legsim.correction.limb_motion import Limb, articulated_motion
 from legsim.correction.method import Correction, Scan
@@ -109,7 +109,7 @@ class Bones2D3D:
             f"{said}; the images see {moved_px:.2g} px RMS of what this changes, and should see "
             f"{floor_px:.2g} px of the method's own error"
         )
-        if moved_px > DISCERNED * floor_px:
+        if discerned(moved_px, floor_px):
             return self._followed(scan, found, (*notes, f"{judged}. {_DOUBT}"), device)
         kept = "that of the sensors is kept" if started else "the scan is left as it is"
         notes = (*notes, f"{judged}: the data do not determine a motion, and {kept}.")
@@ -138,7 +138,7 @@ def _by_sensors(scan: Scan, priors: SensorPriors) -> tuple[Limb | None, tuple[st
     for name in (hip.sensor, knee.sensor):
         path = smooth(sensor_state(scan, name, priors, clock=0.0), standing=prior)
         motion_px, error_px = path.seen_motion(geometry, prior.points)
-        if not path.settled or motion_px <= DISCERNED * error_px:
+        if not path.settled or not discerned(motion_px, error_px):
             return None, (
                 f"bones-2d3d: sensor {name} sees {motion_px:.2g} px RMS of motion with an error of "
                 f"{error_px:.2g} px, which does not determine it; bones start at rest.",

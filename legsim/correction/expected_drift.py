@@ -5,23 +5,53 @@ hair's breadth or meters is known before the scan: the errors of
 :mod:`legsim.correction.error_state`, each one standard deviation, propagated to first order.
 """
 
+from dataclasses import replace
+
 import numpy as np
 
+from legsim.core.constants import STANDARD_GRAVITY
+from legsim.core.values import FloatArray
+from legsim.correction.error_state import ErrorState
 from legsim.correction.fused import SensorPriors, sensor_state
 from legsim.correction.method import Scan
+
+_TILTS, _LASTING = [0, 2], slice(9, 21)
+"""numbers of an ErrorState: tilts of the start; bias, scale and cross-talk of the accelerometer"""
 
 
 def expected_drift(scan: Scan, sensor: str, priors: SensorPriors) -> float:
     """Standard deviation (m) of where the sensor alone carries the knee, RMS over the views.
 
+    A start that was leveled at rest is tilted by what its accelerometer reads wrongly, and the two
+    nearly cancel. The noise of the rest's mean is left out: it is small beside the scan's.
+
     Raises:
         LegsimError: an unknown sensor, fewer than three views, or a recording that does not cover
             them.
     """
+    leveled = scan.signals.rest_force is not None
+    if leveled:
+        # per radian, for what the accelerometer's errors make of it
+        priors = replace(priors, start=replace(priors.start, tilt=1.0))
     state = sensor_state(scan, sensor, priors, clock=0.0)
     knee = scan.projections.geometry.rotation_center()[None]
     by = state.path(np.zeros(state.size)).of_points(knee)
+    if leveled:
+        by[..., _LASTING] += by[..., _TILTS] @ _tilts(state)
+        by[..., _TILTS] = 0.0
     return float(np.sqrt((by**2).sum((1, 2, 3)).mean()))
+
+
+def _tilts(state: ErrorState) -> FloatArray:
+    """Tilts (2, 12) in rad, about x and z, of a leveled start by its accelerometer's errors.
+
+    Leveling turns what is read at rest upwards, errors and all: the true pose is turned back.
+    """
+    at_rest = state.force_errors[np.searchsorted(state.times, state.views[0])][
+        :, : _LASTING.stop - _LASTING.start
+    ]
+    aside = state.start.world_from_sensor[:3, :3] @ at_rest / STANDARD_GRAVITY
+    return np.stack([aside[2], -aside[0]])
 
 
 def drift_warning(method: str, scan: Scan, sensor: str, priors: SensorPriors) -> str:

@@ -41,6 +41,11 @@ _FAR = 10.0
 """times its stated error that a shadow may be from the path before it is doubted"""
 
 
+def discerned(seen_px: float, error_px: float) -> bool:
+    """Whether following a motion that is seen by so much leaves less than leaving it."""
+    return seen_px > DISCERNED * error_px
+
+
 @dataclass(frozen=True, slots=True)
 class SensorPriors:
     """What is known of a sensor and its wearer before the scan."""
@@ -236,7 +241,7 @@ def _corrected(name: str, scan: Scan, found: SmoothedPath, notes: tuple[str, ...
         f"{name}: the images see {motion_px:.2g} px RMS of the motion that was found at the knee, "
         f"and should see {error_px:.2g} px of its errors"
     )
-    if found.settled and motion_px > DISCERNED * error_px:
+    if found.settled and discerned(motion_px, error_px):
         return Correction(name, scan.projections, found.motion, notes=(*notes, f"{said}."))
     why = "its estimate did not settle" if not found.settled else "the data do not determine it"
     left = f"{said}: {why}, and the scan is left as it is."

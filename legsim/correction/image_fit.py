@@ -9,7 +9,7 @@ number of errors costs two back-projections of a box. ``pull`` is what the crite
 motion by that is right (calibrated by :mod:`legsim.correction.reprojection`).
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
@@ -38,6 +38,25 @@ _SPARSE = 4
 
 _ARM = 0.05
 """m from its middle at which a leg's turns count as its shifts do"""
+
+_SEEN_FINE = 1.6e-5
+"""m, the same where the criterion's curvature is measured"""
+
+_DIFFERENCE = 1.5
+"""steps of the expected curvature, of the differences that measure it: rougher below"""
+
+_FLATTEST = 0.05
+"""of the median curvature that a way has at least"""
+
+_SHARES = (1.0, 0.4, 0.16)
+"""of a step, until one lowers the cost"""
+
+_GAINED = 0.5
+"""of the cost that a step must gain for another one: less than a standard deviation squared"""
+
+_TRUST = 10.0
+"""times its weight that a motion found by measured curvature has against the priors on the way back
+to the model's paths"""
 
 _ROUNDS, _STILL = 10, 1e-3
 """steps back onto a model's own paths at most, and standard deviations of the last one"""
@@ -297,34 +316,94 @@ def similarity_part(
     return generators @ np.swapaxes(transforms.inverse(motion), -1, -2)
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _Descent:
+    """The cost near some errors, by the few ways to be wrong that images see."""
+
+    problem: ImageProblem
+    errors: FloatArray
+    """(n,)"""
+    ways: FloatArray
+    """(n, k), in steps that the expected curvature makes alike"""
+    near: _Tangent
+
+    @classmethod
+    def at(cls, problem: ImageProblem, errors: FloatArray, least: float) -> "_Descent | None":
+        """Ways that images see by ``least`` (m) in one standard deviation; None: there is none.
+
+        The others stay as the priors have them, and so do not follow the criterion's own errors.
+        """
+        known, seen = problem.known_and_seen(errors)
+        squares, ways = eigh(seen, known)
+        kept = squares > least**2
+        if not kept.any():
+            return None
+        ways = ways[:, kept] / np.sqrt(1 + problem.weight * _CURVATURE * squares[kept])
+        path = problem.model.path(errors)
+        near = _Tangent(path, np.einsum("vcn,nk->vck", path.twists, ways))
+        return cls(problem, errors, ways, near)
+
+    def cost(self, z: FloatArray) -> tuple[float, FloatArray]:
+        """Cost at numbers (k,) along the ways, and its derivatives (k,)."""
+        value, slopes, _ = self.problem.of_path(self.near.at(z))
+        there = self.errors + self.ways @ z
+        return value + 0.5 * float((there**2).sum()), slopes + self.ways.T @ there
+
+    def curvature(self, slopes: FloatArray) -> FloatArray:
+        """Second derivatives (k, k) from slopes a step downhill along each way."""
+        found = np.empty((len(slopes), len(slopes)))
+        for way, slope in enumerate(slopes):
+            z = np.zeros(len(slopes))
+            z[way] = -np.copysign(_DIFFERENCE, slope)
+            found[way] = (self.cost(z)[1] - slopes) / z[way]
+        return 0.5 * (found + found.T)
+
+    def end(self, z: FloatArray, evaluations: int, trust: float = 1.0) -> ImageFit:
+        """The model's own path nearest to the tangent's."""
+        guess, problem = self.errors + self.ways @ z, self.problem
+        stiff = replace(problem, weight=trust * problem.weight)
+        best = stiff.retracted(guess, self.near.at(z).motion())
+        return ImageFit(best, problem.cost(best)[2], evaluations)
+
+
 def fitted(problem: ImageProblem, errors: FloatArray, iterations: int) -> ImageFit:
-    """Descends from ``errors`` along what images may see of them.
-
-    Of all ways to be wrong by one standard deviation those are kept that images would see by a
-    fraction of a pixel: a dozen or two. The others stay as the priors have them, and so do not
-    follow the criterion's own errors. Steps are those that the expected curvature makes alike.
-    """
-    known, seen = problem.known_and_seen(errors)
-    squares, ways = eigh(seen, known)
-    kept = squares > _SEEN**2
-    if not kept.any():
+    """Descends from ``errors`` along what images may see of them, by L-BFGS."""
+    descent = _Descent.at(problem, errors, _SEEN)
+    if descent is None:
         return ImageFit(errors, problem.cost(errors)[2], 1)
-    ways = ways[:, kept] / np.sqrt(1 + problem.weight * _CURVATURE * squares[kept])
-    path = problem.model.path(errors)
-    near = _Tangent(path, np.einsum("vcn,nk->vck", path.twists, ways))
-
-    def cost(z: FloatArray) -> tuple[float, FloatArray]:
-        value, slopes, _ = problem.of_path(near.at(z))
-        there = errors + np.einsum("nk,k->n", ways, z)
-        return value + 0.5 * float((there**2).sum()), slopes + np.einsum("nk,n->k", ways, there)
-
     found = minimize(
-        cost,
-        np.zeros(int(kept.sum())),
+        descent.cost,
+        np.zeros(descent.ways.shape[1]),
         jac=True,
         method="L-BFGS-B",
         options={"maxiter": iterations, "maxcor": _MEMORY, "ftol": _SETTLED, "gtol": 1e-2},
     )
-    guess = errors + np.einsum("nk,k->n", ways, found.x)
-    best = problem.retracted(guess, near.at(found.x).motion())
-    return ImageFit(best, problem.cost(best)[2], int(found.nfev))
+    return descent.end(found.x, int(found.nfev))
+
+
+def sharpened(problem: ImageProblem, errors: FloatArray, steps: int) -> ImageFit:
+    """Descends by Newton's steps, for errors that are small already.
+
+    The criterion's curvature along each way differs tenfold from the expected one, and L-BFGS stops
+    far above the least cost. Here it is measured, at the price of an evaluation for each way, and
+    smaller errors are sought. Directions that curve downwards count as if they curved upwards.
+    """
+    descent = _Descent.at(problem, errors, _SEEN_FINE)
+    if descent is None:
+        return ImageFit(errors, problem.cost(errors)[2], 1)
+    z = np.zeros(descent.ways.shape[1])
+    value, slopes = descent.cost(z)
+    sizes, axes = np.linalg.eigh(descent.curvature(slopes))
+    sizes = np.maximum(np.abs(sizes), _FLATTEST * float(np.median(np.abs(sizes))))
+    evaluations = 1 + len(z)
+    for _ in range(steps):
+        step, before = -axes @ ((axes.T @ slopes) / sizes), value
+        for share in _SHARES:
+            tried, there = descent.cost(z + share * step)
+            evaluations += 1
+            if tried < value:
+                z, value, slopes = z + share * step, tried, there
+                break
+        if before - value < _GAINED:
+            break
+    return descent.end(z, evaluations, _TRUST)

@@ -16,8 +16,9 @@ from scipy.linalg import cho_factor, cho_solve
 from legsim.core.errors import LegsimError
 from legsim.core.values import FloatArray
 from legsim.correction import image_criterion, reprojection
+from legsim.correction.fused import discerned
 from legsim.correction.image_criterion import COARSE, FINE, FocusScale
-from legsim.correction.image_fit import ImageProblem, PathModel, fitted, similarity_part
+from legsim.correction.image_fit import ImageProblem, PathModel, fitted, sharpened, similarity_part
 from legsim.correction.method import Correction, Scan
 from legsim.correction.smoother import SmoothedPath, StandingPrior
 from legsim.deformation.models import RigidMotion
@@ -25,12 +26,12 @@ from legsim.geometry.cone_beam import Projections
 from legsim.opencl.device import Device
 from legsim.reconstruction.field_of_view import pixel_at_isocenter
 
-_DISCERNED = float(np.sqrt(2))
-"""times its error that a motion must be seen by to be followed (docs/methods.md)"""
-
-
 _FLOOR_PX = 0.25
 """pixels of the criterion's own error: that of the trials, whose pixels were 0.8 mm"""
+
+
+_SURE = 20_000.0
+"""weight of a nat near the end, where the optimum is found: priors alone hold back the rest"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,9 +40,13 @@ class FocusRound:
 
     scale: FocusScale
     steps: int
-    """of L-BFGS"""
+    """of L-BFGS, or at most of Newton"""
     calibrated: bool = False
     """whether a reprojection says what the criterion pulls by"""
+    newton: bool = False
+    """whether the criterion's curvature is measured"""
+    weight: float = 4000.0
+    """of a nat of entropy against the priors' standard deviations"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,10 +55,9 @@ class FocusPlan:
 
     rounds: tuple[FocusRound, ...] = (
         *(FocusRound(COARSE, 12), FocusRound(COARSE, 12)),
-        *(FocusRound(FINE, 15), FocusRound(FINE, 12, calibrated=True)),
+        *(FocusRound(FINE, 15), FocusRound(FINE, 5, newton=True, weight=_SURE)),
+        FocusRound(FINE, 5, calibrated=True, newton=True, weight=_SURE),
     )
-    weight: float = 4000.0
-    """of a nat of entropy against the priors' standard deviations"""
     floor: float = 0.2e-3
     """m at the isocenter: the criterion's own error, as in trials (docs/methods.md); a quarter of a
     pixel where pixels are larger than theirs
@@ -84,9 +88,7 @@ def followed(
     images = image_criterion.binned(scan.projections)
     problem = None
     for step in plan.rounds:
-        errors, problem = _descended(
-            errors, problem, step, plan, model, standing, images, device, below
-        )
+        errors, problem = _descended(errors, problem, step, model, standing, images, device, below)
     assert problem is not None
     return _judged(name, scan, plan, errors, problem)
 
@@ -95,7 +97,6 @@ def _descended(
     errors: FloatArray,
     last: ImageProblem | None,
     step: FocusRound,
-    plan: FocusPlan,
     model: PathModel,
     standing: StandingPrior,
     images: Projections,
@@ -113,8 +114,9 @@ def _descended(
     # what is left must not prefer one of the scenes that look the same
     rest = focus(motion)[1] - pull
     pull = pull + similarity_part(rest, motion, images.geometry, focus.middle)
-    problem = ImageProblem(model, focus, standing, images.geometry, plan.weight, pull)
-    return fitted(problem, errors, step.steps).errors, problem
+    problem = ImageProblem(model, focus, standing, images.geometry, step.weight, pull)
+    descend = sharpened if step.newton else fitted
+    return descend(problem, errors, step.steps).errors, problem
 
 
 def _judged(
@@ -136,7 +138,7 @@ def _judged(
         f"motion that was found; the images see {motion_px:.2g} px RMS of it, and should see "
         f"{error_px:.2g} px of its errors"
     )
-    if motion_px > _DISCERNED * error_px and after < before:
+    if discerned(motion_px, error_px) and after < before:
         return Correction(name, scan.projections, found.motion, notes=(f"{said}.",))
     left = f"{said}: the data do not determine it, and the scan is left as it is."
     return Correction(name, scan.projections, RigidMotion.identity(scan.times), notes=(left,))

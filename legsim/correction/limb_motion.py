@@ -1,7 +1,8 @@
 """How a leg moves whose thigh and shank are known: three rigid bones and the tissue between them.
 
-Femur and tibia move as two estimates say, whichever they are. The patella follows the knee's
-flexion by the relation that Rajagopal et al. 2016 published. Tissue takes shares of the bodies'
+Femur and tibia move as two estimates say, whichever they are. So does the patella where it has an
+estimate of its own; else it follows the knee's flexion by the relation that Rajagopal et al. 2016
+published. Tissue takes shares of the bodies'
 motions that fall with the distance from the thigh's axis, the shank's axis and the patella; where
 bones were seen, what lies at a bone moves with it.
 """
@@ -54,12 +55,16 @@ class Limb:
     """(v, 4, 4) poses in world of anything that is fixed to the tibia"""
     bones: BoneRegions | None = None
     """where its bones were seen at the first time; None where they were not"""
+    kneecap: FloatArray | None = None
+    """(v, 4, 4) poses in world of anything fixed to the patella; None: it follows the bend"""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "joints", frozen("Limb.joints", self.joints, (3, 3)))
         object.__setattr__(self, "thigh", frozen("Limb.thigh", self.thigh, (None, 4, 4)))
         shape = (len(self.thigh), 4, 4)
         object.__setattr__(self, "shank", frozen("Limb.shank", self.shank, shape))
+        if self.kneecap is not None:
+            object.__setattr__(self, "kneecap", frozen("Limb.kneecap", self.kneecap, shape))
         thigh, shank = np.linalg.norm(np.diff(self.joints, axis=0), axis=-1)
         if not min(thigh, shank) > _SHORTEST:
             raise LegsimError(
@@ -77,6 +82,9 @@ class Limb:
         thigh, shank = (poses @ transforms.inverse(poses[0]) for poses in (self.thigh, self.shank))
         if self.patella is None:
             return np.stack([thigh, shank], 1)
+        if self.kneecap is not None:
+            own = self.kneecap @ transforms.inverse(self.kneecap[0])
+            return np.stack([thigh, shank, own], 1)
         follows = patella_motion(thigh, shank, self.joints, self.patella)
         return np.stack([thigh, shank, follows], 1)
 

@@ -107,14 +107,19 @@ def errors_of(settings: NoiseConfig) -> SensorErrors | None:
 def prior_errors(settings: ImuConfig, *, view_rate_hz: float) -> SensorErrors:
     """What methods may know of the sensors' errors: the data sheet's.
 
-    After a rest the gyroscope's bias is known to what white noise leaves of the mean. What six
-    positions say of the accelerometer is not taken off.
+    After a rest the gyroscope's bias is known to what white noise leaves of the mean, and after six
+    positions so is the accelerometer's, with its scale and axes.
     """
     errors = errors_of(settings.noise)
     if errors is not None and settings.noise.calibration != "none":
-        turn = errors.gyroscope.without(["turn-on-bias", "g-sensitivity", "temperature"])
-        left = turn.noise_density / float(np.sqrt(2 * settings.noise.rest_s))
-        return replace(errors, gyroscope=replace(turn, turn_on_bias=left))
+        found = {"gyroscope": ["turn-on-bias", "g-sensitivity", "temperature"]}
+        if settings.noise.calibration == "six-positions":
+            found["accelerometer"] = ["turn-on-bias", "scale", "misalignment", "temperature"]
+        for triad, terms in found.items():
+            rest = getattr(errors, triad).without(terms)
+            left = rest.noise_density / float(np.sqrt(2 * settings.noise.rest_s))
+            errors = replace(errors, **{triad: replace(rest, turn_on_bias=left)})
+        return errors
     if errors is not None:
         return errors
     noise = noise_of(settings.noise, imu_rate_hz=settings.rate_hz, view_rate_hz=view_rate_hz)

@@ -1,5 +1,6 @@
 """A scanned knee of simple solids whose bones move each by itself."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -182,3 +183,29 @@ def test_bones_are_looked_for_around_the_legs_alone():
     np.testing.assert_allclose(offset, np.round(offset), atol=1e-9)
     beside = replace(moving(), joints=knee.JOINTS + np.array([5.0, 0, 0]))
     assert articulated._around_legs(fine, [beside]) == fine
+
+
+def test_a_source_of_the_patella_reaches_the_scanned_leg(monkeypatch: pytest.MonkeyPatch):
+    """A sensor by its name, and a motion as it is."""
+    seen: list[Limb] = []
+
+    def kept(_: Projections, limbs: Sequence[Limb], *__: object) -> tuple[None, tuple[str, ...]]:
+        seen.extend(limbs)
+        return None, ()
+
+    monkeypatch.setattr(articulated, "follow_limbs", kept)
+    motion = true_motions()["patella"]
+    at_rest = resting()
+    for source in (None, at_rest.joints[0][2].sensor, motion):
+        Articulated(NODES, kneecap=source)(at_rest)
+    assert seen[0].kneecap is None
+    np.testing.assert_array_equal(seen[1].kneecap, seen[1].shank)
+    np.testing.assert_array_equal(seen[2].kneecap, motion.moved_from_reference)
+
+
+def test_a_patella_of_other_times_or_an_unknown_sensor_is_refused():
+    late = RigidMotion.identity(VIEWS + 1.0)
+    with pytest.raises(LegsimError, match="give it at the views' times"):
+        Articulated(NODES, kneecap=late)(resting())
+    with pytest.raises(LegsimError, match="unknown sensor 'nobody'"):
+        Articulated(NODES, kneecap="nobody")(resting())

@@ -7,8 +7,10 @@ import pytest
 
 from legsim.core import transforms
 from legsim.core.errors import LegsimError
+from legsim.correction import bones_2d3d
 from legsim.correction.bones_2d3d import Bones2D3D
 from legsim.correction.fused import SensorPriors
+from legsim.correction.limb_motion import Limb
 from legsim.correction.method import Scan
 from legsim.correction.rough_start import EXACT
 from legsim.deformation.models import FieldMotion, Motion, RigidMotion
@@ -93,3 +95,18 @@ def test_without_bones_the_motion_of_exact_sensors_is_kept(device: Device):
 def test_no_round_is_refused(device: Device):
     with pytest.raises(LegsimError, match="given 0 rounds; give at least 1"):
         Bones2D3D(rounds=0, device=device)(replace(bent.resting(), joints=()))
+
+
+@pytest.mark.parametrize(("moved_px", "is_followed"), [(1.4, False), (1.43, True)])
+def test_only_what_is_seen_beyond_the_own_error_is_followed(
+    device: Device, monkeypatch: pytest.MonkeyPatch, moved_px: float, is_followed: bool
+):
+    """Root two times an error of a pixel, whatever the rounds found."""
+    still = np.broadcast_to(np.eye(4), (len(VIEWS), 4, 4))
+    limb = Limb(np.array([[0, 0.4, 0], [0, 0, 0], [0, -0.4, 0]]), still, still)
+    monkeypatch.setattr(bones_2d3d, "_registered", lambda *_: (limb, limb, "rounds"))
+    monkeypatch.setattr(bones_2d3d, "_seen_change", lambda *_: (moved_px, 1.0))
+    air = Projections(bent.geometry()[::2], np.zeros((len(VIEWS), 96, 124), np.float32))
+    found = Bones2D3D(bent.NODES, device=device)(Scan(air, NOTHING, ()))
+    assert isinstance(found.motion, FieldMotion if is_followed else RigidMotion)
+    assert any("do not determine a motion" in note for note in found.notes) is not is_followed

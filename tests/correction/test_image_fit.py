@@ -9,7 +9,14 @@ import pytest
 
 from legsim.core import transforms
 from legsim.correction.image_criterion import Focus
-from legsim.correction.image_fit import ImageProblem, SplinePath, by_errors, fitted, similarity_part
+from legsim.correction.image_fit import (
+    ImageProblem,
+    SplinePath,
+    by_errors,
+    fitted,
+    sharpened,
+    similarity_part,
+)
 from legsim.correction.smoother import SmoothedPath, StandingPrior
 from legsim.reconstruction.field_of_view import pixel_at_isocenter
 from tests.examples.knee_scan import GEOMETRY, KNEE, VIEWS
@@ -60,8 +67,13 @@ def test_the_chain_rule_holds_for_any_function_of_the_motion(rng: np.random.Gene
         assert found[k] == pytest.approx(slope, abs=1e-6 * np.abs(found).max())
 
 
-def nearness(true: np.ndarray) -> Callable[[np.ndarray], tuple[float, np.ndarray]]:
-    """A sharpness of known minimum: 0.13 / 2 nats per mm^2 of what images see."""
+def nearness(
+    true: np.ndarray, sizes: tuple[float, float] = (1.0, 1.0)
+) -> Callable[[np.ndarray], tuple[float, np.ndarray]]:
+    """A sharpness of known minimum: 0.13 / 2 nats per mm^2 of what images see.
+
+    ``sizes`` weight columns and rows.
+    """
     points = STANDING.points
     target = GEOMETRY.project(transforms.apply(true, points))[0]
     pixel, matrices = 1.604e-3, GEOMETRY.matrices
@@ -70,13 +82,14 @@ def nearness(true: np.ndarray) -> Callable[[np.ndarray], tuple[float, np.ndarray
         moved = transforms.apply(motion, points)
         pixels, depths = GEOMETRY.project(moved)
         off = pixel * (pixels - target)
+        pulled = np.array(sizes) * off
         rows = matrices[:, None, :2, :3] - pixels[..., None] * matrices[:, None, 2:, :3]
-        by_point = pixel * np.einsum("vpk,vpki->vpi", off, rows / depths[..., None, None])
+        by_point = pixel * np.einsum("vpk,vpki->vpi", pulled, rows / depths[..., None, None])
         scale = 0.13e6 / depths.size
         by_motion = np.zeros((len(motion), 4, 4))
         ends = np.concatenate([points, np.ones((len(points), 1))], -1)
         by_motion[:, :3] = scale * np.einsum("vpi,pj->vij", by_point, ends)
-        return 0.5 * scale * float((off**2).sum()), by_motion
+        return 0.5 * scale * float((pulled * off).sum()), by_motion
 
     return sharpness
 
@@ -135,6 +148,34 @@ def test_a_motion_is_found_again_to_what_priors_leave(rng: np.random.Generator) 
     )
     assert np.abs(off).max() < 0.05 * np.abs(before).max()
     assert found.value < 0.01 * problem(true).cost(np.zeros(SPLINES.size))[2]
+
+
+def test_steps_of_measured_curvature_find_a_motion_that_few_of_descent_do_not(
+    rng: np.random.Generator,
+) -> None:
+    """Where one direction of the detector curves thirty times as much as the other."""
+    true = SPLINES.path(0.1 * rng.normal(size=SPLINES.size)).motion()
+    asked = replace(problem(true), sharpness=cast(Focus, nearness(true, (1.0, 0.03))), weight=1e7)
+    points, left = STANDING.points, []
+    for descend in (sharpened, fitted):
+        found = descend(asked, np.zeros(SPLINES.size), 5)
+        motion = SPLINES.path(found.errors).motion()
+        off = GEOMETRY.project(transforms.apply(motion, points))[0]
+        off = off - GEOMETRY.project(transforms.apply(true, points))[0]
+        left.append(float(np.sqrt((off**2).sum(-1).mean())))
+    assert left[0] < 0.02
+    assert left[0] < 0.2 * left[1]
+
+
+def test_nothing_that_images_see_is_nothing_to_step_along() -> None:
+    """Splines that hardly move: where they are is where they stay."""
+    stiff = replace(SPLINES, turn=1e-9, shift=1e-9)
+    still = stiff.path(np.zeros(stiff.size)).motion()
+    asked = replace(problem(still), model=stiff)
+    for descend in (fitted, sharpened):
+        found = descend(asked, np.zeros(stiff.size), 5)
+        np.testing.assert_array_equal(found.errors, np.zeros(stiff.size))
+        assert found.evaluations == 1
 
 
 def test_the_part_that_tells_no_images_apart_is_taken_out(rng: np.random.Generator) -> None:

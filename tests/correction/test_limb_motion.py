@@ -193,3 +193,26 @@ def test_a_patella_follows_nothing_but_the_bend():
     np.testing.assert_allclose(
         patella_motion(moved, moved, knee.JOINTS, knee.PATELLA), moved, atol=1e-12
     )
+
+
+def test_a_patella_with_a_motion_of_its_own_follows_it(rng: np.random.Generator):
+    """To rounding, whatever is fixed to it; femur and tibia do not notice."""
+    own = about(knee.PATELLA, 0.02 * rng.normal(size=(5, 3)))
+    own = transforms.translation(1e-3 * rng.normal(size=(5, 3))) @ own
+    elsewhere = transforms.rigid(
+        transforms.rotation_from_vector(rng.normal(size=3)), rng.normal(size=3)
+    )
+    limb, follows = replace(squat(3.0), kneecap=own @ elsewhere), squat(3.0)
+    true = RigidMotion(TIMES, own @ transforms.inverse(own[0]))
+    np.testing.assert_allclose(limb.motions()[:, 2], true.moved_from_reference, atol=1e-12)
+    np.testing.assert_array_equal(limb.motions()[:, :2], follows.motions()[:, :2])
+    points = BONES.points(PATELLA)
+    alone = points[limb.bone_distances(points)[:, :2].min(-1) > 0.012]
+    assert len(alone) > 10
+    carried = articulated_motion(TIMES, [limb], NODES).carry(alone)
+    np.testing.assert_allclose(carried, true.carry(alone), atol=1e-9)
+
+
+def test_a_patella_at_other_views_is_refused():
+    with pytest.raises(LegsimError, match=r"Limb\.kneecap"):
+        replace(squat(3.0), kneecap=np.tile(np.eye(4), (2, 1, 1)))

@@ -342,6 +342,12 @@ def test_methods_know_the_data_sheet_and_after_a_rest_a_better_gyroscope():
     assert rested.accelerometer == sheet.accelerometer
     left = sheet.gyroscope.noise_density / np.sqrt(20)
     assert rested.gyroscope.turn_on_bias == pytest.approx(left)
+    placed = known(kind="bmi160", calibration="six-positions")
+    assert placed.gyroscope == rested.gyroscope
+    left = sheet.accelerometer.noise_density / np.sqrt(20)
+    assert placed.accelerometer.turn_on_bias == pytest.approx(left)
+    assert placed.accelerometer.scale_error == placed.accelerometer.misalignment == 0
+    assert placed.accelerometer.instability == sheet.accelerometer.instability
     white = known(kind="density", acceleration_bias_mg=2.0)
     assert white.accelerometer.turn_on_bias == pytest.approx(2e-3 * 9.80665)
     assert white.accelerometer.noise_density == pytest.approx(180e-6 * 9.80665)
