@@ -22,6 +22,7 @@ from legsim.core import transforms
 from legsim.core.errors import LegsimError
 from legsim.core.values import FloatArray, frozen, positive
 from legsim.correction.error_state import ErrorState, SensorPath
+from legsim.correction.triangulation import triangulated
 from legsim.deformation.models import RigidMotion
 from legsim.geometry.cone_beam import ConeBeamGeometry
 
@@ -465,24 +466,15 @@ def _smoothed(
     settled: bool,
 ) -> SmoothedPath:
     seen = [s for s in problem.shadows(path.poses, places) if s is not None]
-    residual = float("nan")
-    if seen:
-        sizes = [g.error_px for g in (problem.beads, problem.fiducials) if g is not None]
-        squares = sum(
-            float((s.weights * (s.miss**2).sum(-1)).sum()) * px**2
-            for s, px in zip(seen, sizes, strict=True)
-        )
-        total = sum(float(s.weights.sum()) for s in seen)
-        residual = float(np.sqrt(squares / total)) if total else residual
-    return SmoothedPath(
-        problem.state.views,
-        path,
-        errors,
-        covariance,
-        places,
-        residual,
-        settled,
+    sizes = [g.error_px for g in (problem.beads, problem.fiducials) if g is not None]
+    squares = sum(
+        float((s.weights * (s.miss**2).sum(-1)).sum()) * px**2
+        for s, px in zip(seen, sizes, strict=True)
     )
+    total = sum(float(s.weights.sum()) for s in seen)
+    residual = float(np.sqrt(squares / total)) if total else float("nan")
+    views = problem.state.views
+    return SmoothedPath(views, path, errors, covariance, places, residual, settled)
 
 
 def _believed(problem: _Problem, path: SensorPath, places: FloatArray) -> _Problem:
@@ -506,17 +498,3 @@ def _misfit(shadows: _Shadows) -> float:
     total = 2 * float(shadows.weights.sum())
     squares = float((shadows.weights * (shadows.miss**2).sum(-1)).sum())
     return float(np.sqrt(squares / total)) if total else 0.0
-
-
-def triangulated(geometry: ConeBeamGeometry, pixels: FloatArray) -> FloatArray:
-    """Points (b, 3) nearest to the rays through their shadows (v, b, 2) under moved matrices."""
-    sources, inverses = geometry.sources(), np.linalg.inv(geometry.matrices[:, :, :3])
-    places = np.zeros((pixels.shape[1], 3))
-    for bead, shadows in enumerate(np.moveaxis(pixels, 1, 0)):
-        seen = np.isfinite(shadows).all(-1)
-        ends = np.concatenate([shadows[seen], np.ones((int(seen.sum()), 1))], -1)
-        rays = (inverses[seen] @ ends[..., None])[..., 0]
-        rays /= np.linalg.norm(rays, axis=-1, keepdims=True)
-        across = np.eye(3) - rays[:, :, None] * rays[:, None, :]
-        places[bead] = np.linalg.solve(across.sum(0), np.einsum("vij,vj->i", across, sources[seen]))
-    return places

@@ -14,7 +14,8 @@ from legsim.correction.fiducials import Fiducials
 from legsim.correction.fused import SensorPriors
 from legsim.correction.method import Scan
 from legsim.correction.rough_start import EXACT, StartErrors
-from legsim.correction.smoother import BeadShadows, FiducialShadows, triangulated
+from legsim.correction.smoother import BeadShadows, FiducialShadows
+from legsim.correction.triangulation import triangulated
 from legsim.imu.catalogue import CataloguedSensor, field_of, load_sensor
 from legsim.imu.errors import TERMS
 from legsim.imu.signals import SensorStart
