@@ -14,17 +14,16 @@ def triangulated(
     Squared distances to the rays are summed over the views, weighted (v, b); None weights what is
     seen alike. A bead without weight is at 0.
     """
-    if weights is None:
-        weights = np.isfinite(pixels).all(-1).astype(float)
+    by_view = np.isfinite(pixels).all(-1).astype(float) if weights is None else weights
     sources = geometry.sources()
     places = np.zeros((pixels.shape[1], 3))
-    for bead in np.flatnonzero(weights.any(0)):
-        views = np.flatnonzero(weights[:, bead])
+    for bead in np.flatnonzero(by_view.any(0)):
+        views = np.flatnonzero(by_view[:, bead])
         homogeneous = np.concatenate([pixels[views, bead], np.ones((len(views), 1))], -1)
         rays = np.linalg.solve(geometry.matrices[views, :, :3], homogeneous[..., None])[..., 0]
         rays /= np.linalg.norm(rays, axis=-1, keepdims=True)
         across = np.eye(3) - rays[:, :, None] * rays[:, None, :]
-        across *= weights[views, bead, None, None]
+        across *= by_view[views, bead, None, None]
         places[bead] = np.linalg.solve(
             across.sum(0), np.einsum("vij,vj->i", across, sources[views])
         )

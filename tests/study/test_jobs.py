@@ -109,11 +109,11 @@ def test_scores_without_images_are_of_the_code_that_is_there(tmp_path, monkeypat
     )
     keys = []
 
-    def kept(_: Path, key: str, __: object) -> list[dict[str, Any]]:
+    def noted(_: Path, key: str, __: object) -> list[dict[str, Any]]:
         keys.append(key)
         return []
 
-    monkeypatch.setattr(study_jobs, "_kept", kept)
+    monkeypatch.setattr(study_jobs.kept, "entries", noted)
     who = (tmp_path, "subject01", "squat_30")
     for code in ("one", "one", "another"):
         monkeypatch.setattr(study_jobs.code, "fingerprint", lambda *_, now=code: now)
