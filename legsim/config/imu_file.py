@@ -84,8 +84,8 @@ class ImuFileConfig(ConfigSection):
 
     file: str
     """beside this TOML, or an absolute path"""
-    clock_offset_s: float = 0.0
-    """the sensors' clock minus the views' (or the markers')"""
+    clock_offset_s: float | None = None
+    """the sensors' clock minus the views' (or the markers'); None: about 0, and not sure"""
     rate_hz: float | None = Field(default=None, ge=1e-3, le=1e9)
     time: Column | None = None
     """column of times"""

@@ -1,9 +1,10 @@
-"""A look at a MetaImage's header before ITK reads it.
+"""A look at a MetaImage's header before ITK reads it, and the files that a header names.
 
 MetaIO keeps numbers per dimension in arrays of ten, and writes beyond them where the header says
 that there are more dimensions; it takes the name of the data's file as a format of C.
 """
 
+import os
 import re
 from pathlib import Path
 
@@ -17,6 +18,8 @@ _DATA_FILE = re.compile(rb"^\s*ElementDataFile\s*[=:]?\s*([^\r\n]*)", re.M)
 
 _PATTERN = re.compile(rb"%0?\d?d")
 """of numbered slices, as in slice%03d.raw 1 5 1"""
+
+_NRRD_DATA = re.compile(rb"^data ?file:\s*([^\r\n]*)", re.M | re.I)
 
 _NUMBER = re.compile(rb"^\s*NDims\s*[=:]?\s*([^\r\n]*)", re.M)
 
@@ -46,3 +49,27 @@ def check(path: Path) -> None:
                 f"its header says NDims = {text.strip().decode('latin-1')!r}",
                 f"expected a whole number of dimensions from 1 to {_MOST}; write the file again",
             )
+
+
+def data_files(path: Path) -> list[Path]:
+    """Files with the values of a header (.mhd, .nhdr) that are there; none of other files."""
+    kinds = {".mhd": _DATA_FILE, ".nhdr": _NRRD_DATA}
+    kind = kinds.get(path.suffix.lower())
+    if kind is None or not path.is_file():
+        return []
+    with path.open("rb") as stream:
+        head = stream.read(_HEADER_BYTES)
+    named = kind.search(head)
+    if named is None:
+        return []
+    word = named[1].strip()
+    words = head[named.end() :].splitlines() if word.upper().startswith(b"LIST") else [word]
+    found = []
+    for name in (os.fsdecode(one.strip()) for one in words if one.strip()):
+        numbered = _PATTERN.search(os.fsencode(name))
+        if numbered is None:
+            found.append(path.parent / name)
+        else:
+            before, after = name.split(os.fsdecode(numbered[0]), 1)
+            found += sorted(path.parent.glob(f"{before}*{after.split()[0] if after else ''}"))
+    return [one for one in found if one.is_file()]

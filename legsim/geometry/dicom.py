@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -119,6 +119,19 @@ def _rescaling(data: "Dataset", views: int) -> FloatArray:
     return numbers
 
 
+def _of_frames(data: "Dataset", sequence: str, name: str) -> list[Any]:
+    """Values of an element of enhanced images, which keep those of frames in groups.
+
+    They are one per frame, or one for all frames together; frames without it are left out.
+    """
+    groups = [
+        *(data.get("SharedFunctionalGroupsSequence") or ()),
+        *(data.get("PerFrameFunctionalGroupsSequence") or ()),
+    ]
+    inner = [found[0] for group in groups if (found := group.get(sequence))]
+    return [one.get(name) for one in inner if one.get(name) is not None]
+
+
 def _number(group: "Dataset", name: str, otherwise: float) -> float:
     """Number of an element; ``otherwise`` where it is missing or empty."""
     found = group.get(name)
@@ -192,9 +205,12 @@ def require_pydicom(path: Path):
 
 def _pixel_mm(data: "Dataset") -> tuple[float, float] | None:
     """(between columns, between rows): the detector's; DICOM states rows first."""
-    stated = data.get("ImagerPixelSpacing")
+    grouped = _of_frames(data, "FramePixelDataPropertiesSequence", "ImagerPixelSpacing")
+    stated = data.get("ImagerPixelSpacing") or next(iter(grouped), None)
     if stated is None:
         return None
+    if any(list(one) != list(stated) for one in grouped):
+        raise ValueError("frames with pixels of several sizes")
     pixel = (float(stated[1]), float(stated[0]))
     if not (within(np.array(pixel)) and min(pixel) > 0):
         raise ValueError(f"pixels of {pixel[0]:g} x {pixel[1]:g} mm")
@@ -209,7 +225,8 @@ def _angles(data: "Dataset", views: int) -> tuple[FloatArray | None, tuple[str, 
     """
     start = data.get("PositionerPrimaryAngle")
     if start is None:
-        return None, ()
+        angles = _of_frames(data, "PositionerPositionSequence", "PositionerPrimaryAngle")
+        return (np.array(angles, float), ()) if len(angles) == views else (None, ())
     stated = data.get("PositionerPrimaryAngleIncrement")
     if stated is None:
         return (np.array([float(start)]), ()) if views == 1 else (None, ())

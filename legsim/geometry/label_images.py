@@ -6,6 +6,8 @@ opposite signs are ITK's business. World is x anterior, y superior, z right.
 
 from __future__ import annotations
 
+import re
+import struct
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -13,11 +15,20 @@ import numpy as np
 
 from legsim.core.errors import file_error
 from legsim.core.values import FloatArray, frozen, frozen_owned
-from legsim.geometry import image_files
+from legsim.geometry import _whole_files, image_files
 from legsim.geometry.image_files import LPS_FROM_WORLD, Axes
 
 _SPACING_MM = (0.02, 20.0)
 """least and largest voxel spacing of a segmentation; beyond, its unit is taken for mistaken"""
+
+_HEADER_BYTES = 1 << 14
+
+_META = re.compile(rb"^\s*(TransformMatrix|Rotation|Orientation)\s*=", re.M)
+
+_NRRD = re.compile(rb"^space directions:", re.M)
+
+_DIRECTIONS = {"mha": _META, "mhd": _META, "nrrd": _NRRD, "nhdr": _NRRD}
+"""what states directions, by the ending of the file"""
 
 _LARGEST_NUMBER = 1 << 20
 """of a structure; no list of structures is that long"""
@@ -32,6 +43,7 @@ class LabelImage:
     """(k, j, i) int32 in the file's order, 0 outside all"""
     world_from_index: FloatArray
     """(4, 4): indices (i, j, k, 1) to world, m"""
+    remarks: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         frozen_owned(self.labels)
@@ -96,4 +108,28 @@ def load_label_image(path: Path | str, *, axes: Axes = "lps") -> LabelImage:
     matrix = np.eye(4)
     matrix[:3, :3] = 1e-3 * turn @ direction * spacing_mm
     matrix[:3, 3] = 1e-3 * turn @ origin_mm
-    return LabelImage(path, whole, matrix)
+    return LabelImage(path, whole, matrix, _unstated(path, spacing_mm, axes))
+
+
+def _unstated(path: Path, spacing_mm: FloatArray, axes: Axes) -> tuple[str, ...]:
+    """A remark on a file that does not say how its axes lie: readers then take what is usual."""
+    with _whole_files.opened(path) as stream:
+        head = stream.read(_HEADER_BYTES)
+    ending = path.name.lower().removesuffix(".gz").rpartition(".")[2]
+    if ending == "nii":
+        order, second = _whole_files.nifti_layout(head)
+        codes = struct.unpack_from(
+            f"{order}{'2i' if second else '2h'}", head, 344 if second else 252
+        )
+        stated = max(codes) > 0
+    else:
+        stated = ending in _DIRECTIONS and _DIRECTIONS[ending].search(head) is not None
+    if stated:
+        return ()
+    sizes = " x ".join(f"{s:.4g}" for s in spacing_mm)
+    taken = "left, posterior, superior" if axes == "lps" else "those of world"
+    return (
+        f"In doubt: {path} does not state the directions of its axes, which are taken as {taken}, "
+        f"nor perhaps its voxels, taken as {sizes} mm: check both, and that the leg is upright; "
+        "an .nrrd or .nii.gz that 3D Slicer or ITK-SNAP writes states them",
+    )

@@ -20,8 +20,8 @@ from legsim.core import files
 from legsim.core.errors import LegsimError, file_error
 from legsim.core.files import is_file
 from legsim.core.values import FloatArray
+from legsim.geometry import _meta_header, dicom, image_files, tiff, view_files
 from legsim.geometry import counts as geometry_counts
-from legsim.geometry import dicom, image_files, tiff, view_files
 from legsim.geometry.cone_beam import ConeBeamGeometry, Projections
 from legsim.geometry.counts import Counts
 
@@ -106,10 +106,11 @@ def read_images(path: Path | str, *, raw: RawLayout | None = None) -> Projection
 
 
 def members(path: Path | str) -> list[Path]:
-    """The files that :func:`read_images` reads."""
+    """The files that :func:`read_images` reads, those that a header names behind it."""
     path = Path(path)
     several = os.path.isdir(path) or view_files.is_pattern(path)
-    return sorted(view_files.members(path)[0]) if several else [path]
+    images = sorted(view_files.members(path)[0]) if several else [path]
+    return [one for image in images for one in (image, *_meta_header.data_files(image))]
 
 
 def read_projections(

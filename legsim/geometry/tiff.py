@@ -25,6 +25,9 @@ SUFFIXES = (".tif", ".tiff")
 _PALETTE = 3
 """PhotometricInterpretation of numbers of colors"""
 
+_FROM_ABOVE, _FROM_BELOW = 1, 4
+"""orientations: the first row stored is the uppermost, or the lowest one"""
+
 _AXES = {"T": "times", "Z": "slices", "C": "channels"}
 
 _UNCALIBRATED = (20, 21, 22)
@@ -58,6 +61,7 @@ def read(path: Path) -> TiffImages:
             _check(path, file, pages)
             calibrated = _calibration(path, file.imagej_metadata or {})
             values = _values(path, file, single=len(pages) == 1)
+            notes = _unused(file)
     except LegsimError:
         raise
     except Exception as error:  # tifffile raises many kinds of errors on broken files
@@ -70,10 +74,10 @@ def read(path: Path) -> TiffImages:
     if values.dtype.kind not in "fiu":
         raise file_error(path, f"holds {values.dtype} numbers", "export real numbers")
     if calibrated == (0.0, 1.0):
-        return TiffImages(values)
+        return TiffImages(values, notes)
     zero, slope = calibrated
     note = f"values calibrated as ImageJ says: times {slope:g} plus {zero:g}"
-    return TiffImages(values * slope + zero, (note,))
+    return TiffImages(values * slope + zero, (note, *notes))
 
 
 def _values(path: Path, file: "tifffile.TiffFile", *, single: bool) -> NDArray:
@@ -83,7 +87,22 @@ def _values(path: Path, file: "tifffile.TiffFile", *, single: bool) -> NDArray:
     except ValueError as error:
         if "imagecodecs" not in str(error):
             raise
-        return image_files.read_stored(path)[0]
+        values = image_files.read_stored(path)[0]
+        # ITK turns rows that are stored from below
+        return values[..., ::-1, :] if _orientation(file) == _FROM_BELOW else values
+
+
+def _orientation(file: "tifffile.TiffFile") -> int:
+    tag = file.pages.first.tags.get("Orientation")
+    return _FROM_ABOVE if tag is None else int(tag.value)
+
+
+def _unused(file: "tifffile.TiffFile") -> tuple[str, ...]:
+    """A note on an orientation that is stated, since rows and columns are taken as stored."""
+    stated = _orientation(file)
+    if stated == _FROM_ABOVE:
+        return ()
+    return (f"the orientation {stated} that the file states is not used: rows are as stored",)
 
 
 def _check(path: Path, file: "tifffile.TiffFile", pages: list[tuple[Any, Any]]) -> None:

@@ -25,6 +25,10 @@ _VIEWS = (
 """Endings of files that hold a view; others in a folder are left out"""
 
 
+_PIXELS = (".raw", ".bin", ".img")
+"""Endings of what headers (.mhd) name"""
+
+
 def is_pattern(path: Path) -> bool:
     """Whether a path's last part stands for several files, by * or ?; brackets do not."""
     return any(mark in path.name for mark in "*?") and not os.path.exists(path)
@@ -43,7 +47,10 @@ def members(place: Path) -> tuple[list[Path], tuple[str, ...]]:
     """
     files = matching(place / "*" if os.path.isdir(place) else place)
     files = [path for path in files if path.name[0] != "."]
-    found = [path for path in files if path.suffix.lower() in _VIEWS or not path.suffix]
+    found = [path for path in files if path.suffix.lower() in _VIEWS]
+    if any(path.suffix.lower() == ".mhd" for path in found):
+        found = [path for path in found if path.suffix.lower() not in _PIXELS]
+    found = found or [path for path in files if not path.suffix]  # as of DICOM
     if not found:
         raise file_error(place, "holds no images", f"expected files like {', '.join(_VIEWS)}")
     left = sorted({path.name for path in files} - {path.name for path in found})

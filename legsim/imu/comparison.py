@@ -7,28 +7,33 @@ which the rates agree best.
 """
 
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
 from legsim.core import transforms
 from legsim.core.constants import STANDARD_GRAVITY
 from legsim.core.values import FloatArray
-from legsim.imu.lag import REACH, find_far_lag, find_lag
+from legsim.imu.lag import find_far_lag, find_lag
 from legsim.imu.recording import ImuRecording
 from legsim.imu.shared_time import (
     HIGHEST,
     MOVEMENT_HZ,
+    SHORTEST,
     Quantity,
     at,
     in_band,
     overlap,
     rms,
-    shares_time,
+    shared_s,
 )
 from legsim.imu.worn_place import WornPlace, find_place
 
 BANDS_HZ = (MOVEMENT_HZ, (6.0, 12.0), (12.0, 40.0))
 """movement; tissue and tremor; tissue and noise"""
+
+LagSource = Literal["nearby", "anywhere", "stated"]
+"""where a lag is from: searched around 0, over both recordings, or not searched"""
 
 _QUANTITIES: tuple[Quantity, Quantity] = ("rate", "force")
 
@@ -69,10 +74,12 @@ class SensorComparison:
     bands: tuple[BandAgreement, ...]
     mean_rate: FloatArray
     """(3,) rad/s, mean of measured minus predicted in the sensor's axes: the gyroscope's bias"""
-    started_apart: bool
-    """whether the lag was searched over the whole recordings, since a lag nearby does not agree"""
+    lag_source: LagSource
+    """"anywhere" since a lag nearby does not agree; "stated" in what is too short for a search"""
     place: WornPlace
     """where on the segment the accelerometer fits better"""
+    shared_s: float
+    """s that both recorded, at that lag"""
 
     @property
     def trusted(self) -> bool:
@@ -85,7 +92,7 @@ def compare(
     measured: ImuRecording,
     *,
     rotation: FloatArray | None = None,
-    reach: float = REACH,
+    clock_stated: bool = False,
 ) -> SensorComparison:
     """Sets a measured sensor beside the predicted one of the same place.
 
@@ -93,13 +100,14 @@ def compare(
         predicted: as the markers have it, by their clock.
         measured: by its own clock; a known offset is taken off already.
         rotation: (3, 3) predicted_from_measured where the mounting is known; None estimates it.
-        reach: s, the largest lag of the clocks that is searched.
+        clock_stated: whether the offset is known, so that recordings that share less than 3 s can
+            be compared. No lag is searched in these.
 
     Raises:
-        LegsimError: recordings that overlap by less than 3 s.
+        LegsimError: recordings that overlap by less than 3 s (0.5 s where the clock is stated).
     """
     step = 1 / min(predicted.rate_hz, measured.rate_hz)
-    lag, correlation, started_apart = _lag(predicted, measured, step, reach)
+    lag, correlation, source = _lag(predicted, measured, step, clock_stated=clock_stated)
     on_time = measured.shifted(-lag)
     if rotation is None:
         rotation = find_mounting(predicted, on_time, step=step)
@@ -121,35 +129,38 @@ def compare(
     bias = rotation.T @ (theirs - ours)
     place = find_place(predicted, turned, step=step)
     return SensorComparison(
-        predicted, turned, lag, rotation, correlation, bands, bias, started_apart, place
-    )
+        predicted, turned, lag, rotation, correlation, bands, bias, source, place,
+        shared_s(predicted, turned),
+    )  # fmt: skip
 
 
 def _lag(
-    predicted: ImuRecording, measured: ImuRecording, step: float, reach: float
-) -> tuple[float, float, bool]:
-    """Lag (s), correlation, and whether both recordings were started at different times.
+    predicted: ImuRecording, measured: ImuRecording, step: float, *, clock_stated: bool
+) -> tuple[float, float, LagSource]:
+    """Lag (s), correlation, and where they are from.
 
     Raises:
         LegsimError: recordings that neither overlap nor agree anywhere.
     """
-    if not shares_time(predicted, measured):
+    if shared_s(predicted, measured) < SHORTEST:
         found = find_far_lag(predicted, measured, step=step)
         if found is not None:
-            return (*found, True)
-    lag, correlation = find_lag(predicted, measured, step=step, reach=reach)
+            return (*found, "anywhere")
+        if clock_stated:
+            return (*find_lag(predicted, measured, step=step, reach=0.0), "stated")
+    lag, correlation = find_lag(predicted, measured, step=step)
     if correlation < _SURE:
         found = find_far_lag(predicted, measured, step=step)
         if found is not None and found[1] > correlation + _BETTER:
-            return (*found, True)
-    return lag, correlation, False
+            return (*found, "anywhere")
+    return lag, correlation, "nearby"
 
 
 def find_mounting(predicted: ImuRecording, measured: ImuRecording, *, step: float) -> FloatArray:
     """Rotation (3, 3) predicted_from_measured by gravity, and by the rates about it.
 
     Raises:
-        LegsimError: an overlap of less than 3 s.
+        LegsimError: an overlap of less than 0.5 s.
     """
     times = overlap(predicted, measured, step)
     up, seen = (_unit(at(r, times, "force").mean(0)) for r in (predicted, measured))

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from legsim.core import files
-from legsim.core.errors import file_error
+from legsim.core.errors import LegsimError, file_error
 from legsim.core.values import LARGEST, FloatArray
 from legsim.imu import table_rows, tables
 from legsim.imu.recording import ImuRecording
@@ -136,59 +136,75 @@ def load_recordings(
         LegsimError: another kind of file; what :func:`legsim.imu.tables.load` raises.
     """
     path = Path(path)
-    if path.suffix.lower() == ".sto":
+    ending = path.suffix.lower()
+    if ending == ".sto":
         return _load_sto(path, (acceleration_unit or "m/s2", angular_velocity_unit or "rad/s"))
-    if path.suffix.lower() == ".c3d":
-        labels = load_analog(path).labels
-        raise file_error(
-            path,
-            f"has {len(labels)} analog channels: {', '.join(labels)}",
-            "name those of each sensor in a small TOML and give that (docs/formats.md, Sensors)",
-        )
+    if ending == ".c3d":
+        raise _names_wanted(path)
     lines = files.read(path, "table")
     names = _own_names(table_rows.cells_of(lines[0], ","))
     if names is not None:
-        sensors = tuple(
-            SensorColumns(
-                name,
-                (f"{name}_ax_m_s2", f"{name}_ay_m_s2", f"{name}_az_m_s2"),
-                (f"{name}_gx_rad_s", f"{name}_gy_rad_s", f"{name}_gz_rad_s"),
-            )
-            for name in names
-        )
-        return tables.load(path, TableLayout(sensors, time="time_s"))
+        return tables.load(path, _own_layout(names))
     if any(_XSENS_COUNTER in line and _XSENS[0][0] in line for line in lines[:50]):
-        if not any(_XSENS[1][0] in line for line in lines[:50]):
-            raise file_error(
-                path,
-                "is an export of Xsens without angular velocities (Gyr_X, Gyr_Y, Gyr_Z)",
-                "export it again with the rate of turn, or calibrated inertial data",
-            )
-        if rate_hz is None:
-            rate_hz = _xsens_rate(path, lines)
-        dot = _is_dot(lines)
-        layout = TableLayout(
-            (SensorColumns(path.stem, *_XSENS),),
-            acceleration_unit,
-            angular_velocity_unit or ("deg/s" if dot else None),
-            rate_hz=rate_hz,
-            counter=_XSENS_COUNTER,
-            counter_period=1 << 32 if dot else _XSENS_PERIOD,
-        )
+        layout = _xsens_layout(path, lines, rate_hz, acceleration_unit, angular_velocity_unit)
         return tables.load(path, layout)
-    if lines[0].lstrip().startswith("<"):
+    raise _unknown(path, lines[0])
+
+
+def _names_wanted(path: Path) -> LegsimError:
+    """The refusal of a C3D file by itself: only its user knows which channels are sensors."""
+    labels = load_analog(path).labels
+    return file_error(
+        path,
+        f"has {len(labels)} analog channels: {tables.some_channels(labels)}",
+        "name those of each sensor in a small TOML and give that (docs/formats.md, Sensors)",
+    )
+
+
+def _own_layout(names: Sequence[str]) -> TableLayout:
+    """Columns of an imu.csv."""
+    columns = [[f"{name}_{column}" for column in _IMU_COLUMNS] for name in names]
+    sensors = tuple(
+        SensorColumns(name, (ax, ay, az), (gx, gy, gz))
+        for name, (ax, ay, az, gx, gy, gz) in zip(names, columns, strict=True)
+    )
+    return TableLayout(sensors, time="time_s")
+
+
+def _xsens_layout(
+    path: Path,
+    lines: Sequence[str],
+    rate_hz: float | None,
+    acceleration_unit: AccelerationUnit | None,
+    angular_velocity_unit: AngularVelocityUnit | None,
+) -> TableLayout:
+    """Columns, units and clock of an export of Xsens; what is given goes before its header."""
+    if not any(_XSENS[1][0] in line for line in lines[:50]):
         raise file_error(
             path,
-            "is XML, not a table",
-            "export the sensors' accelerations and angular velocities as text or CSV",
-            place="line 1",
+            "is an export of Xsens without angular velocities (Gyr_X, Gyr_Y, Gyr_Z)",
+            "export it again with the rate of turn, or calibrated inertial data",
         )
-    raise file_error(
-        path,
-        "is no imu.csv of legsim, no text export of Xsens and no .sto",
-        "describe its columns in a small TOML and give that (docs/formats.md, Sensors)",
-        place="line 1",
+    dot = _is_dot(lines)
+    return TableLayout(
+        (SensorColumns(path.stem, *_XSENS),),
+        acceleration_unit,
+        angular_velocity_unit or ("deg/s" if dot else None),
+        rate_hz=_xsens_rate(path, lines) if rate_hz is None else rate_hz,
+        counter=_XSENS_COUNTER,
+        counter_period=1 << 32 if dot else _XSENS_PERIOD,
     )
+
+
+def _unknown(path: Path, first_line: str) -> LegsimError:
+    """The refusal of a file of another kind."""
+    if first_line.lstrip().startswith("<"):
+        problem = "is XML, not a table"
+        cure = "export the sensors' accelerations and angular velocities as text or CSV"
+    else:
+        problem = "is no imu.csv of legsim, no text export of Xsens and no .sto"
+        cure = "describe its columns in a small TOML and give that (docs/formats.md, Sensors)"
+    return file_error(path, problem, cure, place="line 1")
 
 
 def _is_dot(lines: Sequence[str]) -> bool:

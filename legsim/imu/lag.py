@@ -9,7 +9,16 @@ from scipy.signal import correlate
 
 from legsim.core.values import FloatArray
 from legsim.imu.recording import ImuRecording
-from legsim.imu.shared_time import MOVEMENT_HZ, MOVING, SHORTEST, in_band, overlap, rms
+from legsim.imu.shared_time import (
+    MOVEMENT_HZ,
+    MOVING,
+    SHORTEST,
+    in_band,
+    overlap,
+    rms,
+    shared_s,
+    short,
+)
 
 REACH = 1.0
 """s, the largest lag that is searched around a clock that is about right"""
@@ -30,11 +39,13 @@ def find_lag(
     """Lag (s) of the measured clock at which the rates agree best, and their correlation.
 
     Repeated on what both share at the lag found so far: the ends of the shared time are alike in
-    both only where that is right.
+    both only where that is right. A reach of 0 gives the correlation of clocks that are known.
 
     Raises:
-        LegsimError: an overlap of less than 3 s.
+        LegsimError: an overlap of less than 3 s, of 0.5 s where the reach is 0.
     """
+    if reach > 0 and shared_s(predicted, measured) < SHORTEST:
+        raise short(predicted, measured, SHORTEST)
     lag, correlation = 0.0, 0.0
     for _ in range(_ROUNDS):
         more, correlation = _lag_once(predicted, measured.shifted(-lag), step, reach)
@@ -61,7 +72,7 @@ def _lag_once(
         return 0.0, 0.0
     shifts, scores = np.arange(-span, span + 1)[: len(near)], _best_agreement(near) / power
     enough = (shifts == 0) | (
-        _shared_s(predicted, measured, np.asarray(step * shifts, float)) >= SHORTEST + step
+        _shared_at(predicted, measured, np.asarray(step * shifts, float)) >= SHORTEST + step
     )
     shifts, scores = shifts[enough], scores[enough]
     k = int(np.argmax(scores))
@@ -72,7 +83,7 @@ def _lag_once(
     return lag * step, float(scores[k])
 
 
-def _shared_s(predicted: ImuRecording, measured: ImuRecording, lags: FloatArray) -> FloatArray:
+def _shared_at(predicted: ImuRecording, measured: ImuRecording, lags: FloatArray) -> FloatArray:
     """Seconds (n,) that both share when each lag is taken off the measured clock."""
     first = np.maximum(predicted.times[0], measured.times[0] - lags)
     return np.minimum(predicted.times[-1], measured.times[-1] - lags) - first

@@ -22,29 +22,47 @@ HIGHEST = 0.45
 """of the sampling rate: above it a band is not measured"""
 
 SHORTEST = 3.0
-"""s of overlap"""
+"""s of overlap in which the lag of a clock can be found"""
+
+SHORTEST_KNOWN = 0.5
+"""s of overlap of clocks that are known"""
 
 
-def shares_time(a: ImuRecording, b: ImuRecording) -> bool:
-    """Whether both share 3 s."""
+def shared_s(a: ImuRecording, b: ImuRecording) -> float:
+    """Seconds that both share; negative between recordings apart."""
     first, last = max(a.times[0], b.times[0]), min(a.times[-1], b.times[-1])
-    return last - first >= SHORTEST
+    return float(last - first)
 
 
 def overlap(a: ImuRecording, b: ImuRecording, step: float) -> FloatArray:
     """Even times (n,) that both share.
 
     Raises:
-        LegsimError: less than 3 s.
+        LegsimError: less than 0.5 s.
     """
-    first, last = max(a.times[0], b.times[0]), min(a.times[-1], b.times[-1])
-    if not shares_time(a, b):
-        raise LegsimError(
-            f"sensor {b.name} recorded {b.times[0]:.13g} to {b.times[-1]:.13g} s, the markers "
-            f"{a.times[0]:g} to {a.times[-1]:g} s: they share less than {SHORTEST:g} s; give "
-            "clock_offset_s (the sensor's clock minus the markers') in a TOML about its file"
-        )
-    return first + step * np.arange(int((last - first) / step + 1e-6) + 1)
+    first = max(a.times[0], b.times[0])
+    seconds = shared_s(a, b)
+    if seconds < SHORTEST_KNOWN:
+        raise short(a, b, SHORTEST_KNOWN)
+    return first + step * np.arange(int(seconds / step + 1e-6) + 1)
+
+
+def short(markers: ImuRecording, sensor: ImuRecording, wanted: float) -> LegsimError:
+    """The refusal of recordings that share less than ``wanted`` seconds, with what helps."""
+    a, b = markers.times, sensor.times
+    problem = (
+        f"sensor {sensor.name} recorded {b[0]:.13g} to {b[-1]:.13g} s, the markers {a[0]:g} to "
+        f"{a[-1]:g} s: they share less than {wanted:g} s"
+    )
+    offset = "clock_offset_s (the sensor's clock minus the markers') in a TOML about its file"
+    if min(a[-1] - a[0], b[-1] - b[0]) >= wanted:
+        return LegsimError(f"{problem}; give {offset}")
+    if wanted == SHORTEST_KNOWN:
+        return LegsimError(f"{problem}, too little for any comparison; record a longer trial")
+    return LegsimError(
+        f"{problem}, too little to find the lag of its clock; record a longer trial, or state "
+        f"{offset}: a trial of {SHORTEST_KNOWN:g} s will then do (0 where both have one clock)"
+    )
 
 
 def at(

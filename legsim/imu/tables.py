@@ -24,6 +24,10 @@ from legsim.mocap.c3d_analog import load_analog
 Units = tuple[AccelerationUnit, AngularVelocityUnit]
 
 
+_FEW = 6
+"""names of channels of one kind in an error"""
+
+
 @dataclass(frozen=True, slots=True)
 class SensorColumns:
     """Columns of one sensor."""
@@ -83,6 +87,8 @@ class _Vectors:
     """(n,) s"""
     values: tuple[FloatArray, ...]
     """(n, 3) per sensor; NaN where a cell is empty"""
+    notes: tuple[str, ...]
+    """oddities of the file"""
 
 
 def load(
@@ -110,10 +116,11 @@ def load(
     if angular_velocity_file is None:
         both = _read(path, layout, forces, rates)
         count = len(forces)
-        return tuple(
+        made = [
             recording_of(path, sensor.name, both.times, both.values[count + k], both.values[k])
             for k, sensor in enumerate(layout.sensors)
-        )
+        ]
+        return _noted(made, both.notes)
     force = _read(path, layout, forces, [])
     rate = _read(angular_velocity_file, layout, [], rates)
     made = []
@@ -126,7 +133,13 @@ def load(
         except LegsimError as error:
             raise _in_file(path, error) from error
         made.append(merged)
-    return tuple(made)
+    return _noted(made, (*force.notes, *rate.notes))
+
+
+def _noted(made: Sequence[ImuRecording], notes: tuple[str, ...]) -> tuple[ImuRecording, ...]:
+    """The same sensors, the first with the notes of the file."""
+    first, *others = made
+    return (replace(first, notes=(*notes, *first.notes)), *others)
 
 
 def _read(
@@ -149,7 +162,7 @@ def _read(
     vectors = (
         np.stack([scale[c] * found.columns[c] for c in three], -1) for three in (*forces, *rates)
     )
-    return _Vectors(found.times, tuple(vectors))
+    return _Vectors(found.times, tuple(vectors), found.notes)
 
 
 @dataclass(frozen=True, slots=True)
@@ -162,6 +175,8 @@ class _Found:
     """(n,) each, in its own unit"""
     stated: Mapping[Column, str | None]
     """unit that the file states"""
+    notes: tuple[str, ...] = ()
+    """oddities of the file"""
 
 
 def _of_text(path: Path, layout: TableLayout, wanted: Sequence[Column]) -> _Found:
@@ -196,6 +211,7 @@ def _of_channels(path: Path, layout: TableLayout, wanted: Sequence[Column]) -> _
         found.times,
         {column: found.values[:, k] for column, k in at.items()},
         {column: units.known(found.units[k]) for column, k in at.items()},
+        tuple(f"{path.name}: {note}" for note in found.notes),
     )
 
 
@@ -208,8 +224,17 @@ def _channel(path: Path, labels: Sequence[str], column: Column) -> int:
     )
     if len(fitting) == 1:
         return fitting[0]
-    problem = f"has {len(fitting)} analog channels {column!r} (of {', '.join(labels)})"
+    problem = f"has {len(fitting)} analog channels {column!r} (of {some_channels(labels)})"
     raise file_error(path, problem, "name one of them, or give its number (the first is 1)")
+
+
+def some_channels(labels: Sequence[str]) -> str:
+    """Few names of channels for an error, those that sound like sensors first, and a count."""
+    kinds = [[k for k in labels if word in k.lower()] for word in ("gyr", "acc")]
+    shown = [name for kind in kinds for name in kind[:_FEW]]
+    shown += [name for name in labels if name not in shown][: max(2 * _FEW - len(shown), 0)]
+    others = len(labels) - len(shown)
+    return ", ".join(shown) + f" and {others} others" * (others > 0)
 
 
 def _force_scale(

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from legsim.core.errors import LegsimError
-from legsim.kinematics import marker_sites, on_osim_model
+from legsim.kinematics import _osim_exchanged, marker_sites, on_osim_model
 from legsim.kinematics._ik_names import Tasks, left_out
 from legsim.kinematics.from_coordinates import named
 from legsim.kinematics.marker_sites import MarkerSites
@@ -39,11 +39,13 @@ def by_role(
     path: Path,
     required: Sequence[str] = PAPER_ROLES,
     tasks: Tasks | None = None,
+    content: mocap_files.RawRecording | None = None,
 ) -> tuple[MarkerTrajectories, CleaningReport, tuple[str, ...], dict[str, float]]:
     """The markers by role, what was done to them, what there is to say about the file, and the
-    weights that ``tasks`` give; roles of weight 0 are left out.
+    weights that ``tasks`` give; roles of weight 0 are left out. ``content`` is the file's, where it
+    has been read.
     """
-    raw, notes = mocap_files.read_markers(path, unit=reading.unit, up=reading.up)
+    raw, notes = mocap_files.read_markers(path, unit=reading.unit, up=reading.up, raw=content)
 
     def cleaned() -> tuple[MarkerTrajectories, CleaningReport, tuple[str, ...], dict[str, float]]:
         automatic = reading.marker_map == "auto"
@@ -80,12 +82,16 @@ def by_role(
 
 
 def by_own_names(
-    reading: Reading, path: Path, leg: OsimLeg, tasks: Tasks
+    reading: Reading,
+    path: Path,
+    leg: OsimLeg,
+    tasks: Tasks,
+    content: mocap_files.RawRecording | None = None,
 ) -> tuple[MarkerTrajectories, MarkerSites, CleaningReport, tuple[str, ...]]:
     """A recording's markers by the names of a user's model, their places on it, what was done to
     them, and notes.
     """
-    raw, read_notes = mocap_files.read_markers(path, unit=reading.unit, up=reading.up)
+    raw, read_notes = mocap_files.read_markers(path, unit=reading.unit, up=reading.up, raw=content)
     own, sites, said = named(path, lambda: on_osim_model.marker_map(leg, raw.marker_names))
     weights, weighed = named(
         path, lambda: tasks.marker_weights(own, raw.marker_names, leg.marker_sites()[0].names)
@@ -99,6 +105,7 @@ def by_own_names(
     )
     named(path, lambda: on_osim_model.check_unit(sites, measured))
     named(path, lambda: on_osim_model.check_sides(sites, measured))
+    named(path, lambda: _osim_exchanged.check(sites, measured))
     sites = sites.only([name for name in sites.names if name in measured.marker_names])
     return (
         measured,

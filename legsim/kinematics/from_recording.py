@@ -15,6 +15,7 @@ from legsim.kinematics import (
     from_coordinates,
     ik_tasks,
     inverse_kinematics,
+    late_markers,
     marker_sites,
     on_osim_model,
     osim_registration,
@@ -186,15 +187,16 @@ def solve_kinematics(
                 place="settings",
             )
         source = find_recording(scale_from) if scale_from else path
-        return _markers_on_model(reading, path, own, tasks, source if scale_model else None)
+        return _markers_on_model(reading, path, raw, own, tasks, source if scale_model else None)
     return _markers_on_own_leg(
-        reading, path, tasks, scale_from=scale_from, scale_file=scale_file, register=register
+        reading, path, raw, tasks, scale_from=scale_from, scale_file=scale_file, register=register
     )
 
 
 def _markers_on_own_leg(
     reading: Reading,
     path: Path,
+    raw: mocap_files.RawRecording,
     tasks: Tasks,
     *,
     scale_from: str | Path | None,
@@ -206,7 +208,7 @@ def _markers_on_own_leg(
     given = scale_from or scale_file
     options, said = named(path, lambda: tasks.coordinates(LegModel.load()))
     measured, cleaning, notes, weights = by_role(
-        reading, path, required=() if given else PAPER_ROLES, tasks=tasks
+        reading, path, required=() if given else PAPER_ROLES, tasks=tasks, content=raw
     )
     notes = (*notes, *said)
     scaled_from = Path(scale_file) if scale_file else _scaling_source(path, scale_from)
@@ -296,7 +298,11 @@ def _solved(
         scaled_from=printable(how.source),
         settled_hz=settled_hz,
     )
-    notes = (*how.notes, *_stance.notes(shown, placed))
+    alone = Problem(leg, placed.only(names), how.options)
+    late = late_markers.notes(
+        late_markers.find_late(alone, solution.trajectories, shown), fit.labels()
+    )
+    notes = (*how.notes, *_stance.notes(shown, placed), *late)
     return MovingLeg(printable(path.name), leg, settled, fit, notes)
 
 
@@ -316,6 +322,7 @@ class _OwnModel:
 def _markers_on_model(
     reading: Reading,
     path: Path,
+    raw: mocap_files.RawRecording,
     own: _OwnModel,
     tasks: Tasks,
     sized_from: Path | None,
@@ -324,7 +331,7 @@ def _markers_on_model(
     where that is given.
     """
     leg, notes = own.load()
-    measured, sites, cleaning, said = by_own_names(reading, path, leg, tasks)
+    measured, sites, cleaning, said = by_own_names(reading, path, leg, tasks, raw)
     leg, locked = on_osim_model.held_leg(leg)
     options, tasked = named(path, lambda: tasks.coordinates(leg))
     options = options.settled(on_osim_model.model_priors(leg, sites))

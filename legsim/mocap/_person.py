@@ -27,6 +27,16 @@ _LEG = ("epicondyle_lateral", "malleolus_lateral")
 _BETWEEN, _OFTEN = 0.82, 0.2
 """of the way from pelvis to knee over the ankle, the straight way; share of the frames"""
 
+_HEEL = 0.015
+"""m by which no heel lies nearer to the knee than the ankle, half of the time: it lies below and
+behind the ankle. Of 152 heels of public recordings none is nearer, most are 2 to 10 cm farther
+"""
+
+_APART, _INWARD = 0.04, -0.5
+"""m between the two sides of a knee or ankle, and the cosine to the pelvis' right, half of the
+time, with which the lateral one lies outside: 0.77 and more in 125 pairs of public recordings
+"""
+
 
 def check(means: dict[str, FloatArray], times: FloatArray) -> None:
     """Refuses markers that are not a person's.
@@ -61,10 +71,11 @@ def check(means: dict[str, FloatArray], times: FloatArray) -> None:
             "asis_r lies left of asis_l, seen from the sacrum: left and right, or front and back, "
             "are exchanged in the labels, or the axes mirrored"
         )
-    _check_legs(
-        means, across / np.linalg.norm(right - left, axis=1)[together, None], width, together
-    )
+    rightward = across / np.linalg.norm(right - left, axis=1)[together, None]
+    _check_legs(means, rightward, width, together)
     _check_knees(means, times)
+    _check_heels(means)
+    _check_medial(means, rightward, together)
 
 
 def _rightward(
@@ -128,3 +139,39 @@ def _check_knees(means: dict[str, FloatArray], times: FloatArray) -> None:
                 f"first at {first:.4g} s: the labels of the {word} knee and ankle are exchanged; "
                 "exchange them in the recording or in its marker map"
             )
+
+
+def _check_heels(means: dict[str, FloatArray]) -> None:
+    """Refuses a heel that lies nearer to the knee than the ankle does."""
+    for side, word in (("r", "right"), ("l", "left")):
+        knee, ankle, heel = (means.get(f"{role}_{side}") for role in (*_LEG, "heel"))
+        if knee is None or ankle is None or heel is None:
+            continue
+        farther = np.linalg.norm(heel - knee, axis=1) - np.linalg.norm(ankle - knee, axis=1)
+        if np.isfinite(farther).any() and np.nanmedian(farther) < -_HEEL:
+            raise LegsimError(
+                f"heel_{side} lies {-1e3 * np.nanmedian(farther):.0f} mm nearer to "
+                f"epicondyle_lateral_{side} than malleolus_lateral_{side} does: the labels of the "
+                f"{word} heel and ankle are exchanged; exchange them in the recording or in its "
+                "marker map"
+            )
+
+
+def _check_medial(means: dict[str, FloatArray], rightward: FloatArray, together: BoolArray) -> None:
+    """Refuses lateral markers that lie inside of the medial ones."""
+    for part, joint in (("epicondyle", "knee"), ("malleolus", "ankle")):
+        for side, word, sign in (("r", "right", 1), ("l", "left", -1)):
+            lateral, medial = (means.get(f"{part}_{end}_{side}") for end in ("lateral", "medial"))
+            if lateral is None or medial is None:
+                continue
+            apart = (lateral - medial)[together]
+            width = np.linalg.norm(apart, axis=1)
+            outward = sign * (apart * rightward).sum(1) / np.maximum(width, 1e-9)
+            if not np.isfinite(outward).any() or np.nanmedian(width) < _APART:
+                continue
+            if np.nanmedian(outward) < _INWARD:
+                raise LegsimError(
+                    f"{part}_lateral_{side} lies inside of {part}_medial_{side}: the labels of the "
+                    f"two sides of the {word} {joint} are exchanged; exchange them in the "
+                    "recording or in its marker map"
+                )

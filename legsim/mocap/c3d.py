@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from legsim.core.errors import file_error
 from legsim.core.values import FloatArray
 from legsim.mocap._c3d_header import BLOCK, CURE, C3dHeader, floats, integers, read_header
+from legsim.mocap._c3d_scale import with_true_sign
 from legsim.mocap.raw import RawMarkers
 from legsim.mocap.trajectories import MarkerTrajectories
 
@@ -47,7 +48,7 @@ def read(path: Path | str) -> RawMarkers:
     """
     path = Path(path)
     data = file_bytes(path)
-    header = read_header(path, data)
+    header = with_true_sign(read_header(path, data), data)
     notes = list(header.notes)
     _check_points(header)
     frames = frame_count(header, len(data), notes)
@@ -75,6 +76,10 @@ def file_bytes(path: Path) -> bytes:
 
 
 def _check_points(header: C3dHeader) -> None:
+    if header.points == 0 and header.analog_words > 0:
+        problem = "the file holds analog channels (forces, EMG, sensors) and no marker"
+        cure = "export the trial again with its marker trajectories"
+        raise file_error(header.path, problem, cure, place="header")
     if header.points == 0:
         raise file_error(header.path, "the file holds no point", CURE, place="header")
 

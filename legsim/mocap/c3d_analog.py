@@ -13,6 +13,7 @@ from legsim.core.errors import file_error
 from legsim.core.values import FloatArray, within
 from legsim.mocap import c3d
 from legsim.mocap._c3d_header import BLOCK, CURE, C3dHeader, floats, integers, read_header
+from legsim.mocap._c3d_scale import with_true_sign
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -26,6 +27,8 @@ class AnalogChannels:
     """as the file states them; empty where it does not"""
     values: FloatArray
     """(n, k); NaN where a sample was stored as no number"""
+    notes: tuple[str, ...]
+    """oddities of the file's header"""
 
 
 def load_analog(path: Path | str) -> AnalogChannels:
@@ -36,9 +39,9 @@ def load_analog(path: Path | str) -> AnalogChannels:
     """
     path = Path(path)
     data = c3d.file_bytes(path)
-    header = read_header(path, data)
+    header = with_true_sign(read_header(path, data), data)
     channels, per_frame = _samples(header)
-    notes: list[str] = []
+    notes = list(header.notes)
     frames, rate = c3d.frame_count(header, len(data), notes), c3d.frame_rate(header, notes)
     _check_rate(header, rate * per_frame)
     raw = _raw(header, data, frames).reshape(frames * per_frame, channels)
@@ -46,7 +49,8 @@ def load_analog(path: Path | str) -> AnalogChannels:
     labels = _texts(header, "LABELS", channels)
     named = tuple(label or f"*{k + 1}" for k, label in enumerate(labels))
     times = first + np.arange(len(raw)) / (rate * per_frame)
-    return AnalogChannels(times, named, _texts(header, "UNITS", channels), _scaled(header, raw))
+    units = _texts(header, "UNITS", channels)
+    return AnalogChannels(times, named, units, _scaled(header, raw), tuple(notes))
 
 
 def _samples(header: C3dHeader) -> tuple[int, int]:

@@ -12,7 +12,7 @@ from scipy.interpolate import CubicHermiteSpline, CubicSpline
 
 from legsim.core.errors import LegsimError
 from legsim.core.values import FloatArray
-from legsim.mocap import _person, exchanged, gap_filling, outliers
+from legsim.mocap import _person, copies, exchanged, gap_filling, outliers
 from legsim.mocap.held import find_held
 from legsim.mocap.in_view import note_of, span_in_view
 from legsim.mocap.labels import PAPER_ROLES, MarkerMap, check_covered, check_distinct
@@ -99,13 +99,13 @@ def clean(
 ) -> tuple[MarkerTrajectories, CleaningReport]:
     """Clean trajectories of the roles, at even times, with a report.
 
-    In this order: samples that only repeat the last one are taken as not seen
-    (:mod:`legsim.mocap.held`), labels are looked up, times made even, jumps removed
-    (:mod:`legsim.mocap.outliers`), short gaps bridged by cubic splines, longer ones from three
-    other markers on the same segment where these are seen (:mod:`legsim.mocap.gap_filling`),
-    several labels of a role averaged, and each unbroken stretch filtered by itself, so that a
-    dropout never smears into motion. Frames before and after the person is in view are left out
-    (:mod:`legsim.mocap.in_view`).
+    In this order: frames that repeat the frame before are left out (:mod:`legsim.mocap.copies`),
+    samples that only repeat the last one are taken as not seen (:mod:`legsim.mocap.held`), labels
+    are looked up, times made even, jumps removed (:mod:`legsim.mocap.outliers`), short gaps bridged
+    by cubic splines, longer ones from three other markers on the same segment where these are seen
+    (:mod:`legsim.mocap.gap_filling`), several labels of a role averaged, and each unbroken stretch
+    filtered by itself, so that a dropout never smears into motion. Frames before and after the
+    person is in view are left out (:mod:`legsim.mocap.in_view`).
 
     The filter is a second-order Butterworth low-pass run forwards and backwards (zero phase).
     ``filter_hz`` is the cut-off of each pass, not corrected for the second: together they halve the
@@ -127,6 +127,7 @@ def clean(
             does not fit the sampling rate.
     """
     check_covered(marker_map, motion.marker_names, required)
+    motion, copied = _without_copies(motion)
     motion, held = _without_held(motion)
     found, never = _seen_roles(motion, marker_map, required)
     used = {name for names in found.values() for name in names}
@@ -149,6 +150,7 @@ def clean(
     )
     reports = tuple(_report(role, names, stages, dt) for role, names in found.items())
     notes = (
+        *copied,
         *_few([note for name, note in held.items() if name in used]),
         *_exchange_notes(motion, [n for n in motion.marker_names if n in used]),
         *_guessed_notes(stages, found, times),
@@ -189,6 +191,19 @@ def _few(notes: list[str]) -> list[str]:
     if len(notes) <= _MANY:
         return notes
     return [f"{notes[0]}; and so are {len(notes) - 1} markers more"]
+
+
+def _without_copies(motion: MarkerTrajectories) -> tuple[MarkerTrajectories, list[str]]:
+    """The recording without frames that repeat the frame before, and notes on these."""
+    if len(motion.times) < 2:
+        return motion, []
+    dt = float(np.median(np.diff(motion.times)))
+    found = copies.find_copies(motion.positions_world.reshape(len(motion.times), -1), dt)
+    notes = found.notes(motion.times)
+    if not found.frames.any():
+        return motion, notes
+    times, positions = motion.times[~found.frames], motion.positions_world[~found.frames]
+    return MarkerTrajectories(times, motion.marker_names, positions), notes
 
 
 def _without_held(motion: MarkerTrajectories) -> tuple[MarkerTrajectories, dict[str, str]]:

@@ -7,13 +7,13 @@ one explanation only (angles that wrap) is put right and noted.
 
 import re
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from legsim.core.errors import file_error
 from legsim.core.values import FloatArray
-from legsim.mocap import outliers
+from legsim.mocap import copies, mixed_units, outliers
 from legsim.mocap.raw import UNITS_PER_METER
 from legsim.mocap.trajectories import JointTrajectories, written_twice
 
@@ -151,6 +151,7 @@ class RawCoordinates:
                 the unit that the file says, or the positions not in meters.
         """
         raw, notes = _without_repeats(self)
+        raw, copied = _without_copies(raw)
         motion = raw.to_motion(in_degrees=in_degrees, unit=unit, rotations=rotations)
         _check_seconds(raw)
         if in_degrees is None:
@@ -160,7 +161,8 @@ class RawCoordinates:
             _check_reach(raw, motion)
         if unit is None:
             _check_meters(raw)
-        return motion, (*self.notes, *notes, *turned, *_jumps(motion))
+        mixed = mixed_units.doubts(motion)
+        return motion, (*self.notes, *notes, *copied, *turned, *mixed, *_jumps(motion))
 
 
 def is_rotation(coordinate: str) -> bool:
@@ -197,6 +199,21 @@ def _without_repeats(raw: RawCoordinates) -> tuple[RawCoordinates, tuple[str, ..
     return RawCoordinates(
         raw.path, raw.times[kept], raw.names, raw.values[kept], raw.degrees, raw.place
     ), (note,)
+
+
+def _without_copies(raw: RawCoordinates) -> tuple[RawCoordinates, list[str]]:
+    """Without the rows that repeat the row before, where they come at a beat, and a note on them.
+
+    Elsewhere a computed movement may pause.
+    """
+    if len(raw.times) < 2:
+        return raw, []
+    found = copies.find_copies(raw.values, float(np.median(np.diff(raw.times))))
+    if not found.at_a_beat:
+        return raw, []
+    kept = ~found.frames
+    fewer = replace(raw, times=raw.times[kept], values=raw.values[kept])
+    return fewer, replace(found, long=()).notes(raw.times)
 
 
 def _check_seconds(raw: RawCoordinates) -> None:
@@ -241,7 +258,8 @@ def _check_degrees(raw: RawCoordinates) -> None:
     most = float(values.max())
     none_negative = (raw.values[:, turning] >= -1e-9).all()
     alike = joint_most <= _HALF_TURN or (none_negative and joint_most <= _TURN)
-    if (_SMALL < most <= _TURN and alike) or _steps_by_turns(raw.values[:, turning]):
+    wraps = joint_most <= _TURN and _steps_by_turns(raw.values[:, turning])
+    if (_SMALL < most <= _TURN and alike) or wraps:
         name = raw.names[turning[int(values.max(0).argmax())]]
         raise file_error(
             raw.path,

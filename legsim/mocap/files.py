@@ -169,14 +169,19 @@ def load_markers(
 
 
 def read_markers(
-    path: Path | str, *, unit: str | None = None, up: str | None = None
+    path: Path | str,
+    *,
+    unit: str | None = None,
+    up: str | None = None,
+    raw: RawRecording | None = None,
 ) -> tuple[MarkerTrajectories, tuple[str, ...]]:
-    """Reads markers as meters in world, with the reader's notes.
+    """Reads markers as meters in world, with the reader's notes; ``raw`` is what :func:`read_raw`
+    read already.
 
     Raises:
         LegsimError: as :func:`load_markers`.
     """
-    found = read_recording(path, unit=unit, up=up)
+    found = resolve(path, read_raw(path) if raw is None else raw, unit=unit, up=up)
     if not isinstance(found.value, MarkerTrajectories):
         raise file_error(
             path, "holds joint coordinates, not markers", "give a marker file (.trc, .c3d, .csv)"

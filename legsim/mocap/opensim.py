@@ -27,6 +27,17 @@ _FEW_DIGITS = 5
 _STATE = re.compile(r"(?:.*/)?([^/]+)/value")
 
 
+_NO_COORDINATES = re.compile(
+    r"speeds?|accelerations?|position ?errors?|controls?|pseudo ?\w*|"
+    r"actuator ?(forces|speeds|powers)|(model)?forces|"
+    r"inverse dynamics.*|static optimization|joint ?reactions?.*|induced ?accelerations?.*",
+    re.I,
+)
+"""names, in the first line, of OpenSim's results that have the coordinates' names and other
+values
+"""
+
+
 @dataclass(frozen=True, slots=True)
 class _Header:
     degrees: bool | None
@@ -62,6 +73,14 @@ def read(path: Path | str) -> RawCoordinates:
     path = Path(path)
     lines = files.read(path, "storage")
     header = _header(path, lines)
+    kind = lines[0].strip().removeprefix("name ").strip()
+    if _NO_COORDINATES.fullmatch(kind):
+        raise file_error(
+            path,
+            f"holds {kind!r} under the names of coordinates, not joint coordinates",
+            "give the coordinates (…_Kinematics_q.sto, or the .mot of inverse kinematics)",
+            place="line 1",
+        )
     lines = _tabbed(lines, header.end)
     names, first_row = _column_names(path, lines, header)
     table, row_notes = _table(path, lines, first_row, names, header)

@@ -14,6 +14,9 @@ _SIGMA = 1.3
 PADDING = 8
 """voxels around a mask: beyond the reach of the smoothing"""
 
+_AT_ONCE = 1 << 18
+"""voxels whose distances are sought in one go"""
+
 _LEAST = 0.02
 """least distance of the smoothed field from its level at a voxel's center: no triangle degenerates
 where the surface would pass exactly through one
@@ -44,9 +47,11 @@ def of_smoothed(field: np.ndarray, world_from_index: FloatArray) -> tuple[FloatA
 
 
 def of_field(field: FloatArray, world_from_index: FloatArray) -> tuple[FloatArray, np.ndarray]:
-    """Closed surface where a field (k, j, i) is 0, positive inside, negative beyond the grid."""
-    # one more layer of the least value closes what reaches the grid's border
-    low = min(float(field.min()), -_LEAST)
+    """Closed surface where a field (k, j, i) is 0, positive inside.
+
+    What reaches the grid's border ends at that of its voxels, as far as the field is clipped there.
+    """
+    low = -float(np.abs(field).max())
     padded = np.pad(np.where(np.abs(field) < 1e-9, -1e-9, field), 1, constant_values=low)
     return _level(padded, world_from_index, -1)
 
@@ -69,20 +74,38 @@ def volume(vertices: FloatArray, triangles: np.ndarray) -> float:
     return float(np.einsum("ti,ti->", a, np.cross(b, c)) / 6)
 
 
-def signed_distance(
-    mask: np.ndarray, vertices: FloatArray, world_from_index: FloatArray, reach: float
-) -> FloatArray:
+def rough_distance(mask: np.ndarray, steps: FloatArray) -> FloatArray:
     """Distance (k, j, i) in m of voxel centers from a mask's surface, positive inside.
 
-    Distances beyond ``reach`` (m) are ``reach``. The surface is known by its ``vertices``, at most
-    a voxel apart.
+    It is right to half a voxel: the surface of :func:`smoothed` separates each center from the
+    nearest one of the other kind, and its vertices are at most a voxel from centers of both kinds.
+    Where the mask reaches the grid's border there is no surface.
+
+    Args:
+        mask: (k, j, i).
+        steps: (3,) m between voxels along k, j, i.
     """
-    places = np.stack(np.nonzero(np.ones_like(mask))[::-1], -1)
-    tree = KDTree(vertices)
-    distance = np.empty(len(places))
-    for first in range(0, len(places), 1 << 20):  # coordinates of all voxels take much memory
-        part = slice(first, first + (1 << 20))
-        points = transforms.apply(world_from_index, places[part].astype(float))
-        distance[part] = tree.query(points, distance_upper_bound=reach)[0]
-    distance = np.minimum(distance, reach).reshape(mask.shape)
-    return np.where(mask, distance, -distance)
+    distance = np.empty(mask.shape)
+    for chosen, sign in ((mask, 1), (~mask, -1)):
+        if chosen.all():  # there is no surface
+            return np.full(mask.shape, sign * np.inf)
+        far = ndimage.distance_transform_edt(chosen, sampling=steps)
+        distance[chosen] = sign * (far[chosen] - steps.max() / 2)
+    return distance
+
+
+def exact_distance(
+    mask: np.ndarray, where: np.ndarray, surface: KDTree, world_from_index: FloatArray
+) -> FloatArray:
+    """Distances (n,) in m, positive inside, of the voxel centers that are chosen by ``where``.
+
+    The surface is known by its points, at most a voxel apart.
+    """
+    places = np.flatnonzero(where)
+    found = np.empty(len(places))
+    for first in range(0, len(places), _AT_ONCE):  # coordinates of many voxels take much memory
+        part = slice(first, first + _AT_ONCE)
+        indices = np.stack(np.unravel_index(places[part], where.shape)[::-1], axis=-1)
+        points = transforms.apply(world_from_index, indices.astype(float))
+        found[part] = surface.query(points)[0]
+    return np.where(mask[where], found, -found)

@@ -1,4 +1,4 @@
-"""Closed meshes without what lies behind a plane, and whether a point lies inside of one."""
+"""Closed meshes without what lies behind a plane."""
 
 import numpy as np
 
@@ -46,16 +46,3 @@ def in_front(
     cap = cap[(cap[:, :2] != apex[:, None]).all(axis=1)]
     kept = np.concatenate([triangles[count == 3], tips, stumps, cap])
     return np.concatenate([vertices, points]), kept.astype(triangles.dtype)
-
-
-def winds_around(vertices: FloatArray, triangles: np.ndarray, point: FloatArray) -> bool:
-    """Whether a closed mesh winds around a point, by the solid angle that it fills from there.
-
-    Angles of triangles are those of Van Oosterom and Strackee (IEEE Trans Biomed Eng 30, 1983).
-    """
-    a, b, c = np.moveaxis((vertices - point)[triangles], 1, 0)
-    la, lb, lc = (np.linalg.norm(side, axis=1) for side in (a, b, c))
-    volume = (a * np.cross(b, c)).sum(1)
-    below = la * lb * lc + (a * b).sum(1) * lc + (a * c).sum(1) * lb + (b * c).sum(1) * la
-    turns = np.arctan2(volume, below).sum() / (2 * np.pi)
-    return bool(abs(turns) > 0.5)

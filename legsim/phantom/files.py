@@ -16,7 +16,7 @@ from legsim.core import files as core_files
 from legsim.core import transforms
 from legsim.core.errors import LegsimError, file_error
 from legsim.core.values import FloatArray
-from legsim.phantom import landmarks, materials, mesh_files, surfaces
+from legsim.phantom import landmarks, materials, mesh_files, surfaces, winding
 from legsim.phantom.meshes import Part, Phantom
 
 UNITS = {"mm": 1e-3, "m": 1.0, "cm": 1e-2, "in": 25.4e-3}
@@ -245,14 +245,18 @@ def _part(
     vertices, triangles, done = _surface(file, name, *mesh_files.read(file, name), repair=repair)
     vertices = vertices * UNITS[table["unit"]]
     _check_size(file, name, vertices, table["unit"])
-    if surfaces.enclosed(vertices, triangles) < _LEAST_VOLUME * np.ptp(vertices, axis=0).max() ** 3:
+    shells = surfaces.shells(triangles)
+    if (
+        surfaces.enclosed(vertices, triangles, shells)
+        < _LEAST_VOLUME * np.ptp(vertices, axis=0).max() ** 3
+    ):
         raise file_error(
             file,
             "the surface encloses no volume",
             "give it a thickness, or orient its pieces alike",
             place=f"part {name!r}",
         )
-    triangles, turned = _facing_outward(file, name, vertices, triangles, repair=repair)
+    triangles, turned = _facing_outward(file, name, vertices, triangles, shells, repair=repair)
     remarks += [f"{file} (part {name!r}): {what}" for what in (*done, *turned)]
     return Part(name, material, attenuation, vertices, triangles)
 
@@ -295,7 +299,13 @@ def _surface(
 
 
 def _facing_outward(
-    file: Path, name: str, vertices: FloatArray, triangles: np.ndarray, *, repair: bool
+    file: Path,
+    name: str,
+    vertices: FloatArray,
+    triangles: np.ndarray,
+    shells: np.ndarray,
+    *,
+    repair: bool,
 ) -> tuple[np.ndarray, list[str]]:
     """The triangles with all shells but hollows facing outward, and what was turned.
 
@@ -306,7 +316,7 @@ def _facing_outward(
     if surfaces.volume(vertices, triangles) < 0:
         triangles = triangles[:, ::-1]
         done.append("its triangles faced inward and were turned")
-    alone, overlapping = surfaces.inverted_shells(vertices, triangles)
+    alone, overlapping = surfaces.inverted_shells(vertices, triangles, shells)
     if overlapping and not repair:
         where = ", ".join(f"{x:.4g}" for x in vertices[triangles[overlapping[0]]].mean((0, 1)))
         raise file_error(
@@ -372,6 +382,6 @@ def _fraction_inside(part: Part, other: Part, samples: int = _SAMPLES) -> float:
     spread = np.linspace(0, len(used) - 1, min(samples, len(used))).astype(int)
     points = used[np.concatenate([spread, used.argmin(axis=0), used.argmax(axis=0)])]
     boxed = points[((points > low) & (points < high)).all(axis=1)]
-    return sum(
-        abs(surfaces.winding(other.vertices[other.triangles], point)) > 0.5 for point in boxed
-    ) / len(points)
+    if not len(boxed):
+        return 0.0
+    return np.count_nonzero(winding.numbers(other.vertices, other.triangles, boxed)) / len(points)

@@ -7,6 +7,7 @@ laid on the faces of a joint.
 """
 
 from collections.abc import Sequence
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -14,6 +15,7 @@ from typing import TYPE_CHECKING
 import lazy_loader
 import numpy as np
 from scipy import ndimage
+from scipy.spatial import KDTree
 
 from legsim.core import files, transforms
 from legsim.core.errors import LegsimError, file_error
@@ -36,7 +38,16 @@ _JOINT_SPACE = 0.003
 face each other
 """
 
+_BAND = 1.5
+"""voxels from the border of a layer within which distances are exact
+
+Elsewhere they are right to half a voxel; the ends of a step across the border are a voxel from it.
+"""
+
 _JOINTS = (("femur", "tibia"), ("femur", "patella"), ("tibia", "talus"))
+
+_TURNED_DEG = (30.0, 120.0)
+"""angles between a patella and the front at which a leg is turned: more of them, and less"""
 
 _PLAUSIBLE_CM3 = {"femur": (300, 700), "tibia": (180, 500), "patella": (8, 40)}
 """volumes of whole adult bones"""
@@ -100,6 +111,10 @@ class _Outer:
     vertices: FloatArray
     triangles: np.ndarray
 
+    def distance(self, where: np.ndarray, surface: KDTree) -> FloatArray:
+        """Distances (n,) in m of chosen voxels of the box from the surface, positive inside."""
+        return _label_surfaces.exact_distance(self.mask, where, surface, self.world_from_index)
+
     def part(self, name: str, material: str) -> MeshedPart:
         return MeshedPart(name, material, self.structure.segment, self.vertices, self.triangles)
 
@@ -119,7 +134,7 @@ def mesh_labels(grid: StructureGrid, layers: Layers) -> MeshedLabels:
             )
     boxes = ndimage.find_objects(grid.codes)
     remarks = [*grid.remarks, *_cuts(grid, boxes)]
-    outers = _outers(grid)
+    outers = _outers(grid, boxes)
     volumes = tuple(_volume_row(outer) for outer in outers)
     remarks += _volume_remarks(outers, volumes, grid, boxes)
     parts: list[MeshedPart] = []
@@ -136,29 +151,63 @@ def mesh_labels(grid: StructureGrid, layers: Layers) -> MeshedLabels:
             "no structure encloses the others: what is not labeled is air; add a segmentation of "
             "the body or skin"
         )
-    remarks += _stance.objections({outer.structure.name: outer.vertices for outer in bony})
+    turns = _turns(bony, remarks)
+    remarks += _stance.objections(
+        {
+            outer.structure.name: outer.vertices @ turns.get(outer.structure.side, np.eye(3))
+            for outer in bony
+        }
+    )
     found = _landmarks(bony, remarks)
     return MeshedLabels(tuple(parts), volumes, found, tuple(remarks))
+
+
+def _surfaces(bony: Sequence[_Outer], side: str) -> dict[str, BoneSurface]:
+    """Bones of one leg."""
+    return {
+        outer.structure.entry.name: BoneSurface(outer.vertices, outer.triangles)
+        for outer in bony
+        if outer.structure.side == side
+    }
+
+
+def _turns(bony: Sequence[_Outer], remarks: list[str]) -> dict[str | None, FloatArray]:
+    """Rotations (3, 3) about the vertical of legs that stand turned, from world's front.
+
+    A leg that faces backwards is none: its front and back are exchanged.
+    """
+    found: dict[str | None, FloatArray] = {}
+    for side in ("l", "r"):
+        angle = landmarks.turned(_surfaces(bony, side))
+        if _TURNED_DEG[0] < abs(np.degrees(angle)) < _TURNED_DEG[1]:
+            found[side] = transforms.axis_rotation((0, 1, 0), angle)
+            remarks.append(
+                f"femur_{side}: the leg stands turned about its length: its patella lies "
+                f"{abs(np.degrees(angle)):.0f} degrees to the {'left' if angle > 0 else 'right'} "
+                "of the image's front; a run turns it; if it is not, check the image's directions"
+            )
+    return found
 
 
 def _landmarks(bony: Sequence[_Outer], remarks: list[str]) -> dict[str, dict[str, FloatArray]]:
     """Landmarks of each leg that has a femur."""
     found = {}
     for side in ("l", "r"):
-        bones = {
-            outer.structure.entry.name: BoneSurface(outer.vertices, outer.triangles)
-            for outer in bony
-            if outer.structure.side == side
-        }
+        bones = _surfaces(bony, side)
         if not bones:
             continue
         try:
             marks = landmarks.find(bones, side)
-            leans = landmarks.of_other_side(bones["femur"], marks, side)
+            leans = landmarks.of_other_side(bones, marks, side)
         except LegsimError as error:
             remarks.append(f"no landmarks, so that this leg can only rest: {error}")
             continue
         found[side] = marks
+        if "patella" not in bones:
+            remarks.append(
+                f"femur_{side}: no patella shows where its front is, so that it is taken to be the "
+                "image's, to some 30 degrees; if the leg stood turned more, give its [landmarks]"
+            )
         if leans:
             remarks.append(
                 f"In doubt: femur_{side} leans as one of the other leg: check --side, the map's "
@@ -167,13 +216,13 @@ def _landmarks(bony: Sequence[_Outer], remarks: list[str]) -> dict[str, dict[str
     return found
 
 
-def _outers(grid: StructureGrid) -> list[_Outer]:
+def _outers(grid: StructureGrid, boxes: Sequence[tuple[slice, ...]]) -> list[_Outer]:
     """Meshes each structure with what it extends below; envelopes contain those within them."""
     outers: list[_Outer] = []
     within: dict[str | None, np.ndarray] = {}
     for k in reversed(range(len(grid.structures))):
         structure = grid.structures[k]
-        box, mask = _solid(grid, k)
+        box, mask = _solid(grid, k, boxes[k])
         placed = grid.world_from_index @ transforms.translation([s.start for s in box][::-1])
         field = _label_surfaces.smoothed(mask)
         if structure.entry.envelope:
@@ -184,10 +233,12 @@ def _outers(grid: StructureGrid) -> list[_Outer]:
     return outers[::-1]
 
 
-def _solid(grid: StructureGrid, k: int) -> tuple[tuple[slice, ...], np.ndarray]:
+def _solid(
+    grid: StructureGrid, k: int, around: tuple[slice, ...]
+) -> tuple[tuple[slice, ...], np.ndarray]:
     """Mask of structure ``k`` and of what it extends below, and its box in the grid.
 
-    The box of an envelope is the whole grid.
+    The box of an envelope is the whole grid, that of others ``around`` its labels and a margin.
     """
     structure = grid.structures[k]
     below = np.zeros(len(grid.structures) + 1, bool)
@@ -195,25 +246,21 @@ def _solid(grid: StructureGrid, k: int) -> tuple[tuple[slice, ...], np.ndarray]:
     for n, other in enumerate(grid.structures[k + 1 :], k + 2):
         same_leg = structure.side is None or other.side in (None, structure.side)
         below[n] = same_leg and (soft or other.segment == structure.segment)
-    own = grid.codes == k + 1
     if structure.entry.envelope:
-        box = tuple(slice(0, n) for n in own.shape)
-        covered = below[grid.codes] & grid.side_mask(structure.side, box)
+        box = tuple(slice(0, n) for n in grid.codes.shape)
+        own, covered = grid.codes == k + 1, below[grid.codes]
+        covered &= grid.side_mask(structure.side, box)
         return box, np.asarray(ndimage.binary_fill_holes(own | covered))
-    steps = np.linalg.norm(grid.world_from_index[:3, :3], axis=0)[::-1]
-    box = _box(own, int(np.ceil(_UNDERLAP / steps.min())) + 2)
-    mask, covered = own[box], below[grid.codes[box]]
+    steps = _steps(grid.world_from_index)
+    margin = int(np.ceil(_UNDERLAP / steps.min())) + 2
+    box = tuple(slice(max(s.start - margin, 0), s.stop + margin) for s in around)
+    mask, covered = grid.codes[box] == k + 1, below[grid.codes[box]]
     if covered.any():
         near = ndimage.distance_transform_edt(~mask, sampling=steps) <= _UNDERLAP
         mask = mask | (covered & near)
     if structure.entry.tissue == label_maps.BONE:
         mask = np.asarray(ndimage.binary_fill_holes(mask))
     return box, mask
-
-
-def _box(mask: np.ndarray, margin: int) -> tuple[slice, ...]:
-    found = ndimage.find_objects(mask.astype(np.uint8))[0]
-    return tuple(slice(max(s.start - margin, 0), s.stop + margin) for s in found)
 
 
 def _bone(
@@ -225,19 +272,14 @@ def _bone(
     if cortex == 0:
         return (outer.part(f"{base}_cancellous{ending}", "cancellous_bone"),)
     whole = outer.part(f"{base}_cortex{ending}", "cortical_bone")
-    padded = np.pad(outer.mask, 1)
-    placed = outer.world_from_index @ transforms.translation([-1, -1, -1])
-    # where the image cuts a bone there is no cortex
-    surface = _dense(outer)
-    indices = transforms.apply(np.linalg.inv(grid.world_from_index), surface)
-    last = np.array(grid.codes.shape[::-1]) - 1
-    surface = surface[((indices > -0.2) & (indices < last + 0.2)).all(axis=1)]
-    reach = cortex + 3 * float(np.linalg.norm(placed[:3, :3], axis=0).max())
-    inside = _label_surfaces.signed_distance(padded, surface, placed, reach)
-    if inside.max() <= cortex:
+    steps = _steps(outer.world_from_index)
+    field = _label_surfaces.rough_distance(outer.mask, steps) - cortex
+    near = np.abs(field) <= _BAND * steps.max()
+    field[near] = outer.distance(near, _surface(grid, outer)) - cortex
+    if field.max() <= 0:
         remarks.append(f"{name}: nowhere thicker than twice the cortex; it is cortical throughout")
         return (whole,)
-    vertices, triangles = _label_surfaces.of_field(inside - cortex, placed)
+    vertices, triangles = _level(field, outer.world_from_index)
     inner = MeshedPart(
         f"{base}_cancellous{ending}",
         "cancellous_bone",
@@ -248,9 +290,21 @@ def _bone(
     return whole, inner
 
 
-def _dense(outer: _Outer) -> FloatArray:
-    """Points of a surface at most about half a voxel apart: vertices and middles of triangles."""
-    return np.concatenate([outer.vertices, outer.vertices[outer.triangles].mean(axis=1)])
+def _steps(world_from_index: FloatArray) -> FloatArray:
+    """(3,) m between voxels along k, j, i."""
+    return np.linalg.norm(world_from_index[:3, :3], axis=0)[::-1]
+
+
+def _surface(grid: StructureGrid, outer: _Outer) -> KDTree:
+    """Points of a bone's surface at most about half a voxel apart: vertices and middles of
+    triangles.
+
+    Without those where the image cuts the bone: there is neither cortex nor cartilage.
+    """
+    points = np.concatenate([outer.vertices, outer.vertices[outer.triangles].mean(axis=1)])
+    indices = transforms.apply(np.linalg.inv(grid.world_from_index), points)
+    last = np.array(grid.codes.shape[::-1]) - 1
+    return KDTree(points[((indices > -0.2) & (indices < last + 0.2)).all(axis=1)])
 
 
 def _cartilages(
@@ -287,30 +341,53 @@ def _cartilage(
 ) -> tuple[FloatArray, np.ndarray] | None:
     """Layer of ``bone`` where it faces ``other``, up to the middle between them."""
     reach = 2 * thickness + _JOINT_SPACE
-    codes = [grid.structures.index(o.structure) + 1 for o in (bone, other)]
-    index_from_world = np.linalg.inv(grid.world_from_index)
-    low, high = np.zeros(3, int), np.array(grid.codes.shape)[::-1]
-    steps = np.linalg.norm(grid.world_from_index[:3, :3], axis=0)
-    for outer in (bone, other):
-        indices = transforms.apply(index_from_world, outer.vertices)
-        low = np.maximum(low, np.floor(indices.min(0) - reach / steps).astype(int))
-        high = np.minimum(high, np.ceil(indices.max(0) + reach / steps).astype(int) + 1)
-    if (high <= low).any():
+    box = _both(grid, bone, other, reach + 2 * _UNDERLAP)
+    if box is None:
         return None
-    box = tuple(slice(a, b) for a, b in zip(low[::-1], high[::-1], strict=True))
-    placed = grid.world_from_index @ transforms.translation(low)
-    cap = reach + _UNDERLAP + 2 * steps.max()
-    near, far = (
-        -_label_surfaces.signed_distance(grid.codes[box] == code, _dense(outer), placed, cap)
-        for code, outer in zip(codes, (bone, other), strict=True)
-    )
-    field = np.minimum(
-        np.minimum(thickness - near, (far - near) / 2),
-        np.minimum((reach - near - far) / 2, near + _UNDERLAP),
-    )
+    placed = grid.world_from_index @ transforms.translation([s.start for s in box][::-1])
+    steps = _steps(grid.world_from_index)
+    masks = [
+        grid.codes[box] == grid.structures.index(outer.structure) + 1 for outer in (bone, other)
+    ]
+    near, far = (-_label_surfaces.rough_distance(mask, steps) for mask in masks)
+    field = _facing(near, far, thickness, reach)
+    close = np.abs(field) <= _BAND * steps.max()
+    exact = [
+        -_label_surfaces.exact_distance(mask, close, _surface(grid, outer), placed)
+        for mask, outer in zip(masks, (bone, other), strict=True)
+    ]
+    field[close] = _facing(exact[0], exact[1], thickness, reach)
     if field.max() <= 0:
         return None
-    return _label_surfaces.of_field(field, placed)
+    return _level(field, placed)
+
+
+def _level(field: FloatArray, world_from_index: FloatArray) -> tuple[FloatArray, np.ndarray]:
+    """Closed surface where a field of distances (k, j, i) in m is 0."""
+    most = _BAND * _steps(world_from_index).max()
+    return _label_surfaces.of_field(np.clip(field, -most, most), world_from_index)
+
+
+def _facing(near: FloatArray, far: FloatArray, thickness: float, reach: float) -> FloatArray:
+    """Above 0 in the layer of one bone that faces another, by the distances (m) from both."""
+    layer = np.minimum(thickness - near, near + _UNDERLAP)
+    return np.minimum(layer, np.minimum(far - near, reach - near - far) / 2)
+
+
+def _both(
+    grid: StructureGrid, bone: _Outer, other: _Outer, margin: float
+) -> tuple[slice, ...] | None:
+    """Box of the grid within ``margin`` m of two bones; None where there is none."""
+    index_from_world = np.linalg.inv(grid.world_from_index)
+    low, high = np.zeros(3, int), np.array(grid.codes.shape)[::-1]
+    around = margin / _steps(grid.world_from_index)[::-1]
+    for outer in (bone, other):
+        indices = transforms.apply(index_from_world, outer.vertices)
+        low = np.maximum(low, np.floor(indices.min(0) - around).astype(int))
+        high = np.minimum(high, np.ceil(indices.max(0) + around).astype(int) + 1)
+    if (high <= low).any():
+        return None
+    return tuple(slice(a, b) for a, b in zip(low[::-1], high[::-1], strict=True))
 
 
 def _cuts(grid: StructureGrid, boxes: Sequence[tuple[slice, ...]]) -> list[str]:
@@ -366,31 +443,46 @@ def _volume_remarks(
 def save(folder: Path, meshed: MeshedLabels) -> Path:
     """Writes a mesh per part (PLY, mm) and PHANTOM.toml; returns the latter's path.
 
-    The folder is made where it is missing.
+    The folder is made where it is missing. All files get their names at the end, so that a phantom
+    that was there stays whole if this is interrupted.
 
     Raises:
         LegsimError: the folder cannot be written.
     """
-    lines = ["# made by `legsim phantom from-labels`; coordinates in world: x front, y up, z right"]
-    lines += ['overlaps = "intended"']
+    path = folder / "PHANTOM.toml"
+    new = [place for place in (folder, *folder.parents) if not place.exists()]
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        for part in meshed.parts:
-            mesh = trimesh.Trimesh(1e3 * part.vertices, part.triangles, process=False)
-            with files.whole(folder / f"{part.name}.ply") as partial:
+        with ExitStack() as renamed:
+            listed = renamed.enter_context(files.whole(path))  # the first gets its name last
+            for part in meshed.parts:
+                mesh = trimesh.Trimesh(1e3 * part.vertices, part.triangles, process=False)
+                partial = renamed.enter_context(files.whole(folder / f"{part.name}.ply"))
                 mesh.export(str(partial), file_type="ply")
-            lines += ["", "[[part]]", f'name = "{part.name}"', f'file = "{part.name}.ply"']
-            lines += ['unit = "mm"', f'material = "{part.material}"']
-            lines += [] if part.segment is None else [f'segment = "{part.segment}"']
-    except OSError as error:
-        problem = f"cannot be written ({error.strerror or error})"
-        raise file_error(folder, problem, "choose another folder") from error
+            listed.write_text("\n".join(_lines(meshed)) + "\n", "utf-8")
+    except BaseException as error:
+        for place in new:
+            with suppress(OSError):
+                place.rmdir()
+        if isinstance(error, OSError):
+            problem = f"cannot be written ({error.strerror or error})"
+            raise file_error(folder, problem, "choose another folder") from error
+        raise
+    return path
+
+
+def _lines(meshed: MeshedLabels) -> list[str]:
+    """Lines of PHANTOM.toml."""
+    lines = ["# made by `legsim phantom from-labels`; coordinates in world: x front, y up, z right"]
+    lines += ['overlaps = "intended"']
+    for part in meshed.parts:
+        lines += ["", "[[part]]", f'name = "{part.name}"', f'file = "{part.name}.ply"']
+        lines += ['unit = "mm"', f'material = "{part.material}"']
+        lines += [] if part.segment is None else [f'segment = "{part.segment}"']
     for side, points in meshed.landmarks.items():
         lines += ["", f"[landmarks.{side}]"]
         lines += [
             f"{name} = [{', '.join(f'{1e3 * x:.2f}' for x in point)}]"
             for name, point in points.items()
         ]
-    path = folder / "PHANTOM.toml"
-    files.write_text(path, "\n".join(lines) + "\n")
-    return path
+    return lines

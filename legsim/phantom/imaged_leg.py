@@ -32,6 +32,9 @@ from legsim.phantom.meshes import Phantom
 _FLEXION_DEG = (-15.0, 45.0)
 """knee angles of an imaged leg that its soft tissue can be straightened from"""
 
+_LAID = {"femur", "tibia"}
+"""bones that are laid on the model's with all of their surface"""
+
 _SHAFTS = ("thigh", "shank")
 
 _STUMP, _STUMP_DEG = 0.10, 10.0
@@ -150,7 +153,7 @@ def image_pose(path: Path, read: PhantomFile, scales: SegmentScales) -> FloatArr
         try:
             imaged, of_bones = _landmarks(read, bones, side)
             judged = of_bones and "femur" in bones
-            leans = judged and landmarks.of_other_side(bones["femur"], imaged, side)
+            leans = judged and landmarks.of_other_side(bones, imaged, side)
         except LegsimError as error:
             raise LegsimError(f"{path}: {error}") from error
         if leans:
@@ -159,7 +162,8 @@ def image_pose(path: Path, read: PhantomFile, scales: SegmentScales) -> FloatArr
                 ImagedLegWarning,
                 stacklevel=3,
             )
-        own = bones if of_bones else {}  # landmarks that somebody moved count as they are
+        # landmarks that somebody moved count as they are
+        own = {name: bones[name] for name in _LAID & bones.keys()} if of_bones else {}
         placed, flexed = _registered(path, imaged, own, model, scales, side)
         for k, name in enumerate(SEGMENTS):
             if name.endswith(f"_{side}"):
@@ -184,10 +188,10 @@ def _segments(path: Path, read: PhantomFile) -> tuple[str, ...]:
 
 
 def _bones(read: PhantomFile, side: str) -> dict[str, BoneSurface]:
-    """Outer surface of femur and tibia: the largest bony part of each segment."""
+    """Outer surface of femur, tibia and patella: the largest bony part of each segment."""
     found: dict[str, BoneSurface] = {}
     for part, segment in zip(read.phantom.parts, read.segments, strict=True):
-        for bone in ("femur", "tibia"):
+        for bone in ("femur", "tibia", "patella"):
             if segment != f"{bone}_{side}" or "bone" not in part.material:
                 continue
             largest = found.get(bone)
@@ -278,7 +282,7 @@ def _registered(
         # the knee does not turn about the middle of its condyles, nor by just this angle
         flexion += _shank_angle(model, frames[1], moved(flexion)["tibia"]) - wanted
     stumps = {n: _length(p, middle_of_knee(imaged)) for n, p in imaged.items() if n in _SHAFTS}
-    if bones.keys() == {"femur", "tibia"}:
+    if bones.keys() == _LAID:
         fitted = _bone_fit.fit(bones, _model_bones(legs, side), moved, placed, flexion)
         if fitted.same_shape:
             placed, flexion, stumps = fitted.placed, fitted.flexion, {}

@@ -90,7 +90,7 @@ def structure_grid(
             problem = f"lies on another grid than {images[0].path}"
             raise file_error(image.path, problem, "resample it, nearest neighbor, to that grid")
     codes, entries = np.zeros(images[0].labels.shape, np.uint16), list[LabelEntry]()
-    remarks: list[str] = []
+    remarks = [remark for image in images for remark in image.remarks]
     for image, read in zip(images, maps, strict=True):
         _enter(codes, entries, image, read, ignore, remarks)
     if not entries:

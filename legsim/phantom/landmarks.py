@@ -54,6 +54,16 @@ _WHOLE = 3.4
 _PASSES = 4
 """searches for landmarks, each on the bone as the one before stood it upright"""
 
+_TURNED_DEG = 20.0
+"""by which a patella may lie beside world's front until the search begins from where it lies
+
+In people it lies within 16 degrees of the front of their condyles. From starts 20 degrees off all
+searches on 15 legs and stumps ended at the same landmarks, from 40 degrees 27 of 30.
+"""
+
+_LEAST_BESIDE = 0.015
+"""m between the middles of patella and condyles, below which they show no direction"""
+
 _LARGE = 2e-3
 """m: edges of triangles that are small beside what is fitted to them"""
 
@@ -137,6 +147,8 @@ def find(
 ) -> dict[str, FloatArray]:
     """Finds landmarks (3,) m of one leg on its ``femur`` and ``tibia``.
 
+    A ``patella`` shows where its front is. Without one that is world's, to some 30 degrees.
+
     Args:
         bones: surfaces by name; without a tibia its landmarks are left out.
         side: "l" or "r".
@@ -150,18 +162,20 @@ def find(
     if "femur" not in bones:
         raise LegsimError(f"no femur of side {side}: the leg cannot be placed on the leg model")
     points, areas = bones["femur"].samples()
-    thigh, upright = dict[str, FloatArray](), np.eye(4)
+    off = turned(bones)
+    start = off if abs(off) > np.radians(_TURNED_DEG) else 0.0
+    thigh, upright = dict[str, FloatArray](), transforms.rigid(_about_vertical(start), (0, 0, 0))
     for _ in range(_PASSES):
-        turned = transforms.apply(transforms.inverse(upright), points)
-        thigh = _carried(upright, _of_femur(turned, areas, side, thigh_reach))
+        stood = transforms.apply(transforms.inverse(upright), points)
+        thigh = _carried(upright, _of_femur(stood, areas, side, thigh_reach))
         upright = femur_frame(thigh, side)
     if "tibia" not in bones:
         return thigh
     points, areas = bones["tibia"].samples()
     shank = dict[str, FloatArray]()
     for _ in range(_PASSES):
-        turned = transforms.apply(transforms.inverse(upright), points)
-        shank = _carried(upright, _of_tibia(turned, areas, shank_reach))
+        stood = transforms.apply(transforms.inverse(upright), points)
+        shank = _carried(upright, _of_tibia(stood, areas, shank_reach))
         (low,) = shank.values()
         upright = _frame(middle_of_knee(thigh) - low, thigh, side)
     top = float(transforms.apply(transforms.inverse(upright), points)[:, 1].max())
@@ -174,7 +188,28 @@ def find(
     return thigh | shank
 
 
-def of_other_side(femur: BoneSurface, points: Mapping[str, FloatArray], side: str) -> bool:
+def turned(bones: Mapping[str, BoneSurface]) -> float:
+    """Angle (rad) about world's vertical by which a leg's patella lies off world's front.
+
+    0 without a femur or a patella, or where they lie one above the other.
+    """
+    if not {"femur", "patella"} <= bones.keys():
+        return 0.0
+    femur = bones["femur"].vertices
+    low = femur[femur[:, 1] < femur[:, 1].min() + 0.06]
+    ahead = bones["patella"].vertices.mean(axis=0) - (low.max(axis=0) + low.min(axis=0)) / 2
+    if np.hypot(ahead[0], ahead[2]) < _LEAST_BESIDE:
+        return 0.0
+    return float(np.arctan2(-ahead[2], ahead[0]))
+
+
+def _about_vertical(angle: float) -> FloatArray:
+    return transforms.axis_rotation((0, 1, 0), angle)
+
+
+def of_other_side(
+    bones: Mapping[str, BoneSurface], points: Mapping[str, FloatArray], side: str
+) -> bool:
     """Whether a femur with these landmarks leans as one of the other leg.
 
     Shafts lean outward from the condyles upward, in people by 2 to 10 degrees. Short stumps say
@@ -185,7 +220,9 @@ def of_other_side(femur: BoneSurface, points: Mapping[str, FloatArray], side: st
     reach = min(_LEAN_REACH, float(np.linalg.norm(points["thigh"] - middle_of_knee(points))))
     if reach < _LEAST_LEAN_REACH:
         return False
-    found = find({"femur": femur}, side, thigh_reach=reach)
+    found = find(
+        {name: bone for name, bone in bones.items() if name != "tibia"}, side, thigh_reach=reach
+    )
     outward = found["condyle_lateral"] - found["condyle_medial"]
     up = found["thigh"] - middle_of_knee(found)
     lean = np.arcsin(outward @ up / np.linalg.norm(outward) / np.linalg.norm(up))

@@ -66,11 +66,12 @@ def read(file: Path, name: str) -> tuple[FloatArray, np.ndarray]:
             "export it again",
             place=place,
         )
-    if not within(vertices[triangles]):
+    used = np.zeros(len(vertices), bool)
+    used[triangles] = True
+    if not within(vertices[used]):
         problem = "a vertex is not a finite number, or too far away for a leg"
         raise file_error(file, problem, "export it again", place=place)
-    used, corners = np.unique(triangles, return_inverse=True)
-    return vertices[used], corners.reshape(-1, 3)
+    return vertices[used], (np.cumsum(used) - 1)[triangles]
 
 
 def _arrays(file: Path) -> tuple[FloatArray, np.ndarray]:

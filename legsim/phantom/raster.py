@@ -13,6 +13,7 @@ import numpy as np
 from legsim.core.errors import LegsimError
 from legsim.core.values import FloatArray
 from legsim.opencl.device import Device
+from legsim.phantom import surfaces
 from legsim.phantom.meshes import Part, Phantom
 
 TILE = 8
@@ -296,32 +297,16 @@ def bounds(points: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def require_closed(part: Part) -> None:
-    """Checks that every directed edge of the part has its opposite as often.
-
-    No ray can then enter without leaving. Linear in the triangles: edges, signed by direction, are
-    summed as 64-bit hashes; only a nonzero sum is examined.
+    """Checks that no ray can enter the part without leaving it.
 
     Raises:
         LegsimError: the surface is open, or neighbors disagree about which side is outside.
     """
-    ends = part.triangles[:, [1, 2, 0]].astype(np.uint64)
-    begins = part.triangles.astype(np.uint64)
-    low, high = np.minimum(begins, ends), np.maximum(begins, ends)
-    mixed = (low << np.uint64(32) | high) * np.uint64(0x9E3779B97F4A7C15)
-    mixed = (mixed ^ (mixed >> np.uint64(29))) * np.uint64(0xBF58476D1CE4E5B9)
-    mixed ^= mixed >> np.uint64(32)
-    forward, backward = mixed[begins < ends], mixed[begins > ends]
-    if forward.sum(dtype=np.uint64) == backward.sum(dtype=np.uint64):
+    if surfaces.is_closed(part.triangles):
         return
-    keys, inverse = np.unique(low << np.uint64(32) | high, return_inverse=True)
-    balance = np.bincount(
-        inverse.ravel(),
-        weights=(begins < ends).ravel() * 1.0 - (begins > ends).ravel(),
-        minlength=len(keys),
-    )
     raise LegsimError(
         f"part {part.name!r} is not a closed, consistently oriented surface: "
-        f"{int((balance != 0).sum())} of its {len(keys)} edges lack "
+        f"{len(surfaces.unpaired(part.triangles))} of its edges lack "
         "a neighbor of opposite direction; fill the holes, merge doubled vertices and orient the "
         "triangles"
     )

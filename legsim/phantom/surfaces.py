@@ -1,6 +1,9 @@
-"""Triangle surfaces closed, repaired and turned outward, shell by shell."""
+"""Triangle surfaces closed, repaired and turned outward, shell by shell.
 
-from collections import defaultdict, deque
+All of it sorts: time and memory grow with the triangles, millions of which are usual.
+"""
+
+from collections import defaultdict
 
 import numpy as np
 from scipy.sparse import coo_array
@@ -8,6 +11,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
 
 from legsim.core.values import FloatArray
+from legsim.phantom import winding
 
 _GRAIN = 1e-6
 """of a surface's length: greatest distance of copies of a vertex
@@ -20,6 +24,9 @@ _WIDEST_HOLE = 0.25
 
 _SAMPLES = 200
 
+_LOW = np.int64(0xFFFFFFFF)
+"""bits of the higher vertex in an edge's key"""
+
 
 def closed(vertices: FloatArray, triangles: np.ndarray) -> tuple[FloatArray, np.ndarray]:
     """Merges vertices where that closes the surface.
@@ -27,12 +34,12 @@ def closed(vertices: FloatArray, triangles: np.ndarray) -> tuple[FloatArray, np.
     First the identical ones that STL, and normals or colors in OBJ and GLB, double; then those that
     text formats rounded apart. Otherwise the surface comes back with identical vertices merged.
     """
-    if len(unpaired(triangles)) == 0:
+    if is_closed(triangles):
         return vertices, triangles
-    vertices, triangles = _merged(vertices, triangles, vertices)
-    if len(unpaired(triangles)):
+    vertices, triangles = _merged(vertices, triangles, _alike(vertices))
+    if not is_closed(triangles):
         rounded = _merged_to_grain(vertices, triangles)
-        if len(unpaired(rounded[1])) == 0:
+        if is_closed(rounded[1]):
             return rounded
     return vertices, triangles
 
@@ -65,78 +72,16 @@ def repaired(
     return vertices, triangles, done
 
 
-def shells(triangles: np.ndarray) -> np.ndarray:
-    """(t,) number of the connected shell of each triangle; shells share no edge."""
-    edges = np.sort(_edges(triangles), axis=1)
-    _, inverse = np.unique(edges, axis=0, return_inverse=True)
-    owners = np.repeat(np.arange(len(triangles)), 3)
-    shape = (len(triangles), int(inverse.max()) + 1)
-    incidence = coo_array((np.ones(len(owners), np.int8), (owners, inverse.reshape(-1))), shape)
-    return connected_components((incidence @ incidence.T), directed=False)[1]
+def is_closed(triangles: np.ndarray) -> bool:
+    """Whether every directed edge has its opposite as often, so that no ray enters without leaving.
 
-
-def volume(vertices: FloatArray, triangles: np.ndarray) -> float:
-    """Volume, negative where the surface faces inward."""
-    a, b, c = np.moveaxis((vertices - vertices.mean(axis=0))[triangles], 1, 0)
-    return float(np.einsum("ti,ti->", a, np.cross(b, c)) / 6)
-
-
-def enclosed(vertices: FloatArray, triangles: np.ndarray) -> float:
-    """Sum of the volumes of all shells, whichever way they face."""
-    a, b, c = np.moveaxis((vertices - vertices.mean(axis=0))[triangles], 1, 0)
-    parts = np.einsum("ti,ti->t", a, np.cross(b, c)) / 6
-    return float(np.abs(np.bincount(shells(triangles), parts)).sum())
-
-
-def inverted_shells(
-    vertices: FloatArray, triangles: np.ndarray
-) -> tuple[list[np.ndarray], list[np.ndarray]]:
-    """(alone, overlapping): triangles' numbers of each shell that faces inward but is no hollow.
-
-    The surface as a whole faces outward. A hollow lies inside another shell; an overlapping one
-    only in part, or it has part of another in it.
+    Edges, signed by direction, are summed as 64-bit hashes.
     """
-    numbers = shells(triangles)
-    groups = [np.flatnonzero(numbers == k) for k in range(numbers.max() + 1)]
-    alone, overlapping = [], []
-    for k, group in enumerate(groups):
-        if volume(vertices, triangles[group]) >= 0:
-            continue
-        others = [g for j, g in enumerate(groups) if j != k]
-        inside = [_fraction_inside(vertices, triangles, group, other) for other in others]
-        if max(inside, default=0.0) == 1:
-            continue
-        holds = [_fraction_inside(vertices, triangles, other, group) for other in others]
-        (overlapping if any([*inside, *holds]) else alone).append(group)
-    return alone, overlapping
-
-
-def _fraction_inside(
-    vertices: FloatArray, triangles: np.ndarray, group: np.ndarray, other: np.ndarray
-) -> float:
-    """Fraction of some vertices of one group of triangles that lie inside another group."""
-    used = np.unique(triangles[group])
-    points = vertices[used[np.linspace(0, len(used) - 1, min(_SAMPLES, len(used))).astype(int)]]
-    corners = vertices[triangles[other]]
-    low, high = corners.min((0, 1)), corners.max((0, 1))
-    boxed = points[((points > low) & (points < high)).all(axis=1)]
-    return sum(abs(winding(corners, point)) > 0.5 for point in boxed) / len(points)
-
-
-def winding(corners: FloatArray, point: FloatArray) -> float:
-    """Winding number of triangles (t, 3, 3) around the point.
-
-    It is the solid angle over 4 pi (Van Oosterom and Strackee 1983).
-    """
-    a, b, c = np.moveaxis(corners - point, 1, 0)
-    la, lb, lc = (np.linalg.norm(corner, axis=1) for corner in (a, b, c))
-    ab, bc, ca = (np.einsum("ti,ti->t", p, q) for p, q in ((a, b), (b, c), (c, a)))
-    return float(
-        np.arctan2(
-            np.einsum("ti,ti->t", a, np.cross(b, c)), la * lb * lc + ab * lc + bc * la + ca * lb
-        ).sum()
-        / (2 * np.pi)
-    )
+    keys, forward = _edge_keys(triangles)
+    mixed = _mixed(keys.astype(np.uint64))
+    sums = [mixed[chosen].sum(dtype=np.uint64) for chosen in (forward, ~forward)]
+    degenerate = (keys >> 32) == (keys & _LOW)
+    return bool(sums[0] + mixed[degenerate].sum(dtype=np.uint64) == sums[1])
 
 
 def unpaired(triangles: np.ndarray, *, signed: bool = True) -> np.ndarray:
@@ -144,47 +89,180 @@ def unpaired(triangles: np.ndarray, *, signed: bool = True) -> np.ndarray:
 
     Unsigned: edges that an odd number of triangles share.
     """
-    begins, ends = triangles.ravel(), triangles[:, [1, 2, 0]].ravel()
-    edges, inverse = np.unique(
-        np.minimum(begins, ends).astype(np.int64) << 32 | np.maximum(begins, ends),
-        return_inverse=True,
-    )
-    balance = np.bincount(
-        inverse, weights=np.sign(ends - begins) if signed else None, minlength=len(edges)
-    )
-    chosen = edges[balance != 0] if signed else edges[balance % 2 == 1]
-    return np.stack([chosen >> 32, chosen & 0xFFFFFFFF], axis=-1)
+    keys, forward = _edge_keys(triangles)
+    ordered = np.sort(keys << 1 | forward)
+    if signed:  # an edge from a vertex to itself has no direction
+        ordered = ordered[(ordered >> 33) != (ordered >> 1 & _LOW)]
+    starts = _starts(ordered >> 1)
+    counts = np.diff([*starts, len(ordered)])
+    odd = counts % 2 == 1
+    if signed and len(starts):
+        odd = 2 * np.add.reduceat(ordered & 1, starts) != counts
+    chosen = ordered[starts[odd]] >> 1
+    return np.stack([chosen >> 32, chosen & _LOW], axis=-1)
 
 
-def _edges(triangles: np.ndarray) -> np.ndarray:
-    """(3 t, 2) directed edges, those of a triangle one after another."""
-    return np.stack([triangles, triangles[:, [1, 2, 0]]], -1).reshape(-1, 2)
+def shells(triangles: np.ndarray) -> np.ndarray:
+    """(t,) number of the connected shell of each triangle; shells share no edge."""
+    keys, _ = _edge_keys(triangles)
+    order = np.argsort(keys)
+    same = np.flatnonzero(np.diff(keys[order]) == 0)
+    return _connected(order[same] // 3, order[same + 1] // 3, len(triangles))
+
+
+def volume(vertices: FloatArray, triangles: np.ndarray) -> float:
+    """Volume, negative where the surface faces inward."""
+    return float(_volumes(vertices, triangles).sum())
+
+
+def enclosed(vertices: FloatArray, triangles: np.ndarray, numbers: np.ndarray) -> float:
+    """Sum of the volumes of all shells (t,), whichever way they face."""
+    return float(np.abs(np.bincount(numbers, _volumes(vertices, triangles))).sum())
+
+
+def _volumes(vertices: FloatArray, triangles: np.ndarray) -> FloatArray:
+    """(t,) signed, between each triangle and the middle of all vertices."""
+    centered = vertices - vertices.mean(axis=0)
+    a, b, c = (centered[triangles[:, k]] for k in range(3))
+    return np.einsum("ti,ti->t", a, np.cross(b, c)) / 6
+
+
+def inverted_shells(
+    vertices: FloatArray, triangles: np.ndarray, numbers: np.ndarray
+) -> tuple[list[np.ndarray], list[np.ndarray]]:
+    """(alone, overlapping): triangles' numbers of each shell that faces inward but is no hollow.
+
+    The surface as a whole faces outward. A hollow lies inside another shell; an overlapping one
+    only in part, or it has part of another in it.
+
+    Args:
+        vertices: (p, 3).
+        triangles: (t, 3).
+        numbers: (t,) of each triangle's shell, of :func:`shells`.
+    """
+    inward = np.flatnonzero(np.bincount(numbers, _volumes(vertices, triangles)) < 0)
+    if not len(inward):
+        return [], []
+    order = np.argsort(numbers, kind="stable")
+    groups = np.split(order, np.cumsum(np.bincount(numbers))[:-1])
+    samples = [_samples(triangles[group]) for group in groups]
+    most, some = _shares_inside(vertices, triangles, numbers, [samples[k] for k in inward], inward)
+    every = np.concatenate(samples)
+    owners = np.repeat(np.arange(len(groups)), [len(one) for one in samples])
+    alone, overlapping = [], []
+    for k, inside, touches in zip(inward, most, some, strict=True):
+        if inside == 1:
+            continue
+        points = vertices[every[owners != k]]
+        holds = winding.numbers(vertices, triangles[groups[k]], points).any()
+        (overlapping if touches or holds else alone).append(groups[k])
+    return alone, overlapping
+
+
+def _samples(triangles: np.ndarray) -> np.ndarray:
+    """Some of the vertices of triangles, evenly among their numbers."""
+    used = np.unique(triangles)
+    return used[np.linspace(0, len(used) - 1, min(_SAMPLES, len(used))).astype(int)]
+
+
+def _shares_inside(
+    vertices: FloatArray,
+    triangles: np.ndarray,
+    numbers: np.ndarray,
+    samples: list[np.ndarray],
+    own: np.ndarray,
+) -> tuple[FloatArray, np.ndarray]:
+    """Greatest share (n,) of the samples of a shell inside of one other, and whether any is.
+
+    Args:
+        vertices: (p, 3).
+        triangles: (t, 3).
+        numbers: (t,) of each triangle's shell.
+        samples: numbers of vertices, shell by shell.
+        own: (n,) number of the shell of each.
+    """
+    owner = np.repeat(np.arange(len(samples)), [len(one) for one in samples])
+    points = vertices[np.concatenate(samples)]
+    ray, triangle, sign = winding.crossings(vertices, triangles, points)
+    others = numbers[triangle] != own[owner[ray]]
+    ray, shell, sign = ray[others], numbers[triangle[others]], sign[others]
+    turns, at = np.unique(np.stack([ray, shell], axis=-1), axis=0, return_inverse=True)
+    inside = turns[np.bincount(at.reshape(-1), sign, minlength=len(turns)).round() != 0]
+    pairs, counts = np.unique(
+        np.stack([owner[inside[:, 0]], inside[:, 1]], axis=-1), axis=0, return_counts=True
+    )
+    most = np.zeros(len(samples))
+    np.maximum.at(most, pairs[:, 0], counts / np.array([len(one) for one in samples])[pairs[:, 0]])
+    return most, most > 0
+
+
+def _edge_keys(triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(int64 key (3 t,) of each edge, whichever way it runs; whether it runs to the higher vertex).
+
+    The edges of a triangle follow each other.
+    """
+    begins, ends = triangles.ravel().astype(np.int64), triangles[:, [1, 2, 0]].ravel()
+    return np.minimum(begins, ends) << 32 | np.maximum(begins, ends), begins < ends
+
+
+def _mixed(keys: np.ndarray) -> np.ndarray:
+    """Hashes of uint64."""
+    mixed = keys * np.uint64(0x9E3779B97F4A7C15)
+    mixed = (mixed ^ (mixed >> np.uint64(29))) * np.uint64(0xBF58476D1CE4E5B9)
+    return mixed ^ (mixed >> np.uint64(32))
+
+
+def _starts(ordered: np.ndarray) -> np.ndarray:
+    """Where each run of equal values begins."""
+    return np.flatnonzero(np.diff(ordered, prepend=ordered[:1] - 1))
+
+
+def _connected(one: np.ndarray, other: np.ndarray, count: int) -> np.ndarray:
+    """(count,) numbers of what the links between ``one`` and ``other`` connect."""
+    links = coo_array((np.ones(len(one), np.int8), (one, other)), shape=(count, count))
+    return connected_components(links, directed=False)[1]
 
 
 def _merged_to_grain(vertices: FloatArray, triangles: np.ndarray) -> tuple[FloatArray, np.ndarray]:
-    grain = _GRAIN * float(np.ptp(vertices, axis=0).max())
-    return _merged(vertices, triangles, _clusters(vertices, grain))
+    """Merges vertices that a chain of steps of at most the grain connects."""
+    first, numbers = _alike(vertices)
+    apart = vertices[first]
+    grain = _GRAIN * float(np.ptp(apart, axis=0).max())
+    near = KDTree(apart).query_pairs(grain, output_type="ndarray")
+    clusters = _connected(near[:, 0], near[:, 1], len(apart))
+    merged = _numbered(clusters)
+    return _merged(vertices, triangles, (first[merged[0]], merged[1][numbers]))
 
 
-def _clusters(points: FloatArray, distance: float) -> np.ndarray:
-    """Labels points (p, 3) by cluster: (p, 1) numbers.
+def _alike(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(first (n,), number (p,)) of equal rows (p, k) of 8 bytes a value, in order of appearance."""
+    rows = rows + 0  # there is one 0
+    hashed = np.zeros(len(rows), np.uint64)
+    for column in np.ascontiguousarray(rows.T).view(np.uint64):
+        hashed = _mixed(hashed ^ column)
+    first, numbers = _numbered(hashed)
+    if (rows == rows[first][numbers]).all():
+        return first, numbers
+    return _numbered(np.unique(rows, axis=0, return_inverse=True)[1].reshape(-1))
 
-    Points connected by a chain of steps of at most ``distance`` share a number.
-    """
-    near = KDTree(points).query_pairs(distance, output_type="ndarray")
-    linked = coo_array((np.ones(len(near), np.int8), near.T), shape=(len(points), len(points)))
-    return connected_components(linked, directed=False)[1][:, None]
+
+def _numbered(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(first (n,), number (p,)) of equal values (p,), in order of appearance."""
+    _, first, numbers = np.unique(values, return_index=True, return_inverse=True)
+    rank = np.empty(len(first), np.int64)
+    rank[np.argsort(first)] = np.arange(len(first))
+    return np.sort(first), rank[numbers]
 
 
 def _merged(
-    vertices: FloatArray, triangles: np.ndarray, keys: np.ndarray
+    vertices: FloatArray, triangles: np.ndarray, alike: tuple[np.ndarray, np.ndarray]
 ) -> tuple[FloatArray, np.ndarray]:
-    """Merges the vertices with equal ``keys``.
+    """Merges the vertices with equal numbers, of :func:`_alike`.
 
     Triangles that lose a corner by it are dropped.
     """
-    _, first, inverse = np.unique(keys + 0.0, axis=0, return_index=True, return_inverse=True)
-    merged = inverse.reshape(-1)[triangles]
+    first, numbers = alike
+    merged = numbers[triangles]
     kept = (
         (merged[:, 0] != merged[:, 1])
         & (merged[:, 1] != merged[:, 2])
@@ -195,17 +273,21 @@ def _merged(
 
 def _without_doubles(triangles: np.ndarray) -> tuple[np.ndarray, int]:
     """Keeps one of the triangles with the same corners; returns how many were left out."""
-    _, first = np.unique(np.sort(triangles, axis=1), axis=0, return_index=True)
-    return triangles[np.sort(first)], len(triangles) - len(first)
+    first, _ = _alike(np.sort(triangles.astype(np.int64), axis=1))
+    return triangles[first], len(triangles) - len(first)
 
 
 def _without_flaps(triangles: np.ndarray) -> tuple[np.ndarray, int]:
     """Leaves out, time and again, triangles between an edge of three or more and an open one."""
     count = len(triangles)
     while len(triangles):
-        edges = np.sort(_edges(triangles), axis=1)
-        _, inverse, shared = np.unique(edges, axis=0, return_inverse=True, return_counts=True)
-        sharing = shared[inverse.reshape(-1)].reshape(-1, 3)
+        keys, _ = _edge_keys(triangles)
+        ordered = np.sort(keys)
+        starts = _starts(ordered)
+        shared = np.diff([*starts, len(ordered)])
+        if shared.max() <= 2:
+            break
+        sharing = shared[np.searchsorted(ordered[starts], keys)].reshape(-1, 3)
         flaps = (sharing > 2).any(1) & (sharing == 1).any(1)
         if not flaps.any():
             break
@@ -214,52 +296,42 @@ def _without_flaps(triangles: np.ndarray) -> tuple[np.ndarray, int]:
 
 
 def _oriented_alike(triangles: np.ndarray) -> tuple[np.ndarray, int]:
-    """Turns triangles so that neighbors agree, from the first of each shell; and how many.
+    """Turns triangles so that neighbors agree; and how many.
 
-    The fewer ones of a shell are those that count as turned.
+    The fewer ones of a shell are turned. Each triangle stands twice in a graph, as it is and
+    turned, linked with those of its neighbors that agree: a shell becomes two components, of which
+    one is chosen. Where they are one, as on a Moebius strip, nothing is turned.
     """
-    owners: dict[tuple[int, int], list[tuple[int, bool]]] = defaultdict(list)
-    for k, (a, b) in enumerate(_edges(triangles).tolist()):
-        owners[min(a, b), max(a, b)].append((k // 3, a < b))
-    neighbors: list[list[tuple[int, bool]]] = [[] for _ in triangles]
-    for pair in owners.values():
-        if len(pair) == 2:
-            (one, forth), (two, back) = pair
-            neighbors[one].append((two, forth == back))
-            neighbors[two].append((one, forth == back))
-    turned = np.full(len(triangles), -1, np.int8)
-    for seed in range(len(triangles)):
-        if turned[seed] < 0:
-            _spread(seed, neighbors, turned)
-    flipped = turned == 1
+    if is_closed(triangles):
+        return triangles, 0
+    count = len(triangles)
+    keys, forward = _edge_keys(triangles)
+    order = np.argsort(keys)
+    starts = _starts(keys[order])
+    pairs = starts[np.diff([*starts, len(order)]) == 2]
+    one, other = order[pairs], order[pairs + 1]
+    across = np.where(forward[one] == forward[other], count, 0)  # those of one direction disagree
+    one, other = one // 3, other // 3
+    whole = _connected(
+        np.concatenate([one, one + count]),
+        np.concatenate([other + across, other + count - across]),
+        2 * count,
+    )
+    as_it_is, turned = whole[:count], whole[count:]
+    shell, second = np.minimum(as_it_is, turned), as_it_is > turned
+    more = np.bincount(shell, second) > 0.5 * np.bincount(shell)
+    flipped = second != more[shell]
     result = np.where(flipped[:, None], triangles[:, ::-1], triangles)
     return result, int(flipped.sum())
-
-
-def _spread(seed: int, neighbors: list[list[tuple[int, bool]]], turned: np.ndarray) -> None:
-    """Marks in ``turned`` which triangles of the seed's shell to turn: the fewer ones."""
-    turned[seed], reached, waiting = 0, [seed], deque([seed])
-    while waiting:
-        here = waiting.popleft()
-        for other, disagree in neighbors[here]:
-            if turned[other] < 0:
-                turned[other] = turned[here] ^ disagree
-                reached.append(other)
-                waiting.append(other)
-    if turned[reached].mean() > 0.5:
-        turned[reached] ^= 1
 
 
 def _without_holes(
     vertices: FloatArray, triangles: np.ndarray
 ) -> tuple[FloatArray, np.ndarray, int]:
     """Closes holes up to a quarter of the length by triangles about their middle; and how many."""
-    edges = _edges(triangles)
-    present = set(map(tuple, edges.tolist()))
     following: dict[int, list[int]] = defaultdict(list)
-    for a, b in edges.tolist():
-        if (b, a) not in present:
-            following[b].append(a)
+    for a, b in _without_opposite(triangles).tolist():
+        following[b].append(a)
     widest = _WIDEST_HOLE * float(np.ptp(vertices, axis=0).max())
     added_points: list[FloatArray] = []
     added: list[tuple[int, int, int]] = []
@@ -279,6 +351,17 @@ def _without_holes(
         return vertices, triangles, 0
     points = np.concatenate([vertices, np.reshape(added_points, (-1, 3))])
     return points, np.concatenate([triangles, np.array(added)]), holes
+
+
+def _without_opposite(triangles: np.ndarray) -> np.ndarray:
+    """Directed edges (n, 2) whose opposite no triangle has, in the order of the triangles."""
+    keys, forward = _edge_keys(triangles)
+    ordered = np.sort(keys << 1 | forward)
+    starts = _starts(ordered >> 1)
+    ends = np.append(starts[1:], len(ordered)) - 1
+    one_way = ordered[starts[ordered[starts] == ordered[ends]]] >> 1
+    chosen = np.flatnonzero(np.isin(keys, one_way))
+    return np.stack([triangles.ravel()[chosen], triangles[:, [1, 2, 0]].ravel()[chosen]], -1)
 
 
 def _loops(following: dict[int, list[int]]) -> list[list[int]]:

@@ -18,6 +18,7 @@ from legsim.imu.comparison import SensorComparison
 from legsim.imu.lag import REACH
 from legsim.imu.recording import ImuRecording
 from legsim.imu.sensors import Sensor, default_sensors
+from legsim.imu.shared_time import SHORTEST
 from legsim.imu.signals import ImuSignals
 from legsim.imu.simulation import simulate_imu
 from legsim.imu.worn_segment import better_segment
@@ -61,32 +62,46 @@ class ComparedSensor:
         found, at = self.found, ", ".join(f"{v:.1f}" for v in self.rotation_deg())
         bias = ", ".join(f"{v:.2f}" for v in np.degrees(found.mean_rate))
         known = "given" if self.mounting_given else "by gravity, and by the rates about it"
+        clock = f"its clock reads {1e3 * found.lag:.0f} ms more than the markers'"
+        if found.lag_source == "stated":
+            clock = "its clock is taken as stated"
         lines = [
-            f"Sensor {found.measured.name} on {self.sensor.segment}: its clock reads "
-            f"{1e3 * found.lag:.0f} ms more than the markers' (correlation of the rates "
-            f"{found.correlation:.2f}); mounting rotation ({at}) deg, {known}. "
+            f"Sensor {found.measured.name} on {self.sensor.segment}: {clock} (correlation of the "
+            f"rates {found.correlation:.2f}); mounting rotation ({at}) deg, {known}. "
             f"Its gyroscope reads ({bias}) deg/s too much on average, in its own axes."
         ]
+        if found.lag_source == "stated":
+            lines.append(
+                f"Sensor {found.measured.name}: it shares {found.shared_s:.2g} s with the markers, "
+                f"less than {SHORTEST:g} s: neither a lag nor another place or segment is searched."
+            )
         if not self.place_given:
             lines.append(
                 f"Sensor {found.measured.name}: no sensor of imu.sensors is on "
                 f"{self.sensor.segment}; it is predicted "
                 f"{1e3 * self.sensor.distance:.0f} mm below the segment's upper joint."
             )
-        if found.started_apart:
+        if found.lag_source == "anywhere":
             lines.append(
                 f"Sensor {found.measured.name}: no lag below {REACH:g} s agrees; this one was "
                 "searched over both recordings, which were started at different times or have "
                 "unrelated clocks. Give it as clock_offset_s in a TOML about the file to keep it."
             )
         if not found.trusted:
+            cure = (
+                "check its clock, segment and columns"
+                if found.lag_source == "stated"
+                else "record a clear movement first, or give clock_offset_s"
+            )
             lines.append(
                 f"Sensor {found.measured.name}: the rates hardly agree, so that lag and turn about "
-                "the vertical are not known; record a clear movement first, or give clock_offset_s."
+                f"the vertical are not known; {cure}."
             )
         return (*found.measured.notes, *lines, *self._doubts())
 
     def _doubts(self) -> Iterator[str]:
+        if self.found.lag_source == "stated":
+            return
         name, place = f"In doubt: sensor {self.found.measured.name}", self.found.place
         if self.elsewhere is not None:
             segment, correlation, more = self.elsewhere
@@ -201,9 +216,11 @@ def _compared(
     if given is not None:
         mounted = transforms.rotation_from_vector(np.radians(given))
         rotation = sensor.segment_from_sensor_rotation.T @ mounted
-    found = comparison.compare(ours, measured.recording, rotation=rotation)
+    found = comparison.compare(
+        ours, measured.recording, rotation=rotation, clock_stated=measured.clock_stated
+    )
     elsewhere = None
-    if sensor.segment in [one.name for one in segments]:
+    if found.lag_source != "stated" and sensor.segment in [one.name for one in segments]:
         elsewhere = better_segment(measured.recording.shifted(-found.lag), sensor.segment, segments)
     return ComparedSensor(sensor, found, given is not None, elsewhere=elsewhere)
 

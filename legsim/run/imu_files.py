@@ -41,6 +41,8 @@ class WornSensor:
     """to which the files of its settings are relative"""
     clock_offset: float = 0.0
     """s that its clock is taken to read more than the views'"""
+    clock_stated: bool = False
+    """whether that is stated, by the settings or by a C3D file that holds markers too"""
 
     def on(self, segment: str) -> "WornSensor":
         """The same sensor, worn on that segment."""
@@ -76,6 +78,8 @@ def load_configured(settings: ImuFileConfig, folder: Path) -> tuple[WornSensor, 
     """Reads the sensors of a described file, which is relative to ``folder``."""
     path = folder / settings.file
     found = _recordings(path, settings)
+    offset = settings.clock_offset_s or 0.0
+    stated = settings.clock_offset_s is not None or path.suffix.lower() == ".c3d"
     worn = settings.sensors or tuple(WornSensorConfig(name=one.name) for one in found)
     sensors = []
     for sensor in worn:
@@ -95,12 +99,12 @@ def load_configured(settings: ImuFileConfig, folder: Path) -> tuple[WornSensor, 
                 f"holds no sensor {name!r}",
                 f"name one of {', '.join(one.name for one in found)} (recorded_as)",
             )
-        own = match[0].named(sensor.name).shifted(-settings.clock_offset_s)
+        own = match[0].named(sensor.name).shifted(-offset)
         own = own.without_bias(
             np.radians(sensor.angular_velocity_bias_deg_per_s),
             1e-3 * STANDARD_GRAVITY * np.array(sensor.acceleration_bias_mg),
         )
-        sensors.append(WornSensor(own, sensor, path, folder, settings.clock_offset_s))
+        sensors.append(WornSensor(own, sensor, path, folder, offset, stated))
     return tuple(sensors)
 
 

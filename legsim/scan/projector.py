@@ -12,7 +12,7 @@ from legsim.core.errors import LegsimError
 from legsim.core.values import Float32Array, FloatArray
 from legsim.geometry.cone_beam import ConeBeamGeometry, Projections
 from legsim.opencl.device import Device
-from legsim.phantom import clipping, materials
+from legsim.phantom import clipping, materials, winding
 from legsim.phantom.meshes import Part, Phantom
 from legsim.phantom.raster import MeshRaster, TileKernel
 from legsim.scan.spectrum import Spectrum
@@ -168,7 +168,7 @@ def _met(
 def _require_outside(raster: MeshRaster, source: FloatArray, view: int) -> None:
     for part, (low, high), points in zip(raster.parts, raster.boxes, raster.vertices, strict=True):
         near = ((low <= source) & (source <= high)).all()
-        if near and clipping.winds_around(points, part.triangles, source):
+        if near and winding.numbers(points, part.triangles, source[None]).any():
             raise LegsimError(
                 f"view {view}: the source is inside of part {part.name!r}; move the phantom or the "
                 "source apart"

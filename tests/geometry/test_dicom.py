@@ -240,3 +240,39 @@ def test_images_that_are_no_counts_are_doubted_where_they_are_taken_for_some(tmp
     geometry = ConeBeamGeometry(np.arange(6.0), matrices, values.shape[1:])
     _, notes = projection_images.read_projections(path, geometry, counts=Counts(i0=60000.0))
     assert any(n.startswith("In doubt: the images say that their values are not") for n in notes)
+
+
+def frame_group(**elements):
+    """A group of an enhanced image: the detector's pixel, and the positioner's angle."""
+    group = pydicom.Dataset()
+    sequences = {
+        "ImagerPixelSpacing": "FramePixelDataPropertiesSequence",
+        "PositionerPrimaryAngle": "PositionerPositionSequence",
+    }
+    for name, value in elements.items():
+        inner = pydicom.Dataset()
+        setattr(inner, name, value)
+        setattr(group, sequences[name], pydicom.Sequence([inner]))
+    return group
+
+
+def test_frames_of_enhanced_images_state_pixels_and_angles_in_groups(tmp_path, values):
+    shared = pydicom.Sequence([frame_group(ImagerPixelSpacing=[0.3, 0.4])])
+    angles = [-20.0, -12.0, 3.0, 14.5, 30.0, 41.0]
+    each = pydicom.Sequence([frame_group(PositionerPrimaryAngle=angle) for angle in angles])
+    groups = {
+        "SharedFunctionalGroupsSequence": shared,
+        "PerFrameFunctionalGroupsSequence": each,
+    }
+    found = dicom.read_projections(written(tmp_path / "x.dcm", values, **groups))
+    assert found.pixel_mm == (0.4, 0.3)
+    assert found.angles_deg is not None
+    np.testing.assert_allclose(found.angles_deg, angles)
+    del each[2].PositionerPositionSequence
+    found = dicom.read_projections(written(tmp_path / "x.dcm", values, **groups))
+    assert found.angles_deg is None
+    each[1].FramePixelDataPropertiesSequence = frame_group(
+        ImagerPixelSpacing=[0.3, 0.3]
+    ).FramePixelDataPropertiesSequence
+    with pytest.raises(LegsimError, match="pixels of several sizes"):
+        dicom.read_projections(written(tmp_path / "x.dcm", values, **groups))

@@ -116,3 +116,25 @@ def test_what_has_no_voxels_or_no_directions_is_refused(tmp_path, said, wrong, w
     (tmp_path / "a.mha").write_bytes(text.replace(said.encode(), wrong.encode()))
     with pytest.raises(LegsimError, match=words):
         load_label_image(tmp_path / "a.mha")
+
+
+@pytest.mark.parametrize("name", ["a.nii", "a.nii.gz", "a.nrrd", "a.nhdr", "a.mha", "a.mhd"])
+def test_files_that_state_their_directions_are_not_doubted(tmp_path, name):
+    sitk.WriteImage(image(), str(tmp_path / name))
+    assert load_label_image(tmp_path / name).remarks == ()
+
+
+def test_files_that_state_no_directions_are_doubted(tmp_path):
+    sitk.WriteImage(image(), str(tmp_path / "a.nii"))
+    content = bytearray((tmp_path / "a.nii").read_bytes())
+    content[252:256] = bytes(4)  # the codes of qform and sform
+    (tmp_path / "a.nii").write_bytes(content)
+    sitk.WriteImage(image(), str(tmp_path / "a.nhdr"))
+    lines = (tmp_path / "a.nhdr").read_text().splitlines()
+    kept = [line for line in lines if not line.startswith(("space", "kinds"))]
+    (tmp_path / "a.nhdr").write_text("\n".join(kept) + "\n\n")
+    sitk.WriteImage(image(), str(tmp_path / "a.tif"))
+    for name in ("a.nii", "a.nhdr", "a.tif"):
+        (remark,) = load_label_image(tmp_path / name).remarks
+        assert f"{name} does not state the directions" in remark
+        assert "left, posterior, superior" in remark

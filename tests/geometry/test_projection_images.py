@@ -182,6 +182,27 @@ def test_files_of_unequal_numbers_of_views_are_refused(tmp_path, rng):
         projection_images.read_images(tmp_path)
 
 
+@pytest.mark.parametrize(
+    ("header", "text", "names"),
+    [
+        ("p.mhd", "NDims = 3\nElementDataFile = p.raw\n", ["p.raw"]),
+        ("p.mhd", "NDims = 3\nElementDataFile = s%02d.raw 1 2 1\n", ["s01.raw", "s02.raw"]),
+        ("p.mhd", "NDims = 3\nElementDataFile = LIST\ns02.raw\ns01.raw\n", ["s01.raw", "s02.raw"]),
+        ("p.mhd", "NDims = 3\nElementDataFile = LOCAL\n", []),
+        ("p.nhdr", "NRRD0004\ndimension: 3\ndata file: ./p.raw\n\n", ["p.raw"]),
+        ("p.nhdr", "NRRD0004\ndata file: LIST\ns01.raw\ns02.raw\n", ["s01.raw", "s02.raw"]),
+        ("p.nhdr", "NRRD0004\ndatafile: s%02d.raw 1 2 1\n", ["s01.raw", "s02.raw"]),
+    ],
+)
+def test_files_with_the_values_of_a_header_count_as_read(tmp_path, header, text, names):
+    for name in ("p.raw", "s01.raw", "s02.raw", "other.raw"):
+        (tmp_path / name).touch()
+    (tmp_path / header).write_text(text)
+    found = projection_images.members(tmp_path / header)
+    assert found[0].name == header
+    assert sorted(path.name for path in found[1:]) == names
+
+
 def test_a_flat_field_that_is_infinite_in_a_pixel_has_a_bad_one_there(tmp_path, rng):
     flat = np.full((2, 30, 40), 5e4)
     flat[0, 3, 4], flat[:, 20, 9], flat[1, 11, 12] = np.inf, 1e308, np.nan

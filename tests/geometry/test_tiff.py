@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import SimpleITK as sitk
 import tifffile
+from PIL import Image, TiffImagePlugin
 
 from legsim.core.errors import LegsimError
 from legsim.geometry import tiff
@@ -115,3 +116,16 @@ def test_numbers_of_colors_are_refused(tmp_path, rng):
     tifffile.imwrite(tmp_path / "p.tif", values, photometric="palette", colormap=colors)
     with pytest.raises(LegsimError, match="not colors"):
         tiff.read(tmp_path / "p.tif")
+
+
+@pytest.mark.parametrize("compression", ["raw", "tiff_deflate", "tiff_lzw"])
+def test_rows_are_as_stored_whatever_orientation_and_compression(tmp_path, rng, compression):
+    stored = rng.integers(0, 60000, (6, 9)).astype(np.uint16)
+    path = tmp_path / "x.tif"
+    for orientation in (1, 4):
+        tags = TiffImagePlugin.ImageFileDirectory_v2()
+        tags[274] = orientation
+        Image.fromarray(stored).save(path, compression=compression, tiffinfo=tags)
+        found = tiff.read(path)
+        np.testing.assert_array_equal(found.values[0], stored)
+        assert any("orientation 4" in note for note in found.notes) == (orientation == 4)

@@ -93,3 +93,19 @@ def test_numbers_that_disagree_on_the_order_are_refused(tmp_path):
     names = ["a1_t3.tif", "a2_t2.tif", "a3_t1.tif"]
     with pytest.raises(LegsimError, match="differ in 2 numbers"):
         view_files.by_number(tmp_path, [tmp_path / name for name in names])
+
+
+@pytest.mark.parametrize("ending", [".tif", ".mhd", ".dcm", ""])
+def test_files_beside_the_views_are_left_out_with_a_word(tmp_path, ending):
+    for number in range(3):
+        (tmp_path / f"view_{number}{ending}").touch()
+        if ending == ".mhd":
+            (tmp_path / f"view_{number}.raw").touch()
+    for name in (".DS_Store", "Thumbs.db", "info.json", "README.txt", "desktop.ini"):
+        (tmp_path / name).touch()
+    if ending:
+        (tmp_path / "README").touch()
+    found, (note,) = view_files.members(tmp_path)
+    assert sorted(path.name for path in found) == [f"view_{n}{ending}" for n in range(3)]
+    assert "left out" in note
+    assert "info.json" in note

@@ -72,3 +72,30 @@ def test_a_band_beyond_the_sampling_rate_is_left_out():
 def test_clocks_that_never_meet_are_refused():
     with pytest.raises(LegsimError, match=r"share less than 3 s; give clock_offset_s"):
         compare(swaying(), worn(1e6, [0, 0, 0]))
+
+
+def test_a_short_trial_by_a_stated_clock_has_mounting_and_bias_and_no_lag():
+    one, bias, turn = swaying(seconds=1.4), np.array([0.01, -0.02, 0.005]), [0.3, -2.0, 0.5]
+    axes = transforms.rotation_from_vector(turn)
+    brief = ImuRecording(
+        "m", one.times, one.angular_velocity @ axes + bias, one.specific_force @ axes
+    )
+    with pytest.raises(LegsimError, match=r"too little to find the lag of its clock"):
+        compare(swaying(), brief)
+    found = compare(swaying(), brief, clock_stated=True)
+    assert (found.lag, found.lag_source) == (0.0, "stated")
+    assert found.shared_s == pytest.approx(1.39)
+    back = found.predicted_from_measured @ axes.T
+    assert np.degrees(transforms.rotation_angle(back)) < 0.3
+    np.testing.assert_allclose(found.mean_rate, bias, atol=1e-4)
+    assert found.correlation > 0.99
+
+
+def test_a_stated_clock_of_a_long_trial_is_still_checked():
+    found = compare(swaying(), worn(0.037, [0.3, -2.0, 0.5]), clock_stated=True)
+    assert found.lag == pytest.approx(0.037, abs=2e-3)
+
+
+def test_half_a_second_is_needed_even_by_a_stated_clock():
+    with pytest.raises(LegsimError, match=r"less than 0.5 s.*; record a longer trial"):
+        compare(swaying(), swaying(seconds=0.4), clock_stated=True)

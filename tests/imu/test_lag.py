@@ -53,8 +53,8 @@ def test_recordings_started_at_different_times_find_each_other(first, last, cloc
 def test_a_comparison_searches_far_where_nothing_agrees_near_by():
     one = moving()
     near, far = compare(one, part(one, 0, 30, 0.3)), compare(one, part(one, 0, 30, 7.0))
-    assert not near.started_apart
-    assert far.started_apart
+    assert near.lag_source == "nearby"
+    assert far.lag_source == "anywhere"
     assert far.lag == pytest.approx(7.0, abs=2e-3)
     assert compare(one, part(one, 0, 30, 1e6)).lag == pytest.approx(1e6, abs=2e-3)
 
@@ -62,7 +62,7 @@ def test_a_comparison_searches_far_where_nothing_agrees_near_by():
 def test_another_movement_has_no_lag():
     one, other = moving(), moving(seed=4)
     assert find_far_lag(one, part(other, 0, 30, 0.0), step=STEP) is None
-    assert not compare(one, part(other, 0, 30, 0.0)).started_apart
+    assert compare(one, part(other, 0, 30, 0.0)).lag_source == "nearby"
 
 
 def test_standing_gives_no_far_lag():

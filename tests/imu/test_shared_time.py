@@ -11,7 +11,8 @@ from legsim.imu.shared_time import (
     band_passed,
     in_band,
     overlap,
-    shares_time,
+    shared_s,
+    short,
 )
 from tests.examples.sensors import still
 
@@ -29,8 +30,8 @@ def test_shared_times_are_even_and_within_both():
     assert times[0] == pytest.approx(2.345)
     assert times[-1] <= a.times[-1]
     np.testing.assert_allclose(np.diff(times), 0.02)
-    with pytest.raises(LegsimError, match="share less than 3 s"):
-        overlap(a, still(count=1000).shifted(8.0), 0.02)
+    with pytest.raises(LegsimError, match=r"share less than 0\.5 s"):
+        overlap(a, still(count=1000).shifted(9.6), 0.02)
 
 
 def test_the_derivative_of_a_wave_is_that_of_the_wave():
@@ -57,6 +58,18 @@ def test_columns_of_any_shape_are_filtered_alike():
     np.testing.assert_allclose(found[..., 0], band_passed(values, TIMES, MOVEMENT_HZ), atol=1e-12)
 
 
-def test_time_is_shared_from_three_seconds_on():
-    assert shares_time(still(count=1000), still(count=1000).shifted(6.9))
-    assert not shares_time(still(count=1000), still(count=1000).shifted(7.1))
+def test_shared_time_is_counted_and_negative_between_recordings_apart():
+    one = still(count=1000)
+    assert shared_s(one, one.shifted(6.9)) == pytest.approx(9.99 - 6.9)
+    assert shared_s(one.shifted(12.0), one) == pytest.approx(9.99 - 12.0)
+
+
+def test_the_advice_helps_the_recordings_at_hand():
+    """An offset cures long recordings that were started apart, a longer trial those that are short."""
+    long, brief = still(count=1000), still(count=200)
+    assert str(short(long, long.shifted(8.0), 3.0)).endswith(
+        "share less than 3 s; give clock_offset_s (the sensor's clock minus the markers') in a "
+        "TOML about its file"
+    )
+    assert "record a longer trial, or state clock_offset_s" in str(short(long, brief, 3.0))
+    assert str(short(brief, still(count=40), 0.5)).endswith("record a longer trial")

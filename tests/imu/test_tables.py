@@ -239,3 +239,30 @@ def test_a_c3d_by_itself_names_its_channels(tmp_path):
     in_c3d(tmp_path / "a.c3d", still(count=40), ["a", "b", "c", "d", "e", "f"], ["V"] * 6)
     with pytest.raises(LegsimError, match=r"has 6 analog channels: a, b, c, d, e, f; name those"):
         files.load_recordings(tmp_path / "a.c3d")
+
+
+def test_of_many_channels_few_are_listed_and_the_others_counted(tmp_path):
+    """Those that sound like sensors come first."""
+    one = still(count=40)
+    names = [f"Force {k}" for k in range(20)] + [f"IMU{k} {q}" for k in range(9) for q in "AG"]
+    names = [n.replace(" A", " ACCX").replace(" G", " GYROX") for n in names]
+    channels = Channels(np.zeros((40, 38)), names, ["V"] * 38, [1.0] * 38, [0] * 38, rate=100)
+    markers = np.ones((len(one.times), 1, 3))
+    (tmp_path / "a.c3d").write_bytes(c3d_bytes(markers, ["M"], rate=100, channels=channels))
+    with pytest.raises(LegsimError, match=r"38 analog channels: IMU0 GYROX.* and 26 others; name"):
+        files.load_recordings(tmp_path / "a.c3d")
+    asked = SensorColumns("shank", ("none", 2, 3), (4, 5, 6))
+    with pytest.raises(LegsimError, match=r"0 analog channels 'none' \(of IMU0.* and 26 others\)"):
+        load(tmp_path / "a.c3d", TableLayout((asked,)))
+
+
+def test_the_notes_of_a_c3d_go_with_the_first_sensor(tmp_path):
+    one = still(count=400, rate_hz=400)
+    in_c3d(tmp_path / "a.c3d", one, ["a", "b", "c", "d", "e", "f"], ["g"] * 3 + ["deg/s"] * 3)
+    data = bytearray((tmp_path / "a.c3d").read_bytes())
+    data[20:24] = np.array([50], "<f4").tobytes()  # the header's rate, against POINT:RATE
+    (tmp_path / "a.c3d").write_bytes(data)
+    two = [SensorColumns(name, (1, 2, 3), (4, 5, 6)) for name in ("shank", "thigh")]
+    shank, thigh = load(tmp_path / "a.c3d", TableLayout(tuple(two)))
+    assert shank.notes == ("a.c3d: POINT:RATE says 100 Hz, the header 50 Hz; 100 Hz is taken",)
+    assert thigh.notes == ()

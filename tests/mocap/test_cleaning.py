@@ -473,3 +473,15 @@ def test_frames_without_the_person_are_left_out_and_named():
     assert np.isfinite(cleaned.positions_world).all()
     assert all(r.missing == r.left_missing == 0 for r in report.roles)
     assert any(note.startswith("150 frames before") for note in report.notes)
+
+
+def test_a_recording_at_twice_its_own_rate_is_as_if_it_had_been_exported_at_its_own():
+    """Every second frame repeats the one before."""
+    plain = recording()
+    count = len(plain.times)
+    twice = plain.positions_world[np.arange(count) // 2 * 2]
+    cleaned, report = cleaning.clean(MarkerTrajectories(plain.times, LABELS, twice), SEVEN)
+    slow = MarkerTrajectories(plain.times[::2], LABELS, plain.positions_world[::2])
+    expected, _ = cleaning.clean(slow, SEVEN)
+    np.testing.assert_allclose(cleaned.positions_world, expected.positions_world, atol=1e-12)
+    assert f"{count // 2} of {count} frames repeat the frame before exactly" in report.notes[0]

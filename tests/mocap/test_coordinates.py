@@ -165,3 +165,32 @@ def test_a_row_written_twice_with_rounded_times_is_left_out():
         "1 row left out, which follow the row before by less than any rounding (first 1e-09 s "
         "after 0.825 s)",
     )
+
+
+def test_every_second_row_written_twice_is_left_out():
+    """A motion of 60 Hz that was written at 120."""
+    given = squat()[np.arange(240) // 2 * 2]
+    motion, notes = raw(given).to_plausible_motion()
+    np.testing.assert_array_equal(motion.values, squat()[::2])
+    np.testing.assert_array_equal(motion.times, TIMES[::2])
+    (note,) = notes
+    assert note.startswith("warning: 120 of 240 frames repeat the frame before exactly")
+
+
+def test_a_computed_movement_may_pause():
+    given = squat()
+    given[100:120] = given[99]
+    motion, notes = raw(given).to_plausible_motion()
+    assert len(motion.times) == 240
+    assert notes == ()
+
+
+def test_degrees_whose_widest_step_is_that_of_a_turn_in_radians_are_degrees():
+    """A knee of 120 degrees that is sampled with few frames may step by 6.28 degrees."""
+    values = in_degrees(squat())[::8]
+    k = NAMES.index("knee_angle_l")
+    values[:, k] = -120.0 + 0.1 * np.arange(len(values))
+    values[15:, k] += 2 * np.pi - 0.1
+    values[:, [j for j in TURNING if j != k]] *= 0.02
+    motion, _ = raw(values, degrees=True, times=TIMES[::8]).to_plausible_motion()
+    assert motion.coordinate("knee_angle_l")[0] == pytest.approx(np.radians(-120))

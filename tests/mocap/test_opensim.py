@@ -258,3 +258,21 @@ def test_even_times_of_few_digits_become_even(write):
     text = TEXT[: TEXT.index("      0.00")].replace("nRows=2", "nRows=120") + rows
     np.testing.assert_allclose(np.diff(mocap_opensim.read(write(text)).times), 1 / 60, atol=1e-5)
     assert np.ptp(np.diff(mocap_opensim.read(write(text)).times)) < 1e-9
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        *("Speeds", "Accelerations", "ActuatorForces", "Actuator Powers", "controls"),
+        *("PositionErrors", "Inverse Dynamics Generalized Forces", "Static Optimization"),
+    ],
+)
+def test_other_results_under_the_names_of_coordinates_are_refused(write, name):
+    """Their numbers may be those of angles."""
+    with pytest.raises(LegsimError, match=rf"line 1.*holds {name!r} under the names of coord"):
+        mocap_opensim.read(write(TEXT.replace("Coordinates", name, 1)))
+
+
+@pytest.mark.parametrize("name", ["Results", "normal_gait", "my speeds", "", "name walk.mot"])
+def test_any_other_name_of_a_trial_is_read(write, name):
+    assert len(mocap_opensim.read(write(TEXT.replace("Coordinates", name, 1))).times) == 2

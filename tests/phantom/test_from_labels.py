@@ -6,13 +6,15 @@ import numpy as np
 import pytest
 import trimesh
 
+from legsim.core import transforms
 from legsim.core.errors import LegsimError
 from legsim.geometry.label_images import LabelImage
 from legsim.phantom import files as phantom_files
-from legsim.phantom import from_labels
+from legsim.phantom import from_labels, leg_phantom
+from legsim.phantom._stance import objections
 from legsim.phantom.from_labels import Layers, MeshedLabels, MeshedPart
 from legsim.phantom.label_maps import LabelEntry, LabelMap
-from legsim.phantom.label_structures import structure_grid
+from legsim.phantom.label_structures import Structure, structure_grid
 from legsim.phantom.meshes import Part
 from legsim.phantom.raster import require_closed
 
@@ -173,3 +175,63 @@ def test_a_saved_phantom_loads_as_it_is(knee, tmp_path):
         assert len(after.vertices) == len(before.vertices)
         # PLY holds single precision in mm
         assert np.abs(after.vertices - before.vertices).max() < 1e-7
+
+
+@pytest.mark.parametrize("cortex", [0.002, 0.006])
+def test_distances_near_a_layers_border_are_all_that_it_takes(cortex, monkeypatch):
+    layers = Layers(cortex=cortex, cartilage=0.002)
+    quick = meshed(layers=layers)
+    monkeypatch.setattr(from_labels, "_BAND", 100)
+    exact = meshed(layers=layers)
+    assert [p.name for p in quick.parts] == [p.name for p in exact.parts]
+    for one, other in zip(quick.parts, exact.parts, strict=True):
+        np.testing.assert_array_equal(one.triangles, other.triangles, err_msg=one.name)
+        np.testing.assert_allclose(one.vertices, other.vertices, atol=1e-9, err_msg=one.name)
+
+
+@pytest.mark.parametrize("error", [KeyboardInterrupt, OSError(28, "No space left on device")])
+def test_an_interrupted_phantom_leaves_nothing_or_the_one_before(
+    knee, tmp_path, monkeypatch, error
+):
+    before = from_labels.save(tmp_path / "before", meshed())
+    content = {path: path.read_bytes() for path in before.parent.iterdir()}
+    export = trimesh.Trimesh.export
+    written = []
+
+    def interrupted(mesh, path, **options):
+        written.append(path)
+        export(mesh, path, **options)
+        if len(written) % 4 == 0:
+            raise error
+
+    monkeypatch.setattr(trimesh.Trimesh, "export", interrupted)
+    for folder in ("before", "new/deep"):
+        expected = KeyboardInterrupt if error is KeyboardInterrupt else LegsimError
+        with pytest.raises(expected):
+            from_labels.save(tmp_path / folder, knee)
+    assert {path: path.read_bytes() for path in before.parent.iterdir()} == content
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["before"]
+
+
+@pytest.mark.parametrize(
+    ("degrees", "words"), [(10, None), (60, "53 degrees to the left"), (-90, "to the right")]
+)
+def test_a_leg_that_stands_turned_is_reported_and_not_doubted(degrees, words):
+    legs = leg_phantom.load_leg_phantom()
+    turn = transforms.axis_rotation((0, 1, 0), np.radians(degrees))
+    bony = []
+    for name in ("femur", "tibia", "patella"):
+        part = legs.phantom.parts[legs.part_index(f"{name}_cortex_l")]
+        structure = Structure(LabelEntry(1, name, "bone", name, None, False), "l")
+        vertices = part.vertices @ turn.T
+        bony.append(from_labels._Outer(structure, np.ones(1), np.eye(4), vertices, part.triangles))
+    remarks: list[str] = []
+    turns = from_labels._turns(bony, remarks)
+    if words is None:
+        assert (turns, remarks) == ({}, [])
+        return
+    assert words in remarks[0]
+    back = {f"{o.structure.name}": o.vertices @ turns["l"] for o in bony}
+    middles = {name: points.mean(axis=0) for name, points in back.items()}
+    assert middles["patella_l"][0] > middles["femur_l"][0]
+    assert objections(back) == []

@@ -149,6 +149,22 @@ def test_exact_bones_of_a_bent_leg_give_its_pose(degrees):
         np.testing.assert_allclose(found[k], pose.of(name)[0], atol=2e-6)
 
 
+def test_a_leg_that_stands_turned_is_placed_as_it_stands():
+    pose = flexed(15)
+    turn = transforms.rigid(transforms.axis_rotation((0, 1, 0), np.radians(70)), (0.2, 0, 0))
+    parts, segments = [], []
+    for k, vertices in enumerate(LEGS.posed(pose.world_from_segment[0], pose.segment_names)):
+        if LEGS.phantom.parts[k].name in BONES:
+            moved = transforms.apply(turn, vertices)
+            parts.append(replace(LEGS.phantom.parts[k], vertices=moved))
+            segments.append(LEGS.segments[k])
+    read = imaged_leg.PhantomFile(imaged_leg.Phantom(tuple(parts)), tuple(segments), ())
+    found = imaged_leg.image_pose(Path("leg.toml"), read, PERSON.leg.scales)
+    for name in ("femur_l", "tibia_l", "patella_l"):
+        k = imaged_leg.SEGMENTS.index(name)
+        np.testing.assert_allclose(found[k], turn @ pose.of(name)[0], atol=5e-6)
+
+
 def test_soft_tissue_comes_back_where_it_was_imaged(tmp_path):
     path = imported(tmp_path, 12, soft=True, reach=0.08)
     made = imaged_leg.load_imaged_leg(path, scales=PERSON.leg.scales)

@@ -4,6 +4,7 @@ from itertools import product
 
 import numpy as np
 import pytest
+from scipy.spatial import KDTree
 
 from legsim.core import transforms
 from legsim.phantom import _label_surfaces
@@ -68,14 +69,28 @@ def test_a_mirrored_grid_still_faces_outward():
     assert _label_surfaces.volume(*of_mask(mask, mirrored)) > 0
 
 
-def test_distances_are_those_from_the_surface():
+@pytest.mark.parametrize("spacing", [(VOXEL,) * 3, (0.001, 0.002, 0.004)])
+def test_distances_are_those_from_the_surface(spacing):
     center = np.full(3, 0.026)
-    mask, placed = ball(0.02, center)
+    mask, placed = ball(0.02, center, spacing)
     vertices, triangles = of_mask(mask, placed)
     points = np.concatenate([vertices, vertices[triangles].mean(1)])
-    found = _label_surfaces.signed_distance(mask, points, placed, 0.006)
     k, j, i = np.nonzero(np.ones_like(mask))
     places = transforms.apply(placed, np.stack([i, j, k], -1).astype(float))
-    true = np.clip(0.02 - np.linalg.norm(places - center, axis=1), -0.006, 0.006)
+    true = 0.02 - np.linalg.norm(places - center, axis=1)
+    step = max(spacing)
+    rough = _label_surfaces.rough_distance(mask, np.array(spacing[::-1])).ravel()
+    near = np.abs(true) < 0.006
+    chosen = near.reshape(mask.shape)
+    exact = _label_surfaces.exact_distance(mask, chosen, KDTree(points), placed)
     # the surface itself is up to half a voxel off
-    assert np.abs(found.ravel() - true).max() < 0.5 * VOXEL
+    assert np.abs(exact - true[near]).max() < 0.5 * step
+    assert np.abs(rough[near] - exact).max() < 0.5 * step + 1e-6
+    # and everywhere within a voxel, so that none that is near is taken for far
+    assert np.abs(rough - true).max() < step
+
+
+@pytest.mark.parametrize("filled", [True, False])
+def test_a_mask_of_one_value_has_no_surface(filled):
+    found = _label_surfaces.rough_distance(np.full((3, 4, 5), filled), np.full(3, VOXEL))
+    assert (found == (np.inf if filled else -np.inf)).all()

@@ -152,16 +152,16 @@ def test_a_knee_that_is_called_by_the_other_side_is_noticed(above):
     short = cut(femur, knee - 0.1, knee + above)
     for side, expected in (("l", False), ("r", True)):
         found = landmarks.find({"femur": short}, side)
-        assert landmarks.of_other_side(short, found, side) is expected
+        assert landmarks.of_other_side({"femur": short}, found, side) is expected
 
 
 def test_a_short_stump_and_a_head_raise_no_doubt_about_the_side():
     femur = bones()["femur"]
     whole = landmarks.find({"femur": femur}, "l")
-    assert not landmarks.of_other_side(femur, whole, "l")
+    assert not landmarks.of_other_side({"femur": femur}, whole, "l")
     stump = cut(femur, -1.0, landmarks.middle_of_knee(whole)[1] + 0.045)
     found = landmarks.find({"femur": stump}, "r")
-    assert not landmarks.of_other_side(stump, found, "r")
+    assert not landmarks.of_other_side({"femur": stump}, found, "r")
 
 
 def test_those_of_a_file_are_read_in_mm():
@@ -184,3 +184,31 @@ def test_faults_of_a_file_name_it(tables, words):
     with pytest.raises(LegsimError, match=words) as caught:
         landmarks.read(Path("p.toml"), tables)
     assert "p.toml" in str(caught.value)
+
+
+@pytest.mark.parametrize("degrees", [-150, -60, 45, 60, 100, 180])
+@pytest.mark.parametrize(("side", "reach"), [("l", np.inf), ("r", 0.08)])
+def test_a_leg_turned_about_its_length_has_them_where_its_patella_says(degrees, side, reach):
+    names = ("femur", "tibia", "patella")
+    knee = landmarks.middle_of_knee(landmarks.find(bones(side), side))[1]
+    whole = {
+        name: cut(bone, knee - reach, knee + reach)
+        for name, bone in bones(side, STILL, *names).items()
+    }
+    turn = transforms.rigid(transforms.axis_rotation((0, 1, 0), np.radians(degrees)), (0.1, 0, 0))
+    moved = {
+        name: BoneSurface(transforms.apply(turn, bone.vertices), bone.triangles)
+        for name, bone in whole.items()
+    }
+    # the patella itself lies a few degrees beside the front
+    off = np.radians(degrees) - landmarks.turned(moved)
+    assert abs(np.angle(np.exp(1j * off))) < np.radians(12)
+    expected, found = landmarks.find(whole, side), landmarks.find(moved, side)
+    for name, point in expected.items():
+        carried = transforms.apply(turn, point[None])[0]
+        assert np.linalg.norm(found[name] - carried) < 0.001, name
+    assert not landmarks.of_other_side(moved, found, side)
+
+
+def test_without_a_patella_nothing_is_turned():
+    assert landmarks.turned(bones()) == 0

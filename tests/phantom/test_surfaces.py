@@ -72,3 +72,73 @@ def test_shells_share_no_edge() -> None:
     numbers = surfaces.shells(two)
     assert len(set(numbers[: len(triangles)])) == len(set(numbers[len(triangles) :])) == 1
     assert numbers[0] != numbers[-1]
+
+
+def many_shells(count: int) -> tuple[np.ndarray, np.ndarray, list[np.ndarray]]:
+    """A cube and small balls in it, in rows; the triangles of each."""
+    vertices, triangles = box()
+    ball = trimesh.creation.icosphere(subdivisions=1, radius=0.002)
+    corners, faces, groups = [vertices], [triangles], [np.arange(len(triangles))]
+    for k in range(count):
+        place = np.array([k % 9, k // 9 % 9, k // 81]) * 0.01 - 0.04
+        groups.append(sum(map(len, faces)) + np.arange(len(ball.faces)))
+        faces.append(ball.faces + sum(map(len, corners)))
+        corners.append(ball.vertices + place)
+    return np.concatenate(corners), np.concatenate(faces), groups
+
+
+def test_hollows_stay_and_shells_beside_are_turned_also_where_there_are_many() -> None:
+    vertices, triangles, groups = many_shells(300)
+    for group in groups[1:]:
+        triangles[group] = triangles[group][:, ::-1]
+    numbers = surfaces.shells(triangles)
+    assert surfaces.inverted_shells(vertices, triangles, numbers) == ([], [])
+    for k in (1, 2):
+        vertices[np.unique(triangles[groups[k]])] += [0.3 + 0.1 * k, 0, 0]
+    alone, overlapping = surfaces.inverted_shells(vertices, triangles, numbers)
+    assert [sorted(group) for group in alone] == [list(groups[1]), list(groups[2])]
+    assert overlapping == []
+
+
+def test_a_shell_that_reaches_out_of_another_overlaps_it() -> None:
+    vertices, triangles, groups = many_shells(1)
+    triangles[groups[1]] = triangles[groups[1]][:, ::-1]
+    ball = np.unique(triangles[groups[1]])
+    numbers = surfaces.shells(triangles)
+    vertices[ball] += [-0.01, 0, 0]  # its middle is on a face of the cube
+    assert len(surfaces.inverted_shells(vertices, triangles, numbers)[1]) == 1
+    # a ball around the cube, with all of its own vertices outside
+    vertices[ball] = (vertices[ball] + [0.05, 0.04, 0.04]) * 100
+    assert len(surfaces.inverted_shells(vertices, triangles, numbers)[1]) == 1
+
+
+def test_a_moebius_strip_stays_as_it_is() -> None:
+    around = np.linspace(0, np.pi, 13)[:-1]
+    side = np.stack([np.cos(2 * around), np.sin(2 * around), 0 * around], -1)
+    across = 0.3 * (np.cos(around)[:, None] * side + np.sin(around)[:, None] * [0, 0, 1])
+    vertices = np.concatenate([side - across, side + across])
+    triangles = []
+    for k in range(12):
+        a, b = k, k + 12
+        c, d = (k + 1, k + 13) if k < 11 else (12, 0)
+        triangles += [(a, c, b), (c, d, b)]
+    _, faces, done = surfaces.repaired(vertices, np.array(triangles))
+    assert not any("turned" in what for what in done)
+    assert len(surfaces.unpaired(faces))
+
+
+def test_rows_are_alike_where_all_of_them_is(rng) -> None:
+    rows = rng.integers(-2, 3, (500, 3)) / 7.0
+    rows[::5] *= -0.0
+    first, numbers = surfaces._alike(rows)
+    np.testing.assert_array_equal(rows[first][numbers], rows)
+    assert len(first) == len(np.unique(rows + 0.0, axis=0))
+    assert (np.diff(first) > 0).all()
+
+
+def test_rows_whose_hashes_are_equal_are_told_apart(rng, monkeypatch) -> None:
+    rows = rng.integers(-2, 3, (500, 3)) / 7.0
+    expected = surfaces._alike(rows)
+    monkeypatch.setattr(surfaces, "_mixed", lambda keys: 0 * keys)
+    for found, one in zip(surfaces._alike(rows), expected, strict=True):
+        np.testing.assert_array_equal(found, one)

@@ -163,6 +163,26 @@ def test_lost_samples_of_the_predicted_sensor_are_left_out(tmp_path):
     assert imu_comparison.compare((), lost, 0.0) == ()
 
 
+def test_a_short_trial_is_compared_where_its_clock_is_stated(tmp_path):
+    one = predicted()
+    brief = one.angular_velocity[:140, :1], one.specific_force[:140, :1]
+    save_imu(tmp_path / "a.csv", ImuSignals(one.times[:140] + 5, ("a",), *brief))
+    about = 'file = "a.csv"\n{}[[sensors]]\nname = "a"\nsegment = "tibia_l"\n'
+    (tmp_path / "a.toml").write_text(about.format(""))
+    worn = imu_comparison.of_argument(str(tmp_path / "a.toml"))
+    with pytest.raises(LegsimError, match=r"record a longer trial, or state clock_offset_s"):
+        imu_comparison.compare(worn, one, 0.0)
+    (tmp_path / "a.toml").write_text(about.format("clock_offset_s = 5\n"))
+    worn = imu_comparison.of_argument(str(tmp_path / "a.toml"))
+    (found,) = imu_comparison.compare(worn, one, 0.0)
+    first, second = found.lines()
+    assert "its clock is taken as stated (correlation of the rates 1.00)" in first
+    assert second == (
+        "Sensor a: it shares 1.4 s with the markers, less than 3 s: neither a lag nor another "
+        "place or segment is searched."
+    )
+
+
 def test_a_name_that_no_file_can_have_is_one_line():
     with pytest.raises(LegsimError, match="cannot be read"):
         imu_comparison.of_argument("tibia_l=" + "a" * 300)
