@@ -267,3 +267,12 @@ def test_beads_are_made_when_the_method_runs():
     assert not asked
     method(scanned(SWAY, 0))
     assert asked == [1]
+
+
+def test_priors_that_are_no_sizes_are_refused():
+    for spread in (0.0, -2e-3, float("nan")):
+        with pytest.raises(LegsimError, match=r"SensorPriors\.spread is .* finite and positive"):
+            SensorPriors(BMI160, spread=spread)
+    for clock in (-0.01, float("inf")):
+        with pytest.raises(LegsimError, match=r"SensorPriors\.clock is .* finite and not negative"):
+            SensorPriors(BMI160, clock=clock)

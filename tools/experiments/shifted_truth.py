@@ -33,7 +33,7 @@ def main(
 ) -> None:
     """Prints one row per shift."""
     warnings.simplefilter("ignore", ShortScanWarning)
-    settings = config.load_settings(preset=preset, overrides=change or ())
+    settings = config.load_settings(preset=preset, overrides=tuple(change or ()))
     wanted = settings.phantom
     scan = simulate_scan(
         run_motion.solve(settings.motion),
