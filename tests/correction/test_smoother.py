@@ -222,5 +222,5 @@ def test_what_numpy_would_take_for_shadows_is_refused(made: Callable[..., object
         with pytest.raises(LegsimError, match=r"Shadows\.pixels has shape"):
             made(np.zeros(shape))
     for size in (0.0, -0.3, float("nan")):
-        with pytest.raises(LegsimError, match="error_px is .* finite and positive"):
+        with pytest.raises(LegsimError, match=r"error_px is .* finite and positive"):
             made(np.zeros((5, len(PLACES), 2)), size)
