@@ -95,6 +95,9 @@ def load_settings(
     Raises:
         LegsimError: unknown preset, missing file, not TOML, or a key or value that is not allowed;
             the line names the key.
+
+    >>> load_settings(preset="demo", overrides=("scan.views=124",)).scan.views
+    124
     """
     if isinstance(overrides, str):
         overrides = (overrides,)

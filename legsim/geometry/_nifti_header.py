@@ -10,18 +10,23 @@ from legsim.core.errors import file_error
 from legsim.core.values import FloatArray
 from legsim.geometry import _whole_files
 
+_LONGEST = 540
+"""bytes of a header, of NIfTI-2"""
+
 
 def check(path: Path, header: Mapping[str, str]) -> None:
-    """Refuses a NIfTI file whose two statements of where its voxels are contradict each other.
+    """Refuses a NIfTI file whose statements of where its voxels are contradict each other, or hold
+    a number that is not finite.
 
-    Programs take either: what is left in one may be right in the other.
+    Programs take either statement: what is left in one may be right in the other. ITK reads an
+    offset that is not finite as 0.
 
     Args:
         path: for the error.
         header: its fields as ITK names them.
 
     Raises:
-        LegsimError: the directions or spacings of qform and sform differ.
+        LegsimError: the directions or spacings of qform and sform differ; a place is not finite.
     """
     if not {"qform_code", "sform_code", "srow_x", "quatern_b"} <= header.keys():
         return
@@ -29,7 +34,14 @@ def check(path: Path, header: Mapping[str, str]) -> None:
     def numbers(*names: str) -> FloatArray:
         return np.array([[float(x) for x in header[n].split()] for n in names])
 
-    if min(numbers("qform_code")[0, 0], numbers("sform_code")[0, 0]) <= 0:
+    by_quaternion, by_matrix = (numbers(f"{form}_code")[0, 0] > 0 for form in ("qform", "sform"))
+    steps_read, quaternion_read, matrix_read = _places(path)
+    used = [steps_read, quaternion_read] if by_quaternion else []
+    used += [matrix_read] if by_matrix else []
+    if not all(np.isfinite(numbers_read).all() for numbers_read in used):
+        problem = "says by a number that is not finite where its voxels are"
+        raise file_error(path, problem, "write the file again")
+    if not (by_quaternion and by_matrix):
         return
     stated = numbers("srow_x", "srow_y", "srow_z")[:, :3]
     steps = numbers("pixdim[1]", "pixdim[2]", "pixdim[3]")[:, 0]
@@ -54,9 +66,18 @@ def _sense(path: Path) -> float:
     """-1 where the third axis of the quaternion is turned about, else 1: pixdim[0], which ITK does
     not report.
     """
+    return -1.0 if _places(path)[0][0] < 0 else 1.0
+
+
+def _places(path: Path) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """(pixdim[0] to [3]; quatern_b to d and qoffset_x to z; srow_x to z) as the file has them."""
     with _whole_files.opened(path) as stream:
-        head = stream.read(112)
+        head = stream.read(_LONGEST)
     order, second = _whole_files.nifti_layout(head)
-    # pixdim[0]: a float at byte 76 of NIfTI-1, a double at byte 104 of NIfTI-2
-    sense = struct.unpack_from(f"{order}{'d' if second else 'f'}", head, 104 if second else 76)[0]
-    return -1.0 if sense < 0 else 1.0
+    # floats in NIfTI-1, doubles in NIfTI-2
+    kind, starts = ("d", (104, 352, 400)) if second else ("f", (76, 256, 280))
+    steps, quaternion, matrix = (
+        np.array(struct.unpack_from(f"{order}{count}{kind}", head, start))
+        for start, count in zip(starts, (4, 6, 12), strict=True)
+    )
+    return steps, quaternion, matrix

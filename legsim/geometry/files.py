@@ -128,7 +128,11 @@ def load_geometry(
     pixel_mm: float | tuple[float, float] | None = None,
     view_rate_hz: float = 31.0,
 ) -> ConeBeamGeometry:
-    """The geometry alone of :func:`read_geometry`."""
+    """The geometry alone of :func:`read_geometry`.
+
+    >>> load_geometry("matrices.txt", columns=620, rows=480, pixel_mm=0.616).shape_vu
+    (480, 620)
+    """
     return read_geometry(
         path, columns=columns, rows=rows, pixel_mm=pixel_mm, view_rate_hz=view_rate_hz
     ).geometry

@@ -86,6 +86,8 @@ def save_volume(path: Path | str, volume: Volume) -> None:
 
     Raises:
         LegsimError: the name's ending is none of :data:`WRITABLE`, or the file cannot be written.
+
+    >>> save_volume("volume.nii.gz", load_volume("volume.mha"))
     """
     image = sitk.GetImageFromArray(volume.attenuation * np.float32(1e-3))
     image.SetSpacing([1e3 * s for s in volume.grid.spacing_xyz])
@@ -105,6 +107,9 @@ def load_volume(path: Path | str, *, axes: Axes | None = None) -> Volume:
     Raises:
         LegsimError: no image, not three-dimensional, more than one channel, axes oblique to the
             world's, or values that are not finite.
+
+    >>> load_volume("volume-rigid.mha").grid.shape_zyx
+    (256, 256, 256)
     """
     path = Path(path)
     values, header = _read(path, axes)
@@ -340,8 +345,11 @@ def read_samples(path: Path | str) -> tuple[np.ndarray, FloatArray, FloatArray, 
             f"its axes are not at right angles (direction cosines {direction.ravel().tolist()})",
             "resample it to axes that are",
         )
-    samples = sitk.GetArrayFromImage(_executed(path, reader))
-    return samples, np.array(reader.GetSpacing()), np.array(reader.GetOrigin()), direction
+    spacing, origin = np.array(reader.GetSpacing()), np.array(reader.GetOrigin())
+    if not within(np.concatenate([spacing, origin])):
+        problem = f"its first voxel is at {origin.tolist()} mm, its spacing {spacing.tolist()} mm"
+        raise file_error(path, problem, "write it again with finite numbers")
+    return sitk.GetArrayFromImage(_executed(path, reader)), spacing, origin, direction
 
 
 def _open(path: Path, dimensions: tuple[int, ...] = (3,)) -> sitk.ImageFileReader:

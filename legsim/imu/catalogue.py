@@ -160,6 +160,9 @@ def load_sensor(name_or_path: str | Path) -> CataloguedSensor:
     Raises:
         LegsimError: no such sensor or file, or a file that is not a sensor's; the line names the
             key and the fix.
+
+    >>> load_sensor("bmi160").errors.gyroscope.noise_density  # rad/s per root of Hz
+    0.00012217304763960306
     """
     path = Path(name_or_path)
     if path.suffix.lower() != ".toml":

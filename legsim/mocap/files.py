@@ -153,7 +153,11 @@ def load_recording(
     up: str | None = None,
     in_degrees: bool | None = None,
 ) -> MarkerTrajectories | JointTrajectories:
-    """The value of :func:`read_recording`, without its notes."""
+    """The value of :func:`read_recording`, without its notes.
+
+    >>> load_recording("motions/subject01/squat_30.trc").marker_names[:2]
+    ('SACR', 'RASI')
+    """
     return read_recording(path, unit=unit, up=up, in_degrees=in_degrees).value
 
 
@@ -196,6 +200,8 @@ def save_recording(
 
     Raises:
         LegsimError: the ending does not fit what is to be written.
+
+    >>> save_recording("squat.trc", load_recording("squat.c3d"))
     """
     path = Path(path)
     markers = isinstance(recording, MarkerTrajectories)

@@ -112,6 +112,8 @@ def open_device(wanted: str | None = None) -> Device:
 
     Raises:
         LegsimError: no device works, or none matches; the line lists what there is.
+
+    >>> volume = fdk(projections, grid, device=open_device("cpu"))
     """
     wanted = wanted if wanted is not None else os.environ.get("LEGSIM_DEVICE", "")
     everything = candidates()

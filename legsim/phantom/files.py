@@ -88,6 +88,9 @@ def load_phantom(path: Path | str, *, energy_kev: float = materials.DEFAULT_ENER
     """Loads the phantom of a PHANTOM.toml at rest, its materials at one photon energy.
 
     Errors are as in :func:`read`.
+
+    >>> [part.name for part in load_phantom("PHANTOM.toml", energy_kev=50.0).parts]
+    ['skin', 'tibia']
     """
     return read(path, energy_kev=energy_kev).phantom
 

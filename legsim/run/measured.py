@@ -74,6 +74,9 @@ def load_measured_scan(path: Path | str) -> MeasuredScan:
 
     Raises:
         LegsimError: a file or value that cannot be used; the line names it and the fix.
+
+    >>> scan = load_measured_scan("SCAN.toml")
+    >>> volume = fdk(Rigid("shank_l")(scan.seen), scan.grid)
     """
     path = Path(path)
     return assemble(measured_scan.load(path), path.parent, path)

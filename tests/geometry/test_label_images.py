@@ -118,6 +118,19 @@ def test_what_has_no_voxels_or_no_directions_is_refused(tmp_path, said, wrong, w
         load_label_image(tmp_path / "a.mha")
 
 
+@pytest.mark.parametrize("number", [np.nan, 3e38])
+def test_a_first_voxel_that_is_nowhere_is_refused(tmp_path, number):
+    sitk.WriteImage(image(), str(tmp_path / "a.nii"))
+    data = bytearray((tmp_path / "a.nii").read_bytes())
+    for place in (276, 324):  # qoffset_z, the last number of srow_z
+        data[place : place + 4] = np.float32(number).tobytes()
+    (tmp_path / "a.nii").write_bytes(data)
+    with pytest.raises(
+        LegsimError, match=r"a\.nii: .*(first voxel is at .*finite numbers|not finite)"
+    ):
+        load_label_image(tmp_path / "a.nii")
+
+
 @pytest.mark.parametrize("name", ["a.nii", "a.nii.gz", "a.nrrd", "a.nhdr", "a.mha", "a.mhd"])
 def test_files_that_state_their_directions_are_not_doubted(tmp_path, name):
     sitk.WriteImage(image(), str(tmp_path / name))

@@ -79,3 +79,16 @@ def test_the_sense_of_the_third_axis_is_read_of_both_versions(tmp_path, order, s
         path = tmp_path / "a.nii"
         path.write_bytes(head)
         assert _nifti_header._sense(path) == sense
+
+
+@pytest.mark.parametrize(("place", "code"), [(268, 252), (280 + 12, 254)])
+@pytest.mark.parametrize("number", [np.inf, np.nan])
+def test_offsets_that_are_not_finite_are_refused(written, place, code, number):
+    """qoffset_x and the last of srow_x; ITK takes such an offset for 0."""
+    path = written(sform=[[2, 0, 0, 0], [0, 2, 0, 0], [0, 0, 3, 0]], codes=(1, 1))
+    content = bytearray(path.read_bytes())
+    struct.pack_into("<f", content, place, number)
+    struct.pack_into("<h", content, 252 + 254 - code, 0)
+    path.write_bytes(content)
+    with pytest.raises(LegsimError, match=r"labels.nii: .*(not finite|axes are not)"):
+        image_files.load_volume(path)
