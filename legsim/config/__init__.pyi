@@ -32,5 +32,6 @@ from .settings import from_trees as from_trees
 from .settings import load_settings as load_settings
 from .tree import ConfigSection as ConfigSection
 from .tree import merged as merged
+from .tree import of_options as of_options
 from .tree import parse_override as parse_override
 from .tree import validated as validated

@@ -1,7 +1,7 @@
 """TOML trees: read, overlaid, validated strictly as frozen sections."""
 
 import tomllib
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, TypeVar, get_args
 
@@ -40,6 +40,23 @@ def validated(model: type[_Model], tree: dict[str, Any], where: Path | None) -> 
         return model.model_validate(tree)
     except ValidationError as error:
         raise LegsimError(_explain(error, model, where)) from error
+
+
+def of_options(model: type[_Model], given: Mapping[str, Any]) -> _Model:
+    """Validates the options of a command line as a section.
+
+    Raises:
+        LegsimError: a value that is not allowed; the line names the option.
+    """
+    try:
+        return model.model_validate(dict(given))
+    except ValidationError as error:
+        first = error.errors()[0]
+        option = "--" + str(first["loc"][0]).replace("_", "-")
+        problem = first["msg"][:1].lower() + first["msg"][1:]
+        raise LegsimError(
+            f"{option} {first['input']}: {problem}; give another value, or leave it out"
+        ) from error
 
 
 def parse_override(text: str, model: type[ConfigSection] | None = None) -> dict[str, Any]:

@@ -49,11 +49,15 @@ def plain_numbers(name: str, values: ArrayLike) -> NDArray:
     """Returns ``values`` as an array of real numbers that nothing hides.
 
     Raises:
-        LegsimError: complex numbers, text, objects, or a masked array that masks any.
+        LegsimError: complex numbers, text, objects, lists of different lengths, or a masked array
+            that masks any.
     """
     if isinstance(values, np.ma.MaskedArray) and np.ma.is_masked(values):
         raise LegsimError(f"{name} is a masked array; fill what it masks, as by values.filled(0)")
-    source = np.asarray(values)
+    try:
+        source = np.asarray(values)
+    except ValueError as error:
+        raise LegsimError(f"{name} holds lists of different lengths; give one shape") from error
     if source.dtype.kind not in "fiub":
         raise LegsimError(f"{name} holds {source.dtype} values; give real numbers")
     return source

@@ -5,10 +5,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from legsim.core import transforms
 from legsim.core.errors import LegsimError
 from legsim.core.values import Float32Array, FloatArray, frozen, frozen_owned
 from legsim.deformation.models import ControlPointMotion
+from legsim.deformation.moving_least_squares import NEARLY_STRAIGHT, smallest_turned, straightness
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -95,11 +95,19 @@ def _bend(points: FloatArray) -> FloatArray:
 
 
 def _plane_bases(points: FloatArray) -> FloatArray:
-    """(v, 3, 3) rows: e1 along the second edge, e2, normal; one sense of rotation in all views."""
+    """(v, 3, 3) rows: e1 along the second edge, e2, normal; one sense of rotation in all views.
+
+    Points nearly on a line keep the side of the first: :data:`NEARLY_STRAIGHT`.
+    """
     edges = _edges(points)
     first = edges[:, 1] / np.linalg.norm(edges[:, 1], axis=-1, keepdims=True)
     normal = np.cross(edges[:, 0], edges[:, 1])
     normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
+    start = np.broadcast_to(first[0], first.shape)
+    turned = smallest_turned(start, first, np.broadcast_to(normal[0], normal.shape))
+    straight = straightness(points)
+    twisted = (turned * normal).sum(-1) < 0
+    normal[twisted & (np.minimum(straight, straight[0]) < NEARLY_STRAIGHT)] *= -1
     return np.stack([first, np.cross(normal, first), normal], 1)
 
 
@@ -109,11 +117,6 @@ def _transported_bases(points: FloatArray) -> FloatArray:
     first = edges[:, 1] / np.linalg.norm(edges[:, 1], axis=-1, keepdims=True)
     second = np.linalg.svd(first[0][None])[2][1]
     resting = np.stack([first[0], second, np.cross(first[0], second)])
-    return np.stack([resting @ _smallest_rotation(first[0], direction).T for direction in first])
-
-
-def _smallest_rotation(a: FloatArray, b: FloatArray) -> FloatArray:
-    """(3, 3) that turns unit vector a to b about their common normal."""
-    axis = np.cross(a, b)
-    skew = transforms.cross_matrix(axis)
-    return np.eye(3) + skew + skew @ skew / max(1 + float(a @ b), 1e-12)
+    start = np.broadcast_to(first[0], first.shape)
+    turned = [smallest_turned(start, first, np.broadcast_to(e, first.shape)) for e in resting]
+    return np.stack(turned, 1)

@@ -85,16 +85,25 @@ def geometry_of(
     shape_vu: tuple[int, int],
     pixel_mm: float | None,
     place: str = "",
+    *,
+    sides_stated: bool = False,
 ) -> ConeBeamGeometry:
     """A geometry from what a file holds, ``pixel_mm`` being between columns; errors name the
     file.
+
+    ``sides_stated``: the file says where source and detector are, and the matrices' depths are
+    positive between them.
     """
     try:
         matrices = np.asarray(matrices_mm, float) * np.array([1.0, 1.0, 1.0, 1e-3])
         if not within(matrices):
             raise LegsimError("holds numbers that are not finite or too large for a geometry")
         return ConeBeamGeometry(
-            times, matrices, shape_vu, 1e-3 if pixel_mm is None else pixel_mm * 1e-3
+            times,
+            matrices,
+            shape_vu,
+            1e-3 if pixel_mm is None else pixel_mm * 1e-3,
+            sides_stated,
         )
     except LegsimError as error:
         raise file_error(path, str(error), "correct the file", place=place) from error

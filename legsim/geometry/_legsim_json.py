@@ -1,6 +1,11 @@
-"""legsim's own geometry file: JSON with times, detector and one matrix per view, in millimeters."""
+"""legsim's own geometry file: JSON with times, detector and one matrix per view, in millimeters.
+
+With "sides_stated": true, which legsim writes, the third row of each matrix times a point is
+positive in front of the source; without it, readers find that side from all views.
+"""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +32,7 @@ def text_of(geometry: ConeBeamGeometry) -> str:
         "rows": rows,
         "pixel_mm": geometry.pixel_pitch * 1e3,
         "times_s": geometry.times.tolist(),
+        "sides_stated": True,
     }
     lines = ",\n".join(
         json.dumps(matrix) for matrix in matrices_mm(geometry).reshape(-1, 12).tolist()
@@ -102,10 +108,12 @@ def geometry(path: Path, content: Any, given: Given) -> ConeBeamGeometry:
             "give one of each per view",
             place="times_s",
         )
-    found = geometry_of(path, times, np.reshape(rows, (-1, 3, 4)), shape_vu, pixel_mm)
+    matrices = np.reshape(rows, (-1, 3, 4))
+    stated = content.get("sides_stated") is True
+    found = geometry_of(path, times, matrices, shape_vu, pixel_mm, sides_stated=stated)
     if given.pixel_mm is not None:
         if pixel_mm is None:
             pixel_mm = given.pixel_mm[0]
-            found = geometry_of(path, times, np.reshape(rows, (-1, 3, 4)), shape_vu, pixel_mm)
+            found = replace(found, pixel_pitch=1e-3 * pixel_mm)
         given.pixel(path, (pixel_mm, 1e3 * found.row_pitch()))
     return found

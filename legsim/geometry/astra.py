@@ -51,7 +51,12 @@ def geometry(path: Path, vectors: FloatArray, given: Given) -> ConeBeamGeometry:
     shift = -np.einsum("vij,vj->vi", forward, factor * source)
     matrices = np.concatenate([forward, shift[..., None]], -1)
     return geometry_of(
-        path, given.times(len(vectors)), matrices, (rows, columns), factor * pixel[0]
+        path,
+        given.times(len(vectors)),
+        matrices,
+        (rows, columns),
+        factor * pixel[0],
+        sides_stated=True,
     )
 
 

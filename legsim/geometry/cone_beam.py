@@ -41,10 +41,15 @@ class ConeBeamGeometry:
     """m between neighboring columns on the detector. Rays do not depend on it: it only says how far
     away the detector is. That between rows follows from the matrices: :meth:`row_pitch`.
     """
+    sides_stated: bool = False
+    """True: the depths of the matrices as given are positive in the scanned region. False: the
+    views' principal rays say where that is (:func:`_sides`), and it is True from then on, so that
+    ``dataclasses.replace`` keeps the sides.
+    """
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "times", increasing_times("ConeBeamGeometry.times", self.times))
-        matrices = np.array(self.matrices, float)
+        matrices = plain_numbers("ConeBeamGeometry.matrices", self.matrices).astype(float)
         if matrices.shape != (len(self.times), 3, 4) or not np.isfinite(matrices).all():
             raise LegsimError(
                 f"ConeBeamGeometry.matrices has shape {matrices.shape}; expected "
@@ -63,27 +68,29 @@ class ConeBeamGeometry:
             )
         matrices = scaled
         try:
-            if not within(matrices):
+            if not (within(matrices) and np.isfinite(_source_positions(matrices)).all()):
                 raise np.linalg.LinAlgError
-            nearest = _nearest_point_to_principal_rays(matrices)
+            if not self.sides_stated:
+                matrices = _sides(matrices)[:, None, None] * matrices
         except np.linalg.LinAlgError as error:
             raise LegsimError(
                 "ConeBeamGeometry.matrices hold numbers too large to find the sources; give them "
                 "in world meters"
             ) from error
-        depth = matrices[:, 2, :3] @ nearest + matrices[:, 2, 3]
-        matrices *= np.where(depth < 0, -1.0, 1.0)[:, None, None]
         object.__setattr__(self, "matrices", frozen("matrices", matrices, matrices.shape))
-        rows, columns = whole_counts("ConeBeamGeometry.shape_vu", self.shape_vu)
-        if rows < 1 or columns < 1:
+        object.__setattr__(self, "sides_stated", True)
+        counts = whole_counts("ConeBeamGeometry.shape_vu", self.shape_vu)
+        if len(counts) != 2 or min(counts) < 1:
             raise LegsimError(
-                f"ConeBeamGeometry.shape_vu is {self.shape_vu}; both counts must be positive"
+                f"ConeBeamGeometry.shape_vu is {self.shape_vu}; expected (rows, columns), and both "
+                "counts must be positive"
             )
-        object.__setattr__(self, "shape_vu", (rows, columns))
+        object.__setattr__(self, "shape_vu", counts)
         object.__setattr__(self, "pixel_pitch", float(self.pixel_pitch))
-        if not self.pixel_pitch > 0:
+        if not 0 < self.pixel_pitch < np.inf:
             raise LegsimError(
-                f"ConeBeamGeometry.pixel_pitch is {self.pixel_pitch}; it must be positive"
+                f"ConeBeamGeometry.pixel_pitch is {self.pixel_pitch}; it must be positive and "
+                "finite, in m"
             )
 
     @classmethod
@@ -120,7 +127,7 @@ class ConeBeamGeometry:
         source = isocenter + source_isocenter * toward_source
         shift = -np.einsum("vij,vj->vi", rotation, source)
         matrices = camera @ np.concatenate([rotation, shift[..., None]], -1)
-        return cls(np.asarray(times, float), matrices, shape_vu, pixel_pitch)
+        return cls(np.asarray(times, float), matrices, shape_vu, pixel_pitch, sides_stated=True)
 
     def __repr__(self) -> str:
         columns, rows = self.shape_vu[::-1]
@@ -145,24 +152,20 @@ class ConeBeamGeometry:
 
     def __getitem__(self, views: slice) -> "ConeBeamGeometry":
         """The geometry of a slice of the views."""
-        return _facing(
-            replace(self, times=self.times[views], matrices=self.matrices[views]),
-            self.matrices[views],
-        )
+        return replace(self, times=self.times[views], matrices=self.matrices[views])
 
     def finer(self, factor: int) -> "ConeBeamGeometry":
         """The same detector with every pixel parted into ``factor`` x ``factor``."""
+        _check_factor(factor)
         rows, columns = self.shape_vu
         parted = np.array(
             [[factor, 0, 0.5 * (factor - 1)], [0, factor, 0.5 * (factor - 1)], [0, 0, 1.0]]
         )
-        shape_vu = (factor * rows, factor * columns)
-        matrices = parted @ self.matrices
-        return _facing(
-            replace(
-                self, matrices=matrices, shape_vu=shape_vu, pixel_pitch=self.pixel_pitch / factor
-            ),
-            matrices,
+        return replace(
+            self,
+            matrices=parted @ self.matrices,
+            shape_vu=(factor * rows, factor * columns),
+            pixel_pitch=self.pixel_pitch / factor,
         )
 
     def coarser(self, factor: int) -> "ConeBeamGeometry":
@@ -170,6 +173,7 @@ class ConeBeamGeometry:
 
         Incomplete blocks at the far edges are cut off.
         """
+        _check_factor(factor)
         rows, columns = self.shape_vu
         # the middle of the first block, pixel (factor - 1) / 2 of these, is its pixel 0
         joined = (
@@ -208,8 +212,7 @@ class ConeBeamGeometry:
     def rows_turned(self) -> "ConeBeamGeometry":
         """The same rays on a detector whose rows are counted from the other edge."""
         turn = np.array([[1.0, 0, 0], [0, -1, self.shape_vu[0] - 1], [0, 0, 1]])
-        matrices = turn @ self.matrices
-        return _facing(replace(self, matrices=matrices), matrices)
+        return replace(self, matrices=turn @ self.matrices)
 
     def sources(self) -> FloatArray:
         """(v, 3) source positions in world."""
@@ -234,26 +237,32 @@ class ConeBeamGeometry:
 
         ``moved_from_reference`` is (v, 4, 4) or (4, 4).
         """
-        matrices = self.matrices @ np.asarray(moved_from_reference, float)
-        return _facing(replace(self, matrices=matrices), matrices)
+        return replace(self, matrices=self.matrices @ np.asarray(moved_from_reference, float))
 
     def rotation_center(self) -> FloatArray:
         """(3,) point nearest to all principal rays: the isocenter of a circular scan."""
         return _nearest_point_to_principal_rays(self.matrices)
 
 
-def _facing(geometry: ConeBeamGeometry, matrices: FloatArray) -> ConeBeamGeometry:
-    """``geometry`` with depths positive where those of ``matrices`` (v, 3, 4) are.
+def _check_factor(factor: int) -> None:
+    if whole_counts("the factor of a detector's pixels", (factor,))[0] < 1:
+        raise LegsimError(f"pixels cannot be changed by a factor of {factor}; give 1, 2, 3 ...")
 
-    A few views of a scan may not show what was scanned.
+
+_LEAST_SPREAD = 1e-4
+"""share of principal rays' spread that is along their mean direction, below which they say nothing
+of depth: a calibration's noise alone makes 1e-6
+"""
+
+
+def _sides(matrices: FloatArray) -> FloatArray:
+    """(v,) 1 or -1 for matrices (v, 3, 4): what makes their depths positive in the scanned region.
+
+    That is where principal rays meet. A single view or parallel ones do not say: then it is the
+    point on them that is nearest to world's origin.
     """
-    sides = np.sign(np.einsum("vi,vi->v", geometry.matrices[:, 2, :3], matrices[:, 2, :3]))
-    object.__setattr__(
-        geometry,
-        "matrices",
-        frozen("matrices", geometry.matrices * sides[:, None, None], matrices.shape),
-    )
-    return geometry
+    nearest = _nearest_point_to_principal_rays(matrices, _LEAST_SPREAD)
+    return np.where(matrices[:, 2, :3] @ nearest + matrices[:, 2, 3] < 0, -1.0, 1.0)
 
 
 def _source_positions(matrices: FloatArray) -> FloatArray:
@@ -261,14 +270,17 @@ def _source_positions(matrices: FloatArray) -> FloatArray:
     return np.asarray(-np.linalg.solve(matrices[:, :, :3], matrices[:, :, 3:])[..., 0], np.float64)
 
 
-def _nearest_point_to_principal_rays(matrices: FloatArray) -> FloatArray:
-    """Least-squares point (3,) of the lines through each source along the third row's normal."""
+def _nearest_point_to_principal_rays(matrices: FloatArray, least: float = 1e-9) -> FloatArray:
+    """Least-squares point (3,) of the lines through each source along the third row's normal.
+
+    Directions in which the lines spread by less than ``least`` are left open.
+    """
     sources = _source_positions(matrices)
     normals = matrices[:, 2, :3] / np.linalg.norm(matrices[:, 2, :3], axis=-1, keepdims=True)
     across = np.eye(3) - normals[:, :, None] * normals[:, None, :]
     # a single view (or parallel ones) leaves the place along the ray open: pinv then picks the
     # point nearest to the origin
-    return np.linalg.pinv(across.sum(0), rcond=1e-9) @ np.einsum("vij,vj->i", across, sources)
+    return np.linalg.pinv(across.sum(0), rcond=least) @ np.einsum("vij,vj->i", across, sources)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -102,6 +102,8 @@ def read_geometry(
             f"unknown format {format!r} or axis {up!r} of a geometry; known are "
             f"{', '.join(FORMATS)} and {', '.join(_OLD_FROM_NEW)}"
         )
+    if not 0 < view_rate_hz < np.inf:
+        raise LegsimError(f"a view rate of {view_rate_hz} Hz was given; it must be positive")
     pixel = None if pixel_mm is None else _both_ways(pixel_mm)
     shape_vu = None if columns is None or rows is None else (rows, columns)
     given = Given(shape_vu, pixel, view_rate_hz, header_pixel_mm)
@@ -255,6 +257,8 @@ def _both_ways(pixel_mm: float | Sequence[float]) -> tuple[float, float]:
         raise LegsimError(f"pixel_mm is {pixel_mm!r}; give numbers, in mm") from error
     if len(sizes) not in (1, 2):
         raise LegsimError(f"pixel_mm is {pixel_mm}; give one size, or (columns, rows)")
+    if not all(0 < size < np.inf for size in sizes):
+        raise LegsimError(f"pixel_mm is {pixel_mm}; give positive, finite sizes, in mm")
     return sizes[0], sizes[-1]
 
 

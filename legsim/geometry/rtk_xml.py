@@ -185,7 +185,7 @@ def geometry(path: Path, root: ElementTree.Element, given: Given) -> ConeBeamGeo
         raise file_error(
             path, "does not say how large the detector and its pixels are", NEEDS_DETECTOR
         )
-    matrices = np.array(_matrices(path, root))
+    matrices, by_parameters = _matrices(path, root)
     times = given.times(len(matrices)) if note is None else note["times_s"]
     if len(times) != len(matrices):
         raise file_error(
@@ -197,9 +197,11 @@ def geometry(path: Path, root: ElementTree.Element, given: Given) -> ConeBeamGeo
     return geometry_of(
         path,
         times,
-        np.linalg.inv(_millimeters_from_pixels(shape_vu, pixel_mm)) @ matrices,
+        # RTK's depths are negative in front of the source
+        np.linalg.inv(_millimeters_from_pixels(shape_vu, pixel_mm)) @ -matrices,
         shape_vu,
         pixel_mm[0],
+        sides_stated=by_parameters,
     )
 
 
@@ -228,17 +230,22 @@ def _legsim_note(path: Path, root: ElementTree.Element) -> dict[str, Any] | None
     return None
 
 
-def _matrices(path: Path, root: ElementTree.Element) -> list[FloatArray]:
-    """(3, 4) of each view. As in RTK, parameters start at 0 and stay until given again."""
-    parameters, given, matrices = dict.fromkeys(_PARAMETERS, 0.0), set(), []
+def _matrices(path: Path, root: ElementTree.Element) -> tuple[FloatArray, bool]:
+    """((v, 3, 4), whether parameters say them all).
+
+    As in RTK, parameters start at 0 and stay until given again.
+    """
+    parameters, given, matrices = dict.fromkeys(_PARAMETERS, 0.0), set[str](), []
+    by_parameters = True
     for element in root:
         if element.tag == "Projection":
             matrices.append(_view(path, element, parameters, given, f"projection {len(matrices)}"))
+            by_parameters = by_parameters and bool(given)
         elif isinstance(element.tag, str):
             _read_parameter(path, element, parameters, given, "before the projections")
     if not matrices:
         raise file_error(path, "holds no <Projection>", "a geometry needs one per view")
-    return matrices
+    return np.array(matrices), by_parameters
 
 
 def _view(
@@ -263,8 +270,11 @@ def _view(
             "only cone beams are known; give the distance",
             place=place,
         )
+    # a matrix beside them shows that a negative distance is meant: the origin is behind the source
+    meant = stated is not None and "SourceToIsocenterDistance" in given
     if not (
-        parameters["SourceToIsocenterDistance"] > 0 and parameters["SourceToDetectorDistance"] > 0
+        (parameters["SourceToIsocenterDistance"] > 0 or meant)
+        and parameters["SourceToDetectorDistance"] > 0
     ):
         raise file_error(
             path,

@@ -98,7 +98,9 @@ def geometry(path: Path | str, content: Mapping[str, Any], given: Given) -> Cone
         raise file_error(path, problem, "correct DSD, DSO, dDetector and rotDetector")
     forward = np.linalg.inv(back)
     matrices = np.concatenate([forward, -np.einsum("vij,vj->vi", forward, source)[..., None]], -1)
-    return geometry_of(Path(path), given.times(views), matrices, shape_vu, float(pitch_u))
+    return geometry_of(
+        Path(path), given.times(views), matrices, shape_vu, float(pitch_u), sides_stated=True
+    )
 
 
 def _angles(path: Path | str, value: Any) -> FloatArray:
@@ -161,8 +163,8 @@ def parameters_of(path: Path, geometry: ConeBeamGeometry) -> dict[str, Any]:
     """TIGRE's parameters of a geometry, in mm and rad; errors name ``path``.
 
     Raises:
-        LegsimError: a mirrored view, a source at the world's origin, or pixels that TIGRE cannot
-            say (skewed, or of other shapes by view).
+        LegsimError: a mirrored view, a source at the world's origin or one that looks away from it,
+            or pixels that TIGRE cannot say (skewed, or of other shapes by view).
     """
     refuse_mirrored(path, "TIGRE", geometry)
     pitch_u, pitch_v = 1e3 * geometry.pixel_pitch, 1e3 * geometry.row_pitch()
@@ -177,6 +179,13 @@ def parameters_of(path: Path, geometry: ConeBeamGeometry) -> dict[str, Any]:
         )
     turned = _gantry_axes(sources / distances[:, None], axes[:, :, 2])
     middle = np.einsum("vji,vj->vi", turned, _middles_mm(geometry))
+    if (away := middle[:, 0] >= distances).any():
+        raise file_error(
+            path,
+            f"view {int(np.argmax(away))} looks away from world's origin",
+            "TIGRE turns the source about the origin and puts the detector behind it: move world's "
+            "origin to the isocenter, or write legsim JSON, matrices or ASTRA's vectors",
+        )
     detector = np.swapaxes(turned, 1, 2) @ axes
     content = {
         "mode": "cone",

@@ -65,7 +65,8 @@ def by_number(place: Path, members: list[Path]) -> tuple[list[Path], tuple[str, 
             differ in several numbers.
     """
     _check_alike(place, members)
-    numbered = sorted(zip(_numbers(place, members), members, strict=True))
+    found, column = _numbers(place, members)
+    numbered = sorted(zip(found, members, strict=True))
     numbers = [number for number, _ in numbered]
     twice = [k for k, number in enumerate(numbers[1:]) if number == numbers[k]]
     if twice:
@@ -75,7 +76,7 @@ def by_number(place: Path, members: list[Path]) -> tuple[list[Path], tuple[str, 
             "leave one of them out",
         )
     steps = np.diff(numbers)
-    notes = []
+    notes = _decimals([path for _, path in numbered], column)
     if len(steps) and (steps != np.median(steps)).any():
         k = int(np.flatnonzero(steps != np.median(steps))[0])
         notes.append(
@@ -99,11 +100,28 @@ def _check_alike(place: Path, members: list[Path]) -> None:
         )
 
 
-def _numbers(place: Path, members: list[Path]) -> list[int]:
-    """The number of each file, whose names are alike, that differs between them."""
+def _decimals(ordered: list[Path], column: int) -> list[str]:
+    """A note where view numbers look like decimals of different lengths, which others sort."""
+    names = [list(re.finditer(r"\d+", path.stem))[column:][:1] for path in ordered]
+    digits = [m.group() for found in names for m in found]
+    after_point = all(
+        re.search(r"(?<![\d.])\d+\.$", m.string[: m.start()]) and m.string[m.end() :][:1] != "."
+        for found in names
+        for m in found
+    )
+    if not after_point or len({len(d) for d in digits}) < 2:
+        return []
+    return [
+        f"view numbers follow a point and are read as whole ones: {ordered[0].name} comes before "
+        f"{ordered[-1].name}; if they are decimals, number the files instead"
+    ]
+
+
+def _numbers(place: Path, members: list[Path]) -> tuple[list[int], int]:
+    """(the number of each file, whose names are alike, that differs between them; which it is)."""
     found = [[int(digits) for digits in re.findall(r"\d+", path.stem)] for path in members]
     if len(members) == 1:
-        return [0]
+        return [0], 0
     if not found[0]:
         raise file_error(place, "holds images without view numbers", "number the files")
     columns = list(zip(*found, strict=True))
@@ -118,4 +136,13 @@ def _numbers(place: Path, members: list[Path]) -> list[int]:
             f"and {members[1].name}",
             "rename them so that only the view number differs, or give a pattern for one scan",
         )
-    return list((own or differing or columns[-1:])[0])
+    chosen = (own or differing or columns[-1:])[0]
+    place_in_name = columns.index(chosen)
+    before = members[0].stem[: list(re.finditer(r"\d+", members[0].stem))[place_in_name].start()]
+    if len(own) < 2 and re.search(r"(?:^|[^A-Za-z0-9])-$", before):
+        raise file_error(
+            place,
+            f"holds images with negative view numbers, as {members[0].name}",
+            "number the files from 0 in the order of their views",
+        )
+    return list(chosen), place_in_name

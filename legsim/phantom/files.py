@@ -21,8 +21,11 @@ from legsim.phantom.meshes import Part, Phantom
 
 UNITS = {"mm": 1e-3, "m": 1.0, "cm": 1e-2, "in": 25.4e-3}
 
-SMALLEST, LARGEST = 0.5e-3, 5.0
+SMALLEST, LARGEST = 0.1e-3, 5.0
 """m: extents of a part below or above which its unit is taken for mistaken"""
+
+_SMALL_PART = 0.5e-3
+"""m: extent of a part below which its unit is doubted: a bead, or a bone in another unit"""
 
 _SMALL_WHOLE = 10e-3
 """m: below this length a phantom's unit is taken for mistaken"""
@@ -247,7 +250,7 @@ def _part(
     repair = repair or table.get("repair", False)
     vertices, triangles, done = _surface(file, name, *mesh_files.read(file, name), repair=repair)
     vertices = vertices * UNITS[table["unit"]]
-    _check_size(file, name, vertices, table["unit"])
+    remarks += _check_size(file, name, vertices, table["unit"])
     shells = surfaces.shells(triangles)
     if (
         surfaces.enclosed(vertices, triangles, shells)
@@ -338,7 +341,8 @@ def _facing_outward(
     return triangles, done
 
 
-def _check_size(file: Path, name: str, vertices: FloatArray, unit: str) -> None:
+def _check_size(file: Path, name: str, vertices: FloatArray, unit: str) -> list[str]:
+    """Refuses a part of another unit's size; a remark where it may be a bead."""
     extent = np.ptp(vertices, axis=0).max()
     if not SMALLEST <= extent <= LARGEST:
         other = "m" if unit == "mm" else "mm"
@@ -348,6 +352,12 @@ def _check_size(file: Path, name: str, vertices: FloatArray, unit: str) -> None:
             f"is its unit {other!r}?",
             place=f"part {name!r}",
         )
+    if extent < _SMALL_PART:
+        return [
+            f"{file} (part {name!r}): it is {extent * 1e3:.3g} mm long; if that is too small, its "
+            "unit is 'm'"
+        ]
+    return []
 
 
 def _nesting(path: Path, parts: list[Part], tables: list[dict[str, Any]]) -> list[str]:

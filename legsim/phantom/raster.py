@@ -1,7 +1,7 @@
 """Triangle meshes intersected by the rays of an image: closed, placed, sorted into tiles.
 
 This happens on the device and serves projector and voxelizer. The device code and why it is
-watertight: ``kernels/mesh_hits.cl``.
+watertight: ``kernels/mesh_crossings.cl``.
 """
 
 from collections.abc import Sequence

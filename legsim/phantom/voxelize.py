@@ -32,15 +32,25 @@ def labels(
     Raises:
         LegsimError: a part is not closed, or posed vertices do not fit.
     """
+    return _labels(_raster(phantom, device, posed), len(phantom.parts), grid)
+
+
+def _raster(phantom: Phantom, device: Device, posed: Sequence[FloatArray] | None) -> MeshRaster:
     if len(phantom.parts) > _MOST_PARTS:
         raise LegsimError(
             f"a phantom of {len(phantom.parts)} parts cannot be labeled; the limit is {_MOST_PARTS}"
         )
     raster = MeshRaster(phantom, device)
     raster.move(posed)
+    return raster
+
+
+def _labels(raster: MeshRaster, parts: int, grid: VolumeGrid) -> np.ndarray:
+    """Labels (z, y, x) of a raster's meshes on a grid."""
+    device = raster.device
     raster.place(_voxels_from_world(grid))
     nz, ny, nx = grid.shape_zyx
-    name, dtype = ("uchar", np.uint8) if len(phantom.parts) < 255 else ("ushort", np.uint16)
+    name, dtype = ("uchar", np.uint8) if parts < 255 else ("ushort", np.uint16)
     kernel = TileKernel(raster, "label", "voxelize.cl", LABEL=name)
     target = device.zeros(nx * ny * nz, dtype)
     kernel.run(raster.sort((ny, nx)), (np.int32(nz),), target)
@@ -64,10 +74,11 @@ def attenuation(
     table /= points**3
     away = (np.arange(points) + 0.5) / points - 0.5
     total = np.zeros(grid.shape_zyx, np.float32)
+    raster = _raster(phantom, device, posed)
     for shares in product(away, repeat=3):
         x, y, z = np.array(grid.center) + np.array(grid.spacing_xyz) * shares
         shifted = replace(grid, center=(x, y, z))
-        total += table[labels(phantom, shifted, device, posed=posed)]
+        total += table[_labels(raster, len(phantom.parts), shifted)]
     return Volume(grid, total)
 
 

@@ -1,5 +1,6 @@
 """What back-projection will do and what memory it takes, decided before anything is allocated."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -8,10 +9,11 @@ import numpy as np
 from legsim.core.errors import LegsimError
 from legsim.core.memory import in_words
 from legsim.core.values import FloatArray
-from legsim.deformation.models import Motion
+from legsim.deformation.models import FieldMotion, Motion
 from legsim.geometry.cone_beam import ConeBeamGeometry
 from legsim.geometry.volume import VolumeGrid
 from legsim.opencl.device import Device
+from legsim.reconstruction.corrected_scan import check_views
 
 Kernel = Literal["columns", "voxels"]
 
@@ -22,8 +24,8 @@ worked on at once (backproject.cl)
 
 _MOST_ROWS_PER_VOXEL, _MOST_SLOPE = 2.5, 0.5
 
-# pixels by which a line may leave the chords of eight voxels, at the grid's corners, edges, faces
-# and middle
+# pixels by which a line may leave the chords of eight voxels: at the grid's corners, edges, faces
+# and middle, along a field anywhere
 _MOST_BEND = 0.25
 
 # pixels by which a line may leave a detector column where it is taken for one
@@ -82,11 +84,7 @@ def plan(
         LegsimError: ``kernel`` "columns" was asked for where it does not work, the motion has
             another number of views, or the device's memory does not hold the views.
     """
-    if motion is not None and len(motion.times) != len(geometry):
-        raise LegsimError(
-            f"the motion has {len(motion.times)} transforms for {len(geometry)} views; expected "
-            "one per view"
-        )
+    check_views(geometry, motion)
     axis, mirrored, curve = _column_axis(geometry, grid, motion)
     if kernel == "columns" and curve is None:
         raise LegsimError(
@@ -148,6 +146,9 @@ def _column_axis(
         ):  # points beside the source; their depths show it
             return geometry.project(points if motion is None else motion.carry(points))
 
+    def seen_at_rest(offset: FloatArray) -> tuple[FloatArray, FloatArray]:
+        return geometry.project(lattice + offset)
+
     steps = np.diag(grid.spacing_xyz)
     at, depths = seen(np.zeros(3))
     if (
@@ -168,6 +169,29 @@ def _column_axis(
     mirrored = tuple(bool(m) for m in np.median(change[..., 1], axis=1) < 0)
     if slope >= _MOST_SLOPE or np.abs(change[..., 1]).max() > _MOST_ROWS_PER_VOXEL:
         return axis, mirrored, None
+    bend = _bend(seen, steps, axis)
+    if isinstance(motion, FieldMotion):
+        bend = max(bend, _bend(seen_at_rest, steps, axis) + _field_bend(geometry, grid, motion))
+    if not bend < _MOST_BEND:
+        return axis, mirrored, None
+    if not _straight(motion):
+        return axis, mirrored, 2
+    count = grid.shape_zyx[2 - axis]
+    straight = (
+        np.abs(change[..., 0]).max() * count < _STRAIGHT
+        and np.abs(further / depths - 1).max() * count * max(geometry.shape_vu) < _STRAIGHT
+    )
+    return axis, mirrored, 0 if straight else 1
+
+
+def _bend(
+    seen: Callable[[FloatArray], tuple[FloatArray, FloatArray]], steps: FloatArray, axis: int
+) -> float:
+    """Pixels between points of a lattice and the chords of eight voxels that they halve.
+
+    ``seen`` gives pixels and depths of the lattice moved by an offset (3,).
+    """
+    at, depths = seen(np.zeros(3))
     bend = 0.0
     for k in range(3):
         (ahead, depths_ahead), (back, depths_back) = (
@@ -182,13 +206,56 @@ def _column_axis(
         bend = max(
             bend, float(np.abs(share[..., None] * ahead + (1 - share[..., None]) * back - at).max())
         )
-    if not bend < _MOST_BEND:
-        return axis, mirrored, None
-    if not _straight(motion):
-        return axis, mirrored, 2
-    count = grid.shape_zyx[2 - axis]
-    straight = (
-        np.abs(change[..., 0]).max() * count < _STRAIGHT
-        and np.abs(further / depths - 1).max() * count * max(geometry.shape_vu) < _STRAIGHT
+    return bend
+
+
+def _field_bend(geometry: ConeBeamGeometry, grid: VolumeGrid, motion: FieldMotion) -> float:
+    """Pixels by which displacements leave the chords of eight voxels, at most, in any view.
+
+    A field is linear between nodes that are s apart, with kinks of second differences d there. A
+    chord of length h leaves it by at most d h / 4 s where h <= s, for then it holds one kink, and
+    by d (h^2 + s^2) / 8 s^2 where it holds several. What the three axes leave out adds up.
+    """
+    off = np.zeros(len(geometry))
+    places = motion.grid.axes()[::-1]
+    ends = [(axis[0], axis[-1]) for axis in grid.axes()[::-1]]
+    about = [_with_neighbors(p, *end) for p, end in zip(places, ends, strict=True)]
+    for k in range(3):
+        ratio = SPACING * grid.spacing_xyz[2 - k] / motion.grid.spacing_xyz[2 - k]
+        share = ratio / 4 if ratio <= 1 else (ratio**2 + 1) / 8
+        first, last = (
+            np.searchsorted(places[k], ends[k][0], "right"),
+            np.searchsorted(places[k], ends[k][1]),
+        )
+        nodes = [slice(int(first), int(last)) if j == k else about[j] for j in range(3)]
+        off += share * _largest_kinks(motion, k, nodes)
+    corners = np.stack(np.meshgrid(*(axis[[0, -1]] for axis in grid.axes())), -1).reshape(-1, 3)
+    pixels, depths = geometry.project(corners)
+    rows = (
+        geometry.matrices[:, None, :2, :3] - pixels[..., None] * geometry.matrices[:, None, 2:, :3]
     )
-    return axis, mirrored, 0 if straight else 1
+    per_meter = np.linalg.norm(rows, axis=-1).max(-1) / depths
+    return float((off * per_meter.max(1)).max())
+
+
+def _with_neighbors(places: FloatArray, low: float, high: float) -> slice:
+    """Nodes at ``places`` that decide values between two ends."""
+    first = int(np.searchsorted(places, low, "right")) - 1
+    return slice(max(first, 0), max(int(np.searchsorted(places, high, "left")), 0) + 1)
+
+
+def _largest_kinks(motion: FieldMotion, k: int, nodes: list[slice]) -> FloatArray:
+    """(v,) m: largest second difference of displacements along axis k of (z, y, x), at ``nodes``.
+
+    Beyond its border a field is constant.
+    """
+    count = motion.grid.shape_zyx[k]
+    along = np.clip(np.arange(nodes[k].start - 1, nodes[k].stop + 1), 0, count - 1)
+    kept = (along, *(nodes[j] for j in range(3) if j != k))
+    largest = np.zeros(len(motion.times))
+    for view, displaced in enumerate(np.moveaxis(motion.displacements, k + 1, 1)):
+        near = displaced[kept]
+        kinks = near[2:] + near[:-2]
+        kinks -= 2 * near[1:-1]
+        largest[view] = np.sqrt(np.einsum("...k,...k", kinks, kinks).max(initial=0.0))
+    return largest

@@ -226,7 +226,7 @@ class VolumeSlab:
         of_axis = (1, self.shape[2], self.shape[1] * self.shape[2])
         return [of_axis[axis] for axis in self.placement.axes]
 
-    def _placed(self, views: slice) -> tuple[Any, Any]:
+    def placed(self, views: slice) -> tuple[Any, Any]:
         """Buffers (place, field) of some views."""
         table = self.placement.tables[views]
         if self.placement.motion == 0:
@@ -237,7 +237,7 @@ class VolumeSlab:
 
     def spread(self, values: Any, images: Any, views: slice) -> None:
         """Adds the slab's ``values`` (z, y, x) to some of the ``images`` and waits for the end."""
-        place, field = self._placed(views)
+        place, field = self.placed(views)
         count, atomic = views.stop - views.start, not self.device.is_cpu
         run = self.placement.kernel("spread_volume", "forward_splat.cl", ATOMIC=int(atomic))
         run(
@@ -262,7 +262,7 @@ class VolumeSlab:
             self.placement,
             (np.int32(views.start), np.int32(views.stop - views.start)),
         )
-        place, field = self._placed(views)
+        place, field = self.placed(views)
         across = (self.counts[1], self.counts[2])
         if placement.decided.kernel == "voxels":
             run = placement.kernel("backproject_voxels")

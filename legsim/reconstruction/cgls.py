@@ -64,9 +64,9 @@ def cgls(
         progress: called with (steps done, steps in all).
 
     Raises:
-        LegsimError: ``start`` lies on another grid, ``iterations`` or ``noise`` is not positive,
-            the motion has another number of views, a correction comes with a second motion, or no
-            device works.
+        LegsimError: ``start`` lies on another grid or is not finite, ``iterations`` or ``noise`` is
+            not positive, the motion has another number of views, a correction comes with a second
+            motion, or no device works.
 
     Example:
         >>> geometry = ConeBeamGeometry.circular(
@@ -85,11 +85,15 @@ def cgls(
     """
     if iterations is not None and iterations < 1:
         raise LegsimError(f"{iterations} iterations were asked for; give at least 1")
-    if noise is not None and not noise > 0:
-        raise LegsimError(f"noise of {noise:g} was given; it must be positive")
-    if start is not None and start.grid != grid:
+    if noise is not None and not 0 < noise < math.inf:
+        raise LegsimError(f"noise of {noise:g} was given; it must be positive and finite")
+    if start is not None and not start.grid.alike(grid):
         raise LegsimError(
             "the volume to start from lies on another grid; reconstruct it on the same one"
+        )
+    if start is not None and not np.isfinite(start.attenuation).all():
+        raise LegsimError(
+            "the volume to start from holds values that are not finite numbers; replace them by 0"
         )
     images, motion = images_and_motion(projections, motion)
     device = device if device is not None else open_device()

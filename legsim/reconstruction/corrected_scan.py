@@ -7,9 +7,9 @@ import numpy as np
 from legsim.core.errors import LegsimError
 from legsim.core.values import FloatArray
 from legsim.deformation.models import Motion, RigidMotion
-from legsim.geometry.cone_beam import Projections
+from legsim.geometry.cone_beam import ConeBeamGeometry, Projections
 
-_RIGID = 0.01
+_RIGID = 1e-3
 """by which elements of a rigid transform may be off: numbers of files are rounded"""
 
 
@@ -34,7 +34,8 @@ def images_and_motion(
 
     Raises:
         LegsimError: a corrected scan comes with a second motion, ``scan`` is something else,
-            images hold values that are not finite, or a rigid motion is none.
+            images hold values that are not finite, a motion has another number of views, or a
+            rigid motion is none.
     """
     if isinstance(scan, Projections):
         _check(scan, motion)
@@ -54,8 +55,24 @@ def images_and_motion(
     return images, scan.motion
 
 
+def check_views(geometry: ConeBeamGeometry, motion: Motion | None) -> None:
+    """Refuses a motion of another scan.
+
+    Raises:
+        LegsimError: it has another number of views.
+    """
+    if motion is not None and len(motion.times) != len(geometry):
+        raise LegsimError(
+            f"the motion has {len(motion.times)} transforms for {len(geometry)} views; expected "
+            "one per view"
+        )
+
+
 def _check(projections: Projections, motion: Motion | None) -> None:
     """Refuses values that would spread over the whole volume, and motions that change shapes."""
+    if not len(projections.geometry):
+        raise LegsimError("the projections hold no view; there is nothing to reconstruct from")
+    check_views(projections.geometry, motion)
     for view, image in enumerate(projections.line_integrals):
         # a sum is finite where all values are: line integrals are far from overflow
         if not np.isfinite(image.sum(dtype=np.float64)):

@@ -2,9 +2,11 @@
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from typing import get_args
 
 import numpy as np
 
+from legsim.core.errors import LegsimError
 from legsim.core.values import Float32Array
 from legsim.deformation.models import Motion
 from legsim.geometry.cone_beam import ConeBeamGeometry, Projections
@@ -17,7 +19,7 @@ from legsim.reconstruction import (
     filtering,
 )
 from legsim.reconstruction._backprojection_plan import BackprojectionPlan, Kernel
-from legsim.reconstruction.corrected_scan import CorrectedScan, images_and_motion
+from legsim.reconstruction.corrected_scan import CorrectedScan, check_views, images_and_motion
 from legsim.reconstruction.ramp_filter import FilterOptions
 
 # m: half of the cube over which a motion's rigid part is taken in a grid of a few voxels
@@ -34,6 +36,14 @@ class FdkOptions(FilterOptions):
     """
     slab_bytes: int = 1 << 28
     """memory of the part of the volume that is computed at once"""
+
+    def __post_init__(self) -> None:
+        FilterOptions.__post_init__(self)
+        if self.kernel not in (None, *get_args(Kernel)):
+            raise LegsimError(
+                f"back-projection kernel {self.kernel!r} is unknown; there are: "
+                f"{', '.join(get_args(Kernel))}, or None for the fastest that is right"
+            )
 
 
 def fdk(
@@ -106,7 +116,10 @@ def fdk_slabs(
     images, motion = images_and_motion(projections, motion)
     options = options if options is not None else FdkOptions()
     device = device if device is not None else open_device()
-    detector = detector_alignment.align(images.geometry)
+    detector = detector_alignment.align(
+        images.geometry, object_geometry(images.geometry, grid, motion)
+    )
+    detector_alignment.warn_of_cut_off(detector)
     decided = _decided(detector.geometry, grid, device, motion, options)
     weights_geometry = object_geometry(detector.geometry, grid, motion)
     mirrored = np.array(decided.mirrored)
@@ -116,6 +129,7 @@ def fdk_slabs(
         options,
         filtering_progress,
         added=detector.added,
+        unmeasured=detector.unmeasured(images.geometry.shape_vu),
         finish=lambda filtered, views: backprojection.arranged(filtered, mirrored[views]),
     )
     yield from backprojection.slabs(
@@ -138,8 +152,9 @@ def plan(
     """
     options = options if options is not None else FdkOptions()
     device = device if device is not None else open_device()
-    aligned = detector_alignment.align(geometry).geometry
-    return _decided(aligned, grid, device, motion, options)
+    check_views(geometry, motion)
+    aligned = detector_alignment.align(geometry, object_geometry(geometry, grid, motion))
+    return _decided(aligned.geometry, grid, device, motion, options)
 
 
 def _decided(

@@ -48,9 +48,6 @@ def _row_ends(geometry: ConeBeamGeometry, arc: SourceArc) -> FloatArray:
     """(v, 2) m along the axis from the circle's center: where the outer rows meet the axis."""
     rows, columns = geometry.shape_vu
     rays = geometry.ray_directions(np.full(2, 0.5 * (columns - 1)), np.array([-0.5, rows - 0.5]))
-    outward = geometry.sources() - arc.center
-    heights = outward @ arc.axis
-    outward -= heights[:, None] * arc.axis
-    inward = -outward / np.linalg.norm(outward, axis=-1, keepdims=True)
-    slopes = (rays @ arc.axis) / np.einsum("vnj,vj->vn", rays, inward)
+    heights = (geometry.sources() - arc.center) @ arc.axis
+    slopes = (rays @ arc.axis) / np.einsum("vnj,vj->vn", rays, arc.inward(geometry))
     return heights[:, None] + arc.radii[:, None] * slopes

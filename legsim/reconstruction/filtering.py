@@ -12,13 +12,14 @@ from dataclasses import dataclass
 from itertools import islice
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import fft
 
 from legsim.core.values import Float32Array
 from legsim.geometry.cone_beam import ConeBeamGeometry, Projections
 from legsim.reconstruction.ramp_filter import FilterOptions, filter_response
 from legsim.reconstruction.source_path import fan_angles, source_arc
-from legsim.reconstruction.truncation import EDGE_COLUMNS, extended_rows
+from legsim.reconstruction.truncation import extended_rows
 from legsim.reconstruction.weights import RayWeights, _rays, redundancy_weights, warn_if_incomplete
 
 _BATCH_ELEMENTS = 2_000_000
@@ -31,6 +32,8 @@ class FilterPlan:
     geometry: ConeBeamGeometry
     added: tuple[int, int]
     """columns without a measurement before the first that has one, and after the last"""
+    unmeasured: NDArray[np.intp] | None
+    """(v, rows, 2) the same of each row, where they differ"""
     reach: int
     """columns added on either side for the truncation correction"""
     water_pixels: float | None
@@ -54,12 +57,15 @@ class FilterPlan:
 
 
 def plan_filter(
-    geometry: ConeBeamGeometry, options: FilterOptions, added: tuple[int, int] = (0, 0)
+    geometry: ConeBeamGeometry,
+    options: FilterOptions,
+    added: tuple[int, int] = (0, 0),
+    unmeasured: NDArray[np.intp] | None = None,
 ) -> FilterPlan:
     """Computes weights and filter of a scan.
 
-    The first and last ``added`` columns hold no measurement
-    (:mod:`legsim.reconstruction.detector_alignment`).
+    The first and last ``added`` columns hold no measurement, nor do those that ``unmeasured`` (v,
+    rows, 2) counts from either end of a row (:mod:`legsim.reconstruction.detector_alignment`).
 
     Warns where the scan is shorter than a complete short scan.
 
@@ -68,9 +74,7 @@ def plan_filter(
     """
     arc = source_arc(geometry, one_sided=any(added))
     columns = geometry.shape_vu[1]
-    reach = (
-        columns // 2 if options.water_attenuation is not None and columns >= 2 * EDGE_COLUMNS else 0
-    )
+    reach = columns // 2 if options.water_attenuation is not None else 0
     u = np.arange(-reach, columns + reach, dtype=float)
     fans = fan_angles(geometry, arc, u)
     weighted = options.redundancy == "parker"
@@ -92,6 +96,7 @@ def plan_filter(
     return FilterPlan(
         geometry,
         added,
+        unmeasured,
         reach,
         water,
         length,
@@ -108,6 +113,7 @@ def filtered_views(
     progress: Callable[[int, int], None] | None = None,
     *,
     added: tuple[int, int] = (0, 0),
+    unmeasured: NDArray[np.intp] | None = None,
     finish: Callable[[Float32Array, slice], Float32Array] = lambda filtered, _: filtered,
 ) -> Iterator[tuple[slice, Float32Array]]:
     """Yields (views, filtered (n, rows, columns)) in order.
@@ -117,7 +123,7 @@ def filtered_views(
     Two batches per core are under way at once. ``finish`` is applied to (filtered, views) by the
     thread that filtered them.
     """
-    plan = plan_filter(projections.geometry, options, added)
+    plan = plan_filter(projections.geometry, options, added, unmeasured)
     views, rows, _ = projections.line_integrals.shape
     size = max(1, _BATCH_ELEMENTS // (rows * plan.length))
     slices = [slice(k, min(k + size, views)) for k in range(0, views, size)]
@@ -143,11 +149,7 @@ def filtered_views(
 def filter_batch(plan: FilterPlan, images: Float32Array, views: slice) -> Float32Array:
     """Filters images (n, rows, columns) of the given views."""
     columns = images.shape[-1]
-    rows = (
-        _extended(images, plan.added, plan.reach, plan.water_pixels)
-        if plan.reach and plan.water_pixels
-        else images.copy()
-    )
+    rows = _extended(images, plan, views) if plan.reach and plan.water_pixels else images.copy()
     for k, view in enumerate(range(views.start, views.stop)):
         rows[k] *= plan.ray_weights(view)
         rows[k] *= plan.shares[view]
@@ -157,11 +159,28 @@ def filter_batch(plan: FilterPlan, images: Float32Array, views: slice) -> Float3
     return np.ascontiguousarray(filtered[..., plan.reach : plan.reach + columns])
 
 
-def _extended(
-    images: Float32Array, added: tuple[int, int], reach: int, water_pixels: float
+def _extended(images: Float32Array, plan: FilterPlan, views: slice) -> Float32Array:
+    """(n, rows, columns + 2 reach): what was measured continued into the columns that were not."""
+    assert plan.water_pixels is not None
+    if plan.unmeasured is None:
+        return _continued(images, plan.added, plan.reach, plan.water_pixels)
+    gaps = plan.unmeasured[views].reshape(-1, 2)
+    rows = images.reshape(len(gaps), -1)
+    wide = np.zeros((len(gaps), rows.shape[1] + 2 * plan.reach), np.float32)
+    for gap in np.unique(gaps, axis=0):
+        if gap.sum() < rows.shape[1]:
+            alike = (gaps == gap).all(1)
+            wide[alike] = _continued(
+                rows[alike], (int(gap[0]), int(gap[1])), plan.reach, plan.water_pixels
+            )
+    return wide.reshape(*images.shape[:-1], -1)
+
+
+def _continued(
+    rows: Float32Array, unmeasured: tuple[int, int], reach: int, water_pixels: float
 ) -> Float32Array:
-    """(..., columns + 2 reach): what was measured continued, also into the added columns."""
-    before, after = added
-    measured = images[..., before : images.shape[-1] - after]
+    """Rows (..., columns + 2 reach) continued also into their unmeasured columns at either end."""
+    before, after = unmeasured
+    measured = rows[..., before : rows.shape[-1] - after]
     wide = extended_rows(measured, reach + max(before, after), water_pixels)
     return wide[..., max(after - before, 0) : wide.shape[-1] - max(before - after, 0)]

@@ -35,6 +35,7 @@ from legsim.reconstruction import (
     filtering,
 )
 from legsim.reconstruction.backprojection import VolumeSlab, VoxelMap
+from legsim.reconstruction.corrected_scan import check_views, images_and_motion
 from legsim.reconstruction.ramp_filter import FilterOptions
 
 Criterion = Callable[[Float32Array], tuple[float, Float32Array]]
@@ -87,7 +88,7 @@ class FilteredScan:
     """of the detector that FDK works on (:mod:`legsim.reconstruction.detector_alignment`)"""
     device: Device
     from_scanner: FloatArray
-    """(3, 3) homography from the scanner's pixels to those of ``geometry``"""
+    """(v, 3, 3) homographies from the scanner's pixels to those of ``geometry``"""
     _images: Any
     """device buffer as :func:`legsim.reconstruction.backprojection.arranged` makes it"""
 
@@ -133,7 +134,7 @@ class FilteredScan:
         slab = VolumeSlab(placement, 0, grid.shape_zyx[0])
         blocks = _Blocks.of(slab, motion)
         found = self._summed(slab, blocks, np.asarray(slopes, np.float32))
-        by_scanner = self.from_scanner.T
+        by_scanner = np.swapaxes(self.from_scanner, -1, -2)
         if isinstance(motion, RigidMotion):
             by_product, matrices = found[0], motion.moved_from_reference
             by_motion = np.zeros_like(matrices)
@@ -148,11 +149,7 @@ class FilteredScan:
 
     def _placement(self, grid: VolumeGrid, motion: Motion | None) -> VoxelMap:
         views = len(self.geometry)
-        if motion is not None and len(motion.times) != views:
-            raise LegsimError(
-                f"the motion has {len(motion.times)} transforms for {views} views; expected one "
-                "per view"
-            )
+        check_views(self.geometry, motion)
         decided = _backprojection_plan.plan(self.geometry, grid, self.device, kernel="voxels")
         # the images lie as they are, whichever way a grid's columns run
         upright = replace(decided, mirrored=(False,) * views)
@@ -188,20 +185,14 @@ class FilteredScan:
     ) -> FloatArray:
         """(blocks, count, 3, views) of the kernel."""
         placement, device = slab.placement, self.device
-        table = placement.tables[views]
-        if placement.motion == 0:
-            table = table @ slab.world_from_index
-        field = placement.nothing
-        if placement.field is not None:
-            field = device.upload(placement.field[views])
+        place, field = slab.placed(views)
         width = views.stop - views.start
         found = np.empty((len(ranges), count, 3, width), np.float32)
         sums = device.zeros(found.size)
         run = placement.kernel("image_gradient", "image_gradient.cl", MOMENTS=count)
         run(
             *(device.queue, (width, len(ranges)), None, self._images),
-            device.upload(table.reshape(width, -1).astype(np.float32)),
-            *(slab.steps, placement.rest, field, np.int32(views.start), slopes),
+            *(place, slab.steps, placement.rest, field, np.int32(views.start), slopes),
             *(np.array([*slab.steps_zyx, 0], np.int64), device.upload(ranges), sums),
         )
         return device.download(sums, found).astype(float)
@@ -328,23 +319,25 @@ def filtered_scan(
     """
     options = options if options is not None else FilterOptions()
     device = device if device is not None else open_device()
-    detector = detector_alignment.align(projections.geometry)
+    projections, motion = images_and_motion(projections, motion)
+    given = projections.geometry
+    detector = detector_alignment.align(given, fdk.object_geometry(given, grid, motion))
+    detector_alignment.warn_of_cut_off(detector)
     weights_geometry = fdk.object_geometry(detector.geometry, grid, motion)
     upright = np.zeros(len(projections.geometry), bool)
     batches = filtering.filtered_views(
         replace(detector.apply(projections), geometry=weights_geometry),
         options,
         added=detector.added,
+        unmeasured=detector.unmeasured(given.shape_vu),
         finish=lambda filtered, views: backprojection.arranged(finish(filtered), upright[views]),
     )
-    images = None
+    filtered = None
     for views, batch in batches:
-        if images is None:
-            images = device.zeros(len(upright) * batch[0].size)
-        device.write(images, batch, views.start * batch[0].size)
-    square = (m.matrices[0, :, :3] for m in (detector.geometry, projections.geometry))
-    aligned, given = square
-    return FilteredScan(detector.geometry, device, aligned @ np.linalg.inv(given), images)
+        if filtered is None:
+            filtered = device.zeros(len(upright) * batch[0].size)
+        device.write(filtered, batch, views.start * batch[0].size)
+    return FilteredScan(detector.geometry, device, detector.from_scanner, filtered)
 
 
 def image_gradient(

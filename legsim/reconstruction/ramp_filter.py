@@ -38,10 +38,10 @@ class FilterOptions:
                 f"redundancy weights {self.redundancy!r} are unknown; there are: "
                 f"{', '.join(get_args(Redundancy))}"
             )
-        if self.water_attenuation is not None and not self.water_attenuation > 0:
+        if self.water_attenuation is not None and not 0 < self.water_attenuation < np.inf:
             raise LegsimError(
-                f"water_attenuation is {self.water_attenuation}; expected a positive number in "
-                "1/m, or None to switch it off"
+                f"water_attenuation is {self.water_attenuation}; expected a positive, finite "
+                "number in 1/m, or None to switch it off"
             )
 
 

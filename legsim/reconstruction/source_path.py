@@ -17,6 +17,15 @@ from the opposite side, and the weights of an overscan take them from there.
 """
 
 
+_STRAIGHT = 1e-3
+"""extent of sources across a line over that along it, below which they have no circle: an arc of
+half a degree, or the errors of a calibration
+"""
+
+_MOST_ALONG = 0.5
+"""of the circle's radius: sources farther along its axis from their middle are no circle"""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class SourceArc:
     """The circle that fits the sources best, and where on it each view's source stands."""
@@ -41,6 +50,12 @@ class SourceArc:
             values = np.asarray(getattr(self, name), float)
             object.__setattr__(self, name, frozen(f"SourceArc.{name}", values, values.shape))
 
+    def inward(self, geometry: ConeBeamGeometry) -> FloatArray:
+        """(v, 3) unit vectors from each source straight to the axis."""
+        outward = geometry.sources() - self.center
+        outward -= (outward @ self.axis)[:, None] * self.axis
+        return -outward / np.linalg.norm(outward, axis=-1, keepdims=True)
+
     @property
     def coverage(self) -> float:
         """rad that all views stand for together: the span and half a step beyond either end."""
@@ -53,11 +68,19 @@ def source_arc(geometry: ConeBeamGeometry, *, one_sided: bool = False) -> Source
     ``one_sided``: the detector stands to one side of the axis (:data:`MOST_LEFT_OUT_ONE_SIDED`).
 
     Raises:
-        LegsimError: fewer than three views, or sources on a straight line: there is no axis.
+        LegsimError: fewer than three views, or sources on a straight line: there is no axis; or
+            sources far off the plane of a circle.
     """
     sources = geometry.sources()
     center, axis, first, second = _fitted_circle(sources)
     offsets = sources - center
+    radius, heights = np.linalg.norm(offsets, axis=-1).mean(), np.abs(offsets @ axis)
+    if heights.max() > _MOST_ALONG * radius:
+        raise LegsimError(
+            f"view {int(heights.argmax())}: its source is {1e3 * heights.max():.0f} mm off the "
+            "plane of the circle that fits the sources (a helix?); filtered back-projection is for "
+            "circles; reconstruct by cgls, which takes any path"
+        )
     along_first, along_second = offsets @ first, offsets @ second
     turn = 2 * np.pi
     absolute = np.mod(np.arctan2(along_second, along_first), turn)
@@ -93,11 +116,11 @@ def _fitted_circle(sources: FloatArray) -> tuple[FloatArray, FloatArray, FloatAr
     """(center, axis, first, second): Kasa's algebraic circle; first x second = axis."""
     middle = sources.mean(0)
     _, sizes, directions = np.linalg.svd(sources - middle, full_matrices=True)
-    if len(sources) < 3 or sizes[1] <= 1e-6 * sizes[0]:
+    if len(sources) < 3 or sizes[1] <= _STRAIGHT * sizes[0]:
         raise LegsimError(
             f"the geometry's {len(sources)} source positions lie on one line, so there is no axis "
             "of rotation; "
-            "filtered back-projection needs at least three views along an arc"
+            "filtered back-projection needs at least three views along an arc; cgls takes any"
         )
     first, second = directions[0], directions[1]
     x, y = (sources - middle) @ first, (sources - middle) @ second
@@ -118,9 +141,7 @@ def fan_angles(geometry: ConeBeamGeometry, arc: SourceArc, columns: FloatArray) 
     Rays are those of the middle row.
     """
     rays = geometry.ray_directions(columns, np.full(len(columns), (geometry.shape_vu[0] - 1) / 2))
-    outward = geometry.sources() - arc.center
-    outward -= (outward @ arc.axis)[:, None] * arc.axis
-    inward = -outward / np.linalg.norm(outward, axis=-1, keepdims=True)
+    inward = arc.inward(geometry)
     sideways = np.cross(arc.axis, inward)
     return np.arctan2(
         np.einsum("vnj,vj->vn", rays, sideways), np.einsum("vnj,vj->vn", rays, inward)

@@ -72,7 +72,8 @@ class SystemMatrix:
 
 def warn_of_large_voxels(geometry: ConeBeamGeometry, grid: VolumeGrid) -> None:
     """Warns (:class:`LargeVoxelWarning`) where voxels exceed a pixel at the isocenter."""
-    pixel = pixel_at_isocenter(geometry)
+    # of pixels that are lower than wide the height counts
+    pixel = pixel_at_isocenter(geometry) * min(1.0, geometry.row_pitch() / geometry.pixel_pitch)
     if max(grid.spacing_xyz) > 1.01 * pixel:
         warnings.warn(
             f"voxels of {1e3 * max(grid.spacing_xyz):.4g} mm are larger than a pixel at the "

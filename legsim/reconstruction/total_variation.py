@@ -147,8 +147,8 @@ def tv(
         raise LegsimError(f"{iterations} iterations were asked for; give at least 1")
     if weight is not None and noise is not None:
         raise LegsimError("weight and noise both say how smooth the volume is; give one")
-    if weight is not None and not weight >= 0:
-        raise LegsimError(f"a weight of {weight:g} m was given; it must be 0 or above")
+    if weight is not None and not 0 <= weight < math.inf:
+        raise LegsimError(f"a weight of {weight:g} m was given; it must be 0 or above, and finite")
     images, motion = images_and_motion(projections, motion)
     device = device if device is not None else open_device()
     system_matrix.warn_of_large_voxels(images.geometry, grid)
@@ -185,8 +185,8 @@ def default_weight(projections: Projections, noise: float | None = None) -> floa
     Raises:
         LegsimError: ``noise`` is negative.
     """
-    if noise is not None and not noise >= 0:
-        raise LegsimError(f"noise of {noise:g} was given; it must be 0 or above")
+    if noise is not None and not 0 <= noise < math.inf:
+        raise LegsimError(f"noise of {noise:g} was given; it must be 0 or above, and finite")
     images = projections.line_integrals
     size = math.sqrt(energy(images) / images.size)
     error = math.hypot(noise_of(projections) if noise is None else noise, _MODEL_ERROR * size)

@@ -5,7 +5,9 @@ import numpy as np
 from legsim.core.values import Float32Array
 
 EDGE_COLUMNS = 16
-"""columns at either edge of the detector that give value and slope of a cut-off object"""
+"""columns at either edge of the detector that give value and slope of a cut-off object, half of
+the columns at most
+"""
 
 
 def extended_rows(rows: Float32Array, reach: int, water_pixels: float) -> Float32Array:
@@ -18,8 +20,9 @@ def extended_rows(rows: Float32Array, reach: int, water_pixels: float) -> Float3
     as zero.
     """
     taper = np.cos(0.5 * np.pi * np.linspace(0.0, 1.0, reach + 1)[1:] ** 2).astype(np.float32)
-    left = _cylinder(rows[..., :EDGE_COLUMNS], reach, water_pixels) * taper
-    right = _cylinder(rows[..., : -EDGE_COLUMNS - 1 : -1], reach, water_pixels) * taper
+    edge = min(EDGE_COLUMNS, max(rows.shape[-1] // 2, 1))
+    left = _cylinder(rows[..., :edge], reach, water_pixels) * taper
+    right = _cylinder(rows[..., : -edge - 1 : -1], reach, water_pixels) * taper
     return np.concatenate([left[..., ::-1], rows, right], -1)
 
 

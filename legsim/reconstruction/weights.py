@@ -72,9 +72,6 @@ def _ray_weights(
 
 def _rays(geometry: ConeBeamGeometry, arc: SourceArc) -> RayWeights:
     back = np.linalg.inv(geometry.matrices[:, :, :3])
-    outward = geometry.sources() - arc.center
-    outward -= (outward @ arc.axis)[:, None] * arc.axis
-    inward = -outward / np.linalg.norm(outward, axis=-1, keepdims=True)
     per_row = np.cross(back[:, :, 0], back[:, :, 1]) @ arc.axis
     turning = np.abs(
         (np.cross(back[:, :, 0], back[:, :, 2]) @ arc.axis)[:, None]
@@ -83,7 +80,9 @@ def _rays(geometry: ConeBeamGeometry, arc: SourceArc) -> RayWeights:
     # a row whose rays run along the axis measures no line across it; it must not drown the others
     factors = 1 / np.maximum(turning, _LEAST_TURNING * np.median(turning))
     return RayWeights(
-        np.einsum("vji,vj->vi", back, inward), np.einsum("vji,vjk->vik", back, back), factors
+        np.einsum("vji,vj->vi", back, arc.inward(geometry)),
+        np.einsum("vji,vjk->vik", back, back),
+        factors,
     )
 
 
@@ -134,14 +133,18 @@ def _one_sided(fans: FloatArray, edges: FloatArray) -> FloatArray:
 
     It is (1 + g / t) / 2 for fan angles g from -t to t, t being the short side of all views.
     """
-    towards_long = fans if edges.max() > -edges.min() else -fans
+    towards_long = fans if _long_side(edges) > 0 else -fans
     return 0.5 + 0.5 * np.clip(towards_long / max(short_side(edges), 1e-6), -1.0, 1.0)
 
 
 def short_side(edges: FloatArray) -> float:
     """Rad from the axis to the nearer edge (v, 2) of a detector, the least of all views."""
-    widest = edges.max() > -edges.min()
-    return float(-edges.min(1).max() if widest else edges.max(1).min())
+    return float(-edges.min(1).max() if _long_side(edges) > 0 else edges.max(1).min())
+
+
+def _long_side(edges: FloatArray) -> int:
+    """1 or -1: the sign of fan angles on the longer side of edges (v, 2), in most views."""
+    return 1 if np.median(edges.max(1)) > np.median(-edges.min(1)) else -1
 
 
 def warn_if_incomplete(arc: SourceArc, edges: FloatArray, *, one_sided: bool = False) -> None:
@@ -161,7 +164,9 @@ def warn_if_incomplete(arc: SourceArc, edges: FloatArray, *, one_sided: bool = F
             "lines that were not measured are missing from the volume"
         )
     steps = np.diff(np.sort(arc.angles))
-    usual = float(np.median(steps))
+    # views from one place, such as those of a second turn, say nothing of the step
+    apart = steps[steps > 1e-6 * arc.span]
+    usual = float(np.median(apart))
     widest = float(max(steps.max(), 2 * np.pi - arc.span if arc.full_turn else 0.0))
     least, least_steps = _GAP_ONE_SIDED if one_sided and arc.full_turn else _GAP
     if widest > max(least_steps * usual, least):

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from legsim.config import ReconstructionConfig
+from legsim.config import ReconstructionConfig, of_options
 from legsim.core.errors import LegsimError
 from legsim.deformation.models import Motion
 from legsim.geometry.cone_beam import ConeBeamGeometry, Projections
@@ -59,9 +59,10 @@ def from_options(given: Mapping[str, Any]) -> ReconstructionConfig:
     """Builds the settings of a command line that names only these.
 
     Raises:
-        LegsimError: an option that the chosen algorithm does not read, whatever its value.
+        LegsimError: an option that the chosen algorithm does not read, whatever its value, or a
+            value that is not allowed.
     """
-    settings = ReconstructionConfig(**given)
+    settings = of_options(ReconstructionConfig, given)
     for name in _foreign(settings.algorithm):
         if name in given:
             raise _refusal(name, f"--{name.replace('_', '-')}", "--algorithm ", settings)

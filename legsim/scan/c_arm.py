@@ -105,7 +105,7 @@ class CArm:
             raise LegsimError(
                 f"the scan would run from {start:.2f} to {start + self.duration:.2f} s, the "
                 f"recording from {first:.2f} to {last:.2f} s; "
-                f"set scan.start_s between {first:.2f} and {last - self.duration:.2f}"
+                f"set scan.start_s between {_inside(first, last - self.duration)}"
             )
         return start + np.arange(len(self.angles)) / self.rate_hz
 
@@ -134,3 +134,13 @@ class CArm:
         slope = 0.5 * self.shape_vu[0] * self.pixel_pitch / self.source_detector
         reach = np.where(away <= self.field_of_view, slope * (self.source_isocenter - away), -1.0)
         return np.abs(y)[None, :, None] <= reach[:, None, :] - margin
+
+
+def _inside(low: float, high: float) -> str:
+    """Two numbers of few digits that lie between two others: "0.01 and 4.03"."""
+    for digits in range(2, 9):
+        scale = 10**digits
+        first, last = np.ceil(low * scale) / scale, np.floor(high * scale) / scale
+        if first <= last:
+            return f"{first:.{digits}f} and {last:.{digits}f}"
+    return f"{low!r} and {high!r}"

@@ -9,7 +9,14 @@ from legsim.geometry.cone_beam import ConeBeamGeometry
 from legsim.phantom.meshes import Phantom
 
 _LEAST_OFFSET = 0.1
-"""of the detector's width: views that are off to the same side by more make a half fan"""
+"""of the detector's width: views that are off to one side by more, in the median, make a half
+fan
+"""
+
+_LEAST_DEPTH = 0.1
+"""of the source's distance to the isocenter: what is nearer to its plane has no meaningful place in
+an image
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -155,7 +162,8 @@ def _cut_line(part: CutOff, views: int) -> str:
 def _turning(arms: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Rotation axis (3,) of the sources, upwards, and the angle (v,) since the first view.
 
-    The angle is continuous.
+    The angle is continuous; of views in no order (steps over a quarter turn) it is sorted, from
+    the widest gap on.
     """
     _, sizes, directions = np.linalg.svd(arms)
     planar = len(arms) > 2 and sizes[1] > 1e-6 * sizes[0]
@@ -163,7 +171,12 @@ def _turning(arms: FloatArray) -> tuple[FloatArray, FloatArray]:
     axis = axis if axis[np.argmax(np.abs(axis))] > 0 else -axis
     first = arms[0] - axis * (axis @ arms[0])
     angles = np.arctan2(arms @ np.cross(axis, first), arms @ first)
-    return axis, np.unwrap(angles)
+    turned = np.unwrap(angles)
+    if np.abs(np.diff(turned)).max(initial=0.0) <= np.pi / 2:
+        return axis, turned
+    ordered = np.sort(np.mod(angles, 2 * np.pi))
+    widest = int(np.argmax(np.diff(ordered, append=ordered[0] + 2 * np.pi)))
+    return axis, np.unwrap(np.roll(ordered, -widest - 1))
 
 
 def _column_planes(geometry: ConeBeamGeometry, u: float) -> FloatArray:
@@ -186,10 +199,9 @@ def _edge_distances(geometry: ConeBeamGeometry, center: FloatArray) -> FloatArra
 
 
 def _far_side(edges: FloatArray) -> float:
-    """Least distance to the farther edge (v, 2), where all views are off to one side; else 0."""
-    longer = (edges[:, 1] - edges[:, 0]) / edges.sum(axis=1)
-    one_sided = np.abs(longer).min() > _LEAST_OFFSET and np.ptp(np.sign(longer)) == 0
-    return float(edges.max(axis=1).min()) if one_sided else 0.0
+    """Least distance to the farther edge (v, 2), where most views are off to one side; else 0."""
+    longer = float(np.median((edges[:, 1] - edges[:, 0]) / edges.sum(axis=1)))
+    return float(edges[:, int(longer > 0)].min()) if abs(longer) > _LEAST_OFFSET else 0.0
 
 
 def _fan_angle(geometry: ConeBeamGeometry) -> float:
@@ -202,15 +214,23 @@ def _fan_angle(geometry: ConeBeamGeometry) -> float:
 
 
 def _cut_off(geometry: ConeBeamGeometry, phantom: Phantom, scale: FloatArray) -> tuple[CutOff, ...]:
-    """Parts that some view cuts off; ``scale`` (v,) is m at the isocenter per m on the detector."""
+    """Parts that some view cuts off; ``scale`` (v,) is m at the isocenter per m on the detector.
+
+    What lies behind the source, or beside it, is in no image.
+    """
     rows, columns = geometry.shape_vu
+    detector = geometry.focal_lengths() * geometry.pixel_pitch
     pitch = np.array([geometry.pixel_pitch] * 2 + [geometry.row_pitch()] * 2)
     found = []
     for part in phantom.parts:
-        reach = np.empty((len(geometry), 4))
+        reach = np.full((len(geometry), 4), -np.inf)
         for view in range(len(geometry)):
-            pixels, _ = geometry[view : view + 1].project(part.vertices)
-            low, high = pixels[0].min(axis=0), pixels[0].max(axis=0)
+            with np.errstate(divide="ignore", invalid="ignore"):  # in the plane of the source
+                pixels, depths = geometry[view : view + 1].project(part.vertices)
+            front = depths[0] > _LEAST_DEPTH * detector[view] * scale[view]
+            if not front.any():
+                continue
+            low, high = pixels[0, front].min(axis=0), pixels[0, front].max(axis=0)
             reach[view] = (
                 -0.5 - low[0],
                 high[0] - columns + 0.5,

@@ -50,6 +50,9 @@ class Spectrum:
         Path lengths (..., m) are in m, ``attenuations`` (m, e) in 1/m.
         """
         coefficients, lengths = np.asarray(attenuations, float), np.asarray(path_lengths, float)
+        # energies without photons leave nothing of a thick object's, or of its transmission
+        present = slice(None) if self.weights.all() else self.weights > 0
+        coefficients, weights = coefficients[:, present], self.weights[present]
         rays = lengths.reshape(-1, lengths.shape[-1])
         integrals = np.zeros(len(rays))
         met = np.flatnonzero(rays.any(-1))
@@ -58,7 +61,7 @@ class Spectrum:
             least = exponents.min(
                 -1, keepdims=True
             )  # factored out of the sum, so that thick objects do not underflow
-            integrals[chosen] = least[:, 0] - np.log(np.exp(least - exponents) @ self.weights)
+            integrals[chosen] = least[:, 0] - np.log(np.exp(least - exponents) @ weights)
         return integrals.reshape(lengths.shape[:-1])
 
     def as_of_water(self, line_integrals: ArrayLike) -> FloatArray:

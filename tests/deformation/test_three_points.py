@@ -76,3 +76,31 @@ def test_refusals(rng: np.random.Generator):
         three_points.three_points(ControlPointMotion([0.0], four, four[None]), np.zeros((1, 3, 4)))
     with pytest.raises(LegsimError, match="0 <= alpha < 1"):
         control_points.contracted(motion, 1, 1.0)
+
+
+@pytest.mark.parametrize("bend", [1.5e-3, 4e-3, 7e-3])
+def test_a_knee_that_bends_backwards_does_not_turn_the_leg_around(
+    device: Device, rng: np.random.Generator, bend: float
+):
+    """Of a leg nearly straight, points move by what its joints do, by both forms alike."""
+    reference = np.array([[0, 0.4, 0], [bend, 0, 0], [0, -0.4, 0]])
+    moved = np.array([reference * (s, 1, 1) for s in (1, 0.8, -0.8, -1)])
+    points = 0.1 * rng.normal(size=(200, 3))
+    general = np.stack([moving_least_squares.warp_points(points, reference, q) for q in moved])
+    closed = on_device(device, ControlPointMotion(np.arange(4) / 31, reference, moved), points)
+    assert np.linalg.norm(general - points, axis=-1).max() < 4 * bend
+    np.testing.assert_allclose(closed, general, atol=1e-6)
+
+
+def test_a_bent_leg_may_turn_around(device: Device, rng: np.random.Generator):
+    half = np.diag([-1.0, 1, -1, 1])
+    motion = ControlPointMotion([0.0, 1.0], LEG, np.stack([LEG, LEG @ half[:3, :3]]))
+    points = around_the_knee(rng)
+    np.testing.assert_allclose(
+        on_device(device, motion, points)[1], points @ half[:3, :3], atol=1e-6
+    )
+    np.testing.assert_allclose(
+        moving_least_squares.warp_points(points, LEG, motion.moved[1]),
+        points @ half[:3, :3],
+        atol=1e-9,
+    )

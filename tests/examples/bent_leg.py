@@ -34,7 +34,7 @@ def on_device(
     maps: np.ndarray | None = None,
     **options: float,
 ) -> np.ndarray:
-    """H f(v) (v, n, 3) of every point by kernels/mls.cl."""
+    """H f(v) (v, n, 3) of every point by kernels/moving_least_squares.cl."""
     maps = np.tile(np.eye(3, 4), (len(motion.times), 1, 1)) if maps is None else maps
     numbers = three_points.three_points(motion, maps, anchor=LEG[1], **options)
     source = (

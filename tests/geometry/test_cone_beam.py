@@ -111,6 +111,32 @@ def test_one_view_of_a_scan_far_from_the_origin_still_looks_at_what_was_scanned(
             assert derived.project(center[None])[1] == pytest.approx(0.8)
 
 
+@pytest.mark.parametrize("angles", [[0.0], [0.0, np.pi], [0.0, 0.001, 0.002]])
+@pytest.mark.parametrize("isocenter", [(0.0, 0.0, -5.0), (0.0, 0.0, 0.5), (4.0, -3.0, 2.0)])
+def test_what_a_circular_scan_looks_at_does_not_depend_on_the_origin(angles, isocenter):
+    """Few or parallel views do not show it, but angles and distances say it."""
+    geometry = scan(angles=angles, times=np.arange(len(angles)), isocenter=isocenter)
+    single, again = geometry[:1], replace(geometry, times=geometry.times + 1)
+    for made in (geometry, single, single.coarser(2), single.rows_turned(), again[:1].finer(3)):
+        np.testing.assert_allclose(made.project([isocenter])[1], 0.78, rtol=1e-9)
+    images = np.zeros((1, *geometry.shape_vu), np.float32)
+    coarse = Projections(single, images).coarser(4).geometry
+    np.testing.assert_allclose(coarse.project([isocenter])[1], 0.78, rtol=1e-9)
+
+
+def test_noise_in_parallel_views_does_not_say_what_they_look_at(rng):
+    """Of matrices alone: the point near the origin, however the axes tremble."""
+    base = scan(isocenter=(0, 0, 0))[:1].matrices[0]
+    for _ in range(20):
+        trembling = transforms.rigid(
+            transforms.rotation_from_vector(1e-4 * rng.normal(size=(25, 3))),
+            np.stack([np.linspace(-0.2, 0.2, 25), np.zeros(25), np.zeros(25)], -1),
+        )
+        signs = rng.choice([-1.0, 1.0], 25)[:, None, None]
+        made = ConeBeamGeometry(np.arange(25), signs * (base @ trembling), (480, 620))
+        assert (made.project([[0, 0, 0]])[1] > 0).all()
+
+
 def test_arrays_inside_values_are_read_only():
     with pytest.raises(ValueError, match="read-only"):
         scan().matrices[0, 0, 0] = 1
@@ -132,6 +158,12 @@ def test_arrays_inside_values_are_read_only():
             "must increase strictly, .*; sample 1",
         ),
         (lambda: ConeBeamGeometry([0, 1], scan().matrices[:2], (0, 2)), "must be positive"),
+        (lambda: replace(scan(), pixel_pitch=np.inf), "positive and finite"),
+        (lambda: replace(scan(), shape_vu=(4,)), r"expected \(rows, columns\)"),
+        (lambda: replace(scan(), shape_vu=(4, 5, 6)), r"expected \(rows, columns\)"),
+        (lambda: ConeBeamGeometry([0.0], [[[1.0], [1.0, 2.0]]], (2, 2)), "different lengths"),
+        (lambda: scan().coarser(0), "by a factor of 0"),
+        (lambda: scan().finer(1.5), "expected whole numbers"),
         (
             lambda: Projections(scan(), np.zeros((10, 620, 480), np.float32)),
             r"\(10, 480, 620\) \(views, rows, columns\)",

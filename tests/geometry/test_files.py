@@ -382,3 +382,47 @@ def test_sources_on_a_line_turn_about_no_axis(tmp_path):
         np.save(tmp_path / "g.npy", (still @ line[:views]) * [1, 1, 1, 1e3])
         notes = files.read_geometry(tmp_path / "g.npy", **detector).notes
         assert "turns about" not in " ".join(notes)
+
+
+@pytest.mark.parametrize("format", ["legsim", "rtk", "astra", "tigre"])
+def test_one_view_looks_at_the_same_side_after_a_round_trip(tmp_path, format):
+    """Also where world's origin lies behind the source."""
+    center = np.array([[0.0, 0.0, -1.2]])
+    geometry = ConeBeamGeometry.circular(
+        times=[0.0],
+        angles=[0.0],
+        source_isocenter=0.78,
+        source_detector=1.198,
+        shape_vu=(6, 8),
+        pixel_pitch=2e-3,
+        isocenter=center[0],
+    )
+    path = tmp_path / f"g{files.FORMATS[format][0]}"
+    if format == "tigre":
+        with pytest.raises(LegsimError, match="view 0 looks away from world's origin"):
+            files.save_geometry(path, geometry, format=format)
+        shift = np.array([0.0, 0.0, -1.0])
+        geometry, center = geometry.moved(transforms.translation(shift)), center - shift
+    files.save_geometry(path, geometry, format=format)
+    size = {"columns": 8, "rows": 6} if format == "astra" else {}
+    read = files.load_geometry(path, **size)
+    np.testing.assert_allclose(read.project(center)[1], [[0.78]], rtol=1e-9)
+
+
+def test_a_tomosynthesis_of_astra_looks_from_source_to_detector(tmp_path):
+    """A fixed detector: all principal rays are parallel, whatever the origin."""
+    rows = [[x, 0, 500, 0, 0, 1500, 2, 0, 0, 0, 2, 0] for x in np.linspace(-200, 200, 9)]
+    np.savetxt(tmp_path / "g.txt", rows)
+    read = files.read_geometry(tmp_path / "g.txt", columns=64, rows=48, format="astra").geometry
+    np.testing.assert_allclose(read.project([[0, 0, 1.4]])[1], 0.9)
+
+
+@pytest.mark.parametrize("format", ["rtk", "astra", "matrices", "legsim"])
+@pytest.mark.parametrize(
+    "given", [{"pixel_mm": p} for p in (0.0, -2.0, np.nan, np.inf)] + [{"view_rate_hz": 0.0}]
+)
+def test_sizes_and_rates_that_are_none_are_refused(tmp_path, format, given):
+    path = tmp_path / f"g{files.FORMATS[format][0]}"
+    files.save_geometry(path, circular(), format=format)
+    with pytest.raises(LegsimError, match="positive"):
+        files.read_geometry(path, columns=62, rows=48, format=format, **given)

@@ -95,6 +95,36 @@ def test_numbers_that_disagree_on_the_order_are_refused(tmp_path):
         view_files.by_number(tmp_path, [tmp_path / name for name in names])
 
 
+def test_negative_view_numbers_are_refused(tmp_path):
+    """By their digits alone they would come in reverse order."""
+    for k in (-3, -2, -1):
+        (tmp_path / f"view_{k}.npy").touch()
+    with pytest.raises(LegsimError, match="negative view numbers, as view_-"):
+        series(tmp_path)
+
+
+def test_a_hyphen_between_name_and_number_is_no_sign(tmp_path):
+    for k in (1, 2, 3):
+        (tmp_path / f"view-{k}.npy").touch()
+    assert [path.name for path in series(tmp_path)[0]] == ["view-1.npy", "view-2.npy", "view-3.npy"]
+
+
+@pytest.mark.parametrize(
+    ("names", "noted"),
+    [
+        (["0.0", "0.125", "0.25", "0.5"], True),
+        (["0.0", "0.1", "0.2"], False),
+        (["1.2.840.9", "1.2.840.10"], False),
+        (["IM.9", "IM.10"], False),
+    ],
+)
+def test_decimals_in_names_are_noted(tmp_path, names, noted):
+    for name in names:
+        (tmp_path / f"{name}.npy").touch()
+    notes = series(tmp_path)[1]
+    assert any("if they are decimals" in note for note in notes) is noted
+
+
 @pytest.mark.parametrize("ending", [".tif", ".mhd", ".dcm", ""])
 def test_files_beside_the_views_are_left_out_with_a_word(tmp_path, ending):
     for number in range(3):

@@ -260,6 +260,8 @@ def test_mistaken_units_are_suspected(tmp_path):
         r"x\.ply \(part 'x'\): with unit = 'm' it is 6e\+04 mm long; is its unit 'mm'\?",
     )
     refuse(write(tmp_path, entry("x", "x.ply"), x_ply=ball(0.03)), r"is its unit 'm'\?")
+    bead = phantom_files.read(write(tmp_path, entry("x", "x.ply"), x_ply=ball(0.2)))
+    assert "(part 'x'): it is 0.4 mm long; if that is too small" in bead.remarks[0]
 
 
 def test_a_whole_phantom_of_a_few_mm_is_remarked_and_a_bead_in_a_larger_one_is_not(tmp_path):

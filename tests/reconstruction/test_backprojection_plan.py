@@ -58,3 +58,44 @@ def test_a_motion_too_wild_for_columns_is_left_to_the_other_kernel(
         ).curve
         == 2
     )
+
+
+def test_a_bump_between_the_places_looked_at_is_left_to_the_other_kernel(device: Device) -> None:
+    """3 mm within a hand's breadth of nothing: a column would cut it off."""
+    geometry, nodes = scan(), VolumeGrid.cubic(41, 0.002, (0.0, 0.0, 0.0))
+    away = np.linalg.norm(nodes.positions() - (0.018, 0.007, -0.012), axis=-1)
+    bump = np.zeros((VIEWS, *nodes.shape_zyx, 3), np.float32)
+    bump[4, ..., 0] = 0.003 * np.exp(-((away / 0.008) ** 2)).reshape(nodes.shape_zyx)
+    grid = VolumeGrid.cubic(33, 0.002, (0.0, 0.0, 0.0))
+    motion = FieldMotion(geometry.times, nodes, bump)
+    assert _backprojection_plan.plan(geometry, grid, device, motion=motion).kernel == "voxels"
+    faint = FieldMotion(geometry.times, nodes, 0.02 * bump)
+    assert _backprojection_plan.plan(geometry, grid, device, motion=faint).curve == 2
+    # a volume beside it does not see it
+    beside = VolumeGrid.cubic(9, 0.002, (-0.02, -0.02, 0.02))
+    assert _backprojection_plan.plan(geometry, beside, device, motion=motion).curve == 2
+
+
+@pytest.mark.parametrize("spacing", [0.004, 0.009, 0.016, 0.03])
+def test_the_bend_of_a_field_bounds_what_chords_leave_out(
+    rng: np.random.Generator, spacing: float
+) -> None:
+    geometry = scan()
+    nodes = VolumeGrid.cubic(int(0.08 / spacing), spacing, (0.003, 0.001, 0.002))
+    shape = (VIEWS, *nodes.shape_zyx, 3)
+    motion = FieldMotion(geometry.times, nodes, rng.normal(0, 1e-4, shape).astype(np.float32))
+    grid = VolumeGrid.cubic(41, 0.001, (0.0, 0.0, 0.0))
+    worst = 0.0
+    for _ in range(300):
+        start = rng.integers(0, 33, 3)
+        corners = grid.origin + 0.001 * (start + 8 * np.array(list(np.ndindex(2, 2, 2))))
+        share = rng.random(3)
+        weights = np.prod(np.where(list(np.ndindex(2, 2, 2)), share, 1 - share), axis=1)
+        inside = weights @ corners
+        chord = np.einsum("p,vpk->vk", weights, motion.carry(corners))
+        off = motion.carry(inside[None]) - chord[:, None]
+        seen = geometry.project(inside + off)[0] - geometry.project(inside[None])[0]
+        worst = max(worst, float(np.abs(seen).max()))
+    bound = _backprojection_plan._field_bend(geometry, grid, motion)
+    assert worst <= bound
+    assert bound < 12 * worst, "of random nodes, the worst of many places on three axes"

@@ -1,5 +1,7 @@
 """CGLS inverts the projector, without and with values kept at 0 or above."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.optimize import nnls
@@ -136,3 +138,26 @@ def test_few_views_end_near_the_best_step_and_beat_fdk(
     filtered = few_views.error(fdk.fdk(scan_of_few, few_views.FEW, device=device))
     assert kept < filtered
     assert sigma < 0.1 or stopped < filtered
+
+
+def test_a_start_may_come_from_a_file_but_must_be_finite(device: Device) -> None:
+    """Files round positions; one voxel that is no number would spread over the volume."""
+    rounded = replace(GRID, center=tuple(c + 1e-12 for c in GRID.center))
+    projections = Projections(scan(), np.ones((9, 24, 30), np.float32))
+    start = np.full(GRID.shape_zyx, 2.0, np.float32)
+    expected = cgls.cgls(projections, GRID, iterations=2, start=Volume(GRID, start))
+    found = cgls.cgls(projections, GRID, iterations=2, start=Volume(rounded, start))
+    np.testing.assert_array_equal(found.attenuation, expected.attenuation)
+    bad = start.copy()
+    bad[3, 4, 5] = np.nan
+    with pytest.raises(LegsimError, match="start from holds values that are not finite"):
+        cgls.cgls(projections, GRID, iterations=2, start=Volume(GRID, bad))
+
+
+def test_voxels_larger_than_a_low_pixel_are_reported(device: Device) -> None:
+    fine_rows = replace(
+        scan(), matrices=np.array([1, 4.0, 1])[:, None] * scan().matrices, shape_vu=(96, 30)
+    )
+    projections = Projections(fine_rows, np.zeros((9, 96, 30), np.float32))
+    with pytest.warns(LargeVoxelWarning, match=r"4 mm are larger than a pixel .* \(1.111 mm\)"):
+        cgls.cgls(projections, GRID, device=device, iterations=1)

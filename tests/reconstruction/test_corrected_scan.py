@@ -85,9 +85,24 @@ def test_values_that_are_not_finite_are_refused_with_their_view():
             corrected_scan.images_and_motion(Projections(geometry, values), None)
 
 
+@pytest.mark.parametrize("reconstruct", RECONSTRUCTIONS)
+def test_a_scan_without_views_is_refused(
+    reconstruct: Callable[..., Volume], rng: np.random.Generator
+) -> None:
+    images, _ = scanned(rng)
+    none = Projections(images.geometry[:0], images.line_integrals[:0])
+    with pytest.raises(LegsimError, match="hold no view"):
+        reconstruct(none, GRID)
+
+
 @pytest.mark.parametrize(
     "wrong",
-    [2 * np.eye(4), np.diag([1.0, 1, -1, 1]), np.eye(4) + np.eye(4)[:, ::-1] * 0.1],
+    [
+        2 * np.eye(4),
+        np.diag([1.004, 1.004, 1.004, 1]),
+        np.diag([1.0, 1, -1, 1]),
+        np.eye(4) + np.eye(4)[:, ::-1] * 0.1,
+    ],
 )
 def test_matrices_that_are_not_rigid_are_refused_with_their_view(wrong):
     """Another scale, a mirror, a translation in the last row."""

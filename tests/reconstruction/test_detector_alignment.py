@@ -8,6 +8,7 @@ import pytest
 from scipy import ndimage
 
 from legsim.core.errors import LegsimError
+from legsim.deformation.models import RigidMotion
 from legsim.geometry.cone_beam import ConeBeamGeometry, Projections
 from legsim.geometry.volume import VolumeGrid
 from legsim.opencl.device import Device
@@ -321,3 +322,124 @@ def test_a_half_fan_in_a_partial_turn_says_from_where_on_lines_are_missing(
     inside = volume[23:27, 0, 23:27]
     np.testing.assert_allclose(inside, 20, atol=0.5)
     assert inside.mean() == pytest.approx(20, rel=0.005), "what is seen by all views is complete"
+
+
+def shifted_by_view(geometry: ConeBeamGeometry, columns: np.ndarray) -> ConeBeamGeometry:
+    """The detector moved by columns (v,) more, towards higher ones."""
+    sideways = np.repeat(np.eye(3)[None], len(geometry), 0)
+    sideways[:, 0, 2] = -columns
+    return replace(geometry, matrices=sideways @ geometry.matrices)
+
+
+@pytest.mark.parametrize("odd", [-14.0, -30.0])
+@pytest.mark.parametrize("mirrored", [False, True])
+def test_one_odd_view_leaves_a_half_fan_one(device: Device, odd: float, mirrored: bool) -> None:
+    """Also one whose detector stands to the other side; both are reported by their number."""
+    base = half_fan(20, mirrored=mirrored)
+    columns = np.where(np.arange(len(base)) == 7, -odd if mirrored else odd, 0.0)
+    geometry = shifted_by_view(base, columns)
+    solid = [Ellipsoid((0.11, 0.0, 0.0), (0.03, 0.03, 0.03), 20.0)]
+    grid = VolumeGrid((3, 3, 15), (0.004,) * 3, (0.11, 0.0, 0.0))
+    with pytest.warns(ShortScanWarning, match=r"farther to one side in 1 of 180 views \(7\)"):
+        found = fdk.fdk(project(geometry, solid), grid, device=device).attenuation
+    whole = fdk.fdk(project(base, solid), grid, device=device).attenuation
+    assert align(geometry).added == align(base).added
+    # one view of 180, and its water beyond the edge
+    np.testing.assert_allclose(found, whole, atol=0.03 * 20)
+
+
+def test_a_detector_that_changes_its_side_is_reported() -> None:
+    geometry = half_fan(0)
+    geometry = shifted_by_view(geometry, np.where(np.arange(180) < 90, 20.0, -20.0))
+    images = Projections(geometry, np.zeros((180, *geometry.shape_vu), np.float32))
+    with pytest.warns(ShortScanWarning, match=r"180 of 180 views \(0, 1, 2, 3, 4, \.\.\.\)"):
+        fdk.fdk(images, VolumeGrid.cubic(4, 0.004, (0, 0, 0)))
+
+
+def test_small_wobbles_of_the_detector_are_no_news(rng: np.random.Generator) -> None:
+    for base in (half_fan(0), half_fan(20)):
+        geometry = shifted_by_view(base, rng.uniform(-3, 3, len(base)))
+        images = Projections(geometry, np.zeros((180, *geometry.shape_vu), np.float32))
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            fdk.fdk(images, VolumeGrid.cubic(4, 0.004, (0, 0, 0)))
+
+
+def upright_cylinder(geometry: ConeBeamGeometry) -> Projections:
+    """An endless cylinder of 20 1/m and a radius of 3 cm about the axis."""
+    v, u = np.mgrid[: geometry.shape_vu[0], : geometry.shape_vu[1]]
+    rays, sources = geometry.ray_directions(u, v), geometry.sources()
+    rays /= np.linalg.norm(rays, axis=-1, keepdims=True)
+    across = np.hypot(rays[..., 0], rays[..., 2])
+    forward = np.einsum("vc,vijc->vij", sources[:, [0, 2]], rays[..., [0, 2]]) / across
+    passed = (sources[:, [0, 2]] ** 2).sum(-1)[:, None, None] - forward**2
+    return Projections(geometry, 40 * np.sqrt(np.maximum(0.03**2 - passed, 0)) / across)
+
+
+def turned_by_view(degrees: np.ndarray, shape_vu: tuple[int, int]) -> ConeBeamGeometry:
+    rows, columns = shape_vu
+    base = turned(0, shape_vu)
+    middle = np.array([[1, 0, 0.5 * (columns - 1)], [0, 1, 0.5 * (rows - 1)], [0, 0, 1]])
+    a = np.radians(degrees)
+    turns = np.tile(np.eye(3), (len(base), 1, 1))
+    turns[:, 0, 0], turns[:, 0, 1], turns[:, 1, 0], turns[:, 1, 1] = (
+        np.cos(a),
+        -np.sin(a),
+        np.sin(a),
+        np.cos(a),
+    )
+    return replace(base, matrices=middle @ turns @ np.linalg.inv(middle) @ base.matrices)
+
+
+@pytest.mark.parametrize("degrees", [10.0, 20.0])
+def test_an_object_that_leaves_a_turned_detector_is_not_brighter_there(
+    device: Device, degrees: float
+) -> None:
+    """Its rows end at a slanting edge, which the ramp must not see."""
+    grid = VolumeGrid((5, 9, 5), (0.003,) * 3, (0.0, 0.0, 0.0))
+    images = upright_cylinder(turned(degrees, (20, 60)))
+    found = fdk.fdk(images, grid, device=device).attenuation.mean((0, 2))
+    assert found.max() < 20.2
+    np.testing.assert_allclose(found[3:6], 20.0, atol=0.2)
+
+
+def test_rows_of_views_that_are_turned_differently_are_turned_each(device: Device) -> None:
+    degrees = np.where(np.arange(120) % 2, 20.0, -20.0)
+    geometry = turned_by_view(degrees, (60, 60))
+    aligned = align(geometry)
+    assert aligned.turns is not None
+    np.testing.assert_allclose(np.abs(np.degrees(aligned.turns)), 20.0, atol=1e-9)
+    np.testing.assert_allclose(aligned.from_scanner @ geometry.matrices, aligned.geometry.matrices)
+    again = align(aligned.geometry)
+    assert again.turns is None
+    assert again.tilt == pytest.approx(0, abs=1e-9)
+    grid = VolumeGrid((7, 7, 7), (0.004,) * 3, (0.0, 0.0, 0.0))
+    solid = [Ellipsoid((0.0, 0.0, 0.0), (0.03, 0.03, 0.03), 20.0)]
+    found = fdk.fdk(project(geometry, solid), grid, device=device).attenuation
+    np.testing.assert_allclose(found, 20.0, atol=0.01 * 20)
+
+
+def test_an_object_on_a_turntable_has_an_axis(device: Device) -> None:
+    """The scanner stands still; what turns is the object."""
+    turning = turned(0, (40, 50))
+    standing = replace(turning, matrices=np.repeat(turning.matrices[:1], 120, 0))
+    # P(0) M(i) = P(i)
+    matrices = np.tile(np.eye(4), (120, 1, 1))
+    matrices[:, :3] = np.linalg.inv(turning.matrices[0, :, :3]) @ turning.matrices
+    matrices[:, :3, 3] -= np.linalg.inv(turning.matrices[0, :, :3]) @ turning.matrices[0, :, 3]
+    motion = RigidMotion(turning.times, matrices)
+    solid = [Ellipsoid((0.01, 0.0, 0.0), (0.02, 0.02, 0.02), 20.0)]
+    images = project(turning, solid)
+    grid = VolumeGrid((12, 12, 12), (0.003,) * 3, (0.01, 0.0, 0.0))
+    options = fdk.FdkOptions(kernel="voxels")
+    expected = fdk.fdk(images, grid, options=options, device=device).attenuation
+    with pytest.raises(LegsimError, match="on one line"):
+        fdk.fdk(Projections(standing, images.line_integrals), grid, device=device)
+    found = fdk.fdk(
+        Projections(standing, images.line_integrals),
+        grid,
+        motion=motion,
+        options=options,
+        device=device,
+    )
+    np.testing.assert_allclose(found.attenuation, expected, atol=1e-3)

@@ -358,3 +358,33 @@ def test_pixels_of_any_shape_and_turn_give_the_attenuation(
     volume = fdk.fdk(Projections(geometry, (20 * chords).astype(np.float32)), grid, device=device)
     middle = volume.attenuation[2:6, 2:6, 2:6]
     np.testing.assert_allclose(middle, 20.0, atol=0.1)
+
+
+@pytest.mark.parametrize("columns", [24, 31, 40])
+def test_a_detector_of_few_columns_is_continued_too(device: Device, columns: int) -> None:
+    """As wide a detector, in wider pixels."""
+    geometry = ConeBeamGeometry.circular(
+        times=np.arange(120),
+        angles=np.radians(np.arange(120) * 3.0),
+        source_isocenter=0.78,
+        source_detector=1.198,
+        shape_vu=(12, columns),
+        pixel_pitch=0.0986 / columns,
+    )
+    images = project(geometry, [Ellipsoid((0.0, 0.0, 0.0), (0.06, 0.06, 0.06), 20.0)])
+    grid = VolumeGrid((3, 3, 3), (0.003,) * 3, (0.0, 0.0, 0.0))
+    found = fdk.fdk(images, grid, device=device).attenuation
+    np.testing.assert_allclose(found, 20.0, atol=0.15 * 20)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"kernel": "voxel"}, "kernel 'voxel' is unknown; there are: columns, voxels"),
+        ({"water_attenuation": np.inf}, "positive, finite number"),
+        ({"window": "Hann"}, "window 'Hann' is unknown"),
+    ],
+)
+def test_options_that_are_none_are_refused(options: dict, message: str) -> None:
+    with pytest.raises(LegsimError, match=message):
+        FdkOptions(**options)

@@ -364,3 +364,10 @@ def test_the_example_finds_a_detectors_shift() -> None:
     grid = VolumeGrid((40, 28, 48), (0.0025,) * 3, (0.0, 0.0, 0.0))
     found = example.found_shift(Projections(said, images), grid)
     assert found == pytest.approx(1.5, abs=0.02)
+
+
+def test_images_that_are_not_finite_are_refused_with_their_view(device: Device) -> None:
+    images = np.zeros((VIEWS, 24, 30), np.float32)
+    images[5, 3, 4] = np.nan
+    with pytest.raises(LegsimError, match="view 5 of the projections holds values"):
+        filtered_scan(Projections(scan(), images), GRID, device=device)

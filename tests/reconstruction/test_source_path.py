@@ -50,3 +50,25 @@ def test_angles_follow_the_sources_about_any_axis_in_any_order_and_sense(
 def test_sources_on_a_line_are_refused() -> None:
     with pytest.raises(LegsimError, match="axis of rotation"):
         source_arc(scan(10, 2))
+
+
+def moved_by_view(geometry: ConeBeamGeometry, shifts: np.ndarray) -> ConeBeamGeometry:
+    """Source and detector of each view moved by shifts (v, 3) m."""
+    return geometry.moved(transforms.translation(-shifts))
+
+
+def test_a_line_that_trembles_is_no_arc(rng: np.random.Generator) -> None:
+    along = np.linspace(-0.4, 0.4, 60)[:, None] * [1.0, 0, 0]
+    line = moved_by_view(scan(0, 60), along + 1e-4 * rng.normal(size=(60, 3)))
+    with pytest.raises(LegsimError, match="on one line"):
+        source_arc(line)
+
+
+@pytest.mark.parametrize(("rise", "fits"), [(0.1, True), (0.7, True), (2.4, False)])
+def test_a_steep_helix_is_no_circle(rise: float, fits: bool) -> None:
+    helix = moved_by_view(scan(1080, 180), np.linspace(-0.5, 0.5, 180)[:, None] * [0, rise, 0])
+    if fits:
+        assert source_arc(helix).full_turn
+        return
+    with pytest.raises(LegsimError, match=r"off the plane of the circle.*a helix\?"):
+        source_arc(helix)

@@ -104,3 +104,13 @@ def test_a_part_of_the_arc_that_is_missing_is_reported(missing: int, expected: b
     assert [str(w.message).split(" deg")[0] for w in caught] == (
         ["the sources leave 7.7"] if expected else []
     )
+
+
+@pytest.mark.parametrize("step_deg", [2.0, 6.0, 12.0])
+def test_a_second_turn_from_the_same_places_is_no_gap(step_deg: float) -> None:
+    views = int(720 / step_deg)
+    geometry = scan(720 - step_deg, views)
+    arc = source_arc(geometry)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        warn_if_incomplete(arc, fan_angles(geometry, arc, np.array([-0.5, 61.5])))

@@ -114,3 +114,9 @@ def test_views_that_fdk_cannot_use_are_refused_before_anything_is_projected(give
     assert not (tmp_path / "run").exists()
     iterated = settings.reconstruction.model_copy(update={"algorithm": "cgls"})
     reconstruction.check_views(iterated, c_arm.c_arm(settings.scan))
+
+
+@pytest.mark.parametrize("name", ["water_attenuation_per_mm", "noise", "tv_weight_mm"])
+def test_an_option_that_is_not_finite_is_refused_by_its_name(name: str) -> None:
+    with pytest.raises(LegsimError, match=f"--{name.replace('_', '-')} inf: .*finite number"):
+        reconstruction.from_options({name: float("inf")})

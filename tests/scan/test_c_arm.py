@@ -1,5 +1,7 @@
 """The C-arm: when the views are taken, where they stand, what all of them see."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -113,3 +115,14 @@ def test_what_every_view_sees_by_a_margin_may_move_up_and_down_by_that_much():
     moved = [np.roll(whole, k, axis=1) for k in (-3, 3)]
     np.testing.assert_array_equal(inner, whole & moved[0] & moved[1])
     assert 0 < inner.sum() < whole.sum()
+
+
+@pytest.mark.parametrize("last", [12.0029, 9.0, 7.9679, 7.9677419356])
+def test_starts_that_are_suggested_are_accepted(last: float):
+    recorded = np.linspace(0.0041, 0.0041 + last, 1000)
+    with pytest.raises(LegsimError, match=r"set scan\.start_s between") as refused:
+        CArm.half(start=99.0).view_times(recorded)
+    for start in re.findall(r"([\d.]+) and ([\d.]+)$", str(refused.value))[0]:
+        times = CArm.half(start=float(start)).view_times(recorded)
+        assert times[0] >= recorded[0]
+        assert times[-1] <= recorded[-1] + 1e-12

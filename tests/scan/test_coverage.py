@@ -1,5 +1,7 @@
 """The summary of the paper's scan, of corrected and tilted ones, and of what a phantom loses."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import trimesh
@@ -90,4 +92,37 @@ def test_a_detector_to_one_side_says_what_either_side_reaches():
     summary = summarize(aside)
     assert (summary.field_radius, summary.far_side) == pytest.approx(radii)
     assert any("half fan " in line for line in summary.lines())
+    odd = np.where(np.arange(60)[:, None, None] == 7, whole.matrices, aside.matrices)
+    reached = 0.8 * np.sin(np.arctan(50 * 3e-3 / 1.2))  # by one view of another offset
+    assert summarize(replace(aside, matrices=odd)).far_side == pytest.approx(reached)
     assert not any("half fan " in line for line in summarize(whole).lines())
+
+
+def test_the_order_of_views_does_not_change_the_range(rng: np.random.Generator):
+    angles = np.radians(np.arange(0, 210, 2.0))
+    scans = [
+        ConeBeamGeometry.circular(
+            times=np.arange(len(a)),
+            angles=a,
+            source_isocenter=0.78,
+            source_detector=1.198,
+            shape_vu=(48, 62),
+            pixel_pitch=6e-3,
+        )
+        for a in (angles, rng.permutation(angles), angles[::-1])
+    ]
+    for geometry in scans:
+        summary = summarize(geometry)
+        assert np.degrees(summary.angular_range) == pytest.approx(208)
+        assert np.degrees(summary.largest_step) == pytest.approx(2)
+
+
+def test_what_lies_behind_the_source_is_not_cut_off():
+    sphere = trimesh.creation.icosphere(subdivisions=2, radius=0.015)
+    geometry = paper(views=3)
+    behind = Part("behind", "water", 20.0, sphere.vertices + np.array([0.2, 0, 1.5]), sphere.faces)
+    assert summarize(geometry, Phantom((behind,))).cut_off == ()
+    # from the isocenter to beyond the sources: only what images show counts
+    long = Part("long", "water", 20.0, sphere.vertices * (1, 1, 100), sphere.faces)
+    for part in summarize(geometry, Phantom((long,))).cut_off:
+        assert max(part.left, part.right, part.below, part.above) < 0.5

@@ -104,3 +104,14 @@ def test_tables_that_are_none_are_refused(tmp_path, text, message):
 def test_a_table_that_is_not_there_is_refused(tmp_path):
     with pytest.raises(LegsimError, match=r"no\.csv"):
         scan_spectrum.load(tmp_path / "no.csv")
+
+
+def test_an_energy_without_photons_changes_nothing():
+    """Behind 12 cm of titanium too, where only the missing energy would pass."""
+    alone, beside = Spectrum([20.0], [1.0]), Spectrum([20.0, 150.0], [1.0, 0.0])
+    lengths = np.array([[0.0], [0.01], [0.12]])
+    np.testing.assert_allclose(
+        beside.line_integral(beside.attenuations("titanium")[None], lengths),
+        alone.line_integral(alone.attenuations("titanium")[None], lengths),
+        rtol=1e-12,
+    )

@@ -14,10 +14,10 @@
    first:    which of the images the first of the views is
    images:   (views, COLUMNS + 2 PAD, STRIDE) float32, detector rows fastest; row 0 at offset LEAD, column 0 at PAD; zero around it
    place:    MOTION 0: (views, 12) from voxel index (c, b, a, 1) of the slab to (u depth, v depth, depth), pixels and m.
-             MOTION 1: (views, 24) as mls.cl says, its map being the projection to (u depth, v depth, depth).
+             MOTION 1: (views, 24) as moving_least_squares.cl says, its map being the projection to (u depth, v depth, depth).
              MOTION 2: (views, 12) as MOTION 0, but from world positions relative to the anchor
    grid:     MOTION 1 and 2: (4, 3) m: steps along c, b, a, and voxel (0, 0, 0) relative to the anchor
-   rest:     MOTION 1: as mls.cl says. MOTION 2: index of the field's nodes from positions: 3 scales, 3 offsets, 3 counts (x, y, z)
+   rest:     MOTION 1: as moving_least_squares.cl says. MOTION 2: index of the field's nodes from positions: 3 scales, 3 offsets, 3 counts (x, y, z)
    field:    MOTION 2: (views, z, y, x, 3) displacements in m */
 
 #define SPACING 8 /* voxels between nodes, and voxels worked on at once */

@@ -1,4 +1,4 @@
-/* Line integrals along the rays of one view, one work-group a tile, one work-item a pixel. After mesh_hits.cl; built with CHANNELS, how
+/* Line integrals along the rays of one view, one work-group a tile, one work-item a pixel. After mesh_crossings.cl; built with CHANNELS, how
  * many integrals of each ray are wanted: one of attenuation, or one of every material's presence.
  *
  * values: (parts + 1, CHANNELS), such as attenuations in 1/m, row 0 for the outside. directions: 3 columns of 3: the ray of pixel (u, v), of unit depth, is

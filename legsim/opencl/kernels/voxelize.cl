@@ -1,5 +1,5 @@
 /* Which part does each voxel center lie in: parallel rays along z through the columns of a grid, one work-group a tile of (x, y), one
- * work-item a column. After mesh_hits.cl, built with LABEL (uchar or ushort). Depths are in voxels from the middle of the grid.
+ * work-item a column. After mesh_crossings.cl, built with LABEL (uchar or ushort). Depths are in voxels from the middle of the grid.
  *
  * layers: voxels along z. labels: (z, y, x), 0 outside, 1 + the last part that contains the center otherwise; a center exactly on a
  * surface belongs to what follows it along z, so that touching parts neither overlap nor leave a gap.
