@@ -1,5 +1,6 @@
 from .ik import IkConfig as IkConfig
 from .ik import ValueConfig as ValueConfig
+from .imu import WHITE as WHITE
 from .imu import AccelerometerConfig as AccelerometerConfig
 from .imu import GyroscopeConfig as GyroscopeConfig
 from .imu import ImuConfig as ImuConfig
@@ -8,6 +9,7 @@ from .imu import SensorConfig as SensorConfig
 from .imu import SkinMountConfig as SkinMountConfig
 from .imu import SoftTissueConfig as SoftTissueConfig
 from .imu import VibrationConfig as VibrationConfig
+from .imu import noise_keys as noise_keys
 from .methods import BeadsConfig as BeadsConfig
 from .methods import FiducialsConfig as FiducialsConfig
 from .methods import FusedConfig as FusedConfig
@@ -22,6 +24,7 @@ from .scan import DetectorConfig as DetectorConfig
 from .scan import PhantomConfig as PhantomConfig
 from .scan import ScanConfig as ScanConfig
 from .scan import SpectrumConfig as SpectrumConfig
+from .settings import FILES as FILES
 from .settings import PRESETS as PRESETS
 from .settings import RunConfig as RunConfig
 from .settings import dump as dump

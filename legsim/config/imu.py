@@ -83,6 +83,9 @@ class TriadConfig(ConfigSection):
     """0: flicker noise; else the correlation time of a Gauss-Markov process"""
 
 
+_BIASES = ("acceleration_bias_mg", "angular_velocity_bias_deg_per_s")
+
+
 class AccelerometerConfig(TriadConfig):
     """Changes to the errors of the accelerometer."""
 
@@ -106,6 +109,24 @@ class GyroscopeConfig(TriadConfig):
     g_sensitivity_deg_per_s_per_g: float | None = Field(default=None, ge=0)
     bias_deg_per_s_per_k: float | None = Field(default=None, ge=0)
     range_deg_per_s: float | None = Field(default=None, ge=0)
+
+
+WHITE: dict[str, frozenset[str]] = {
+    "density": frozenset(
+        {"acceleration_ug_per_sqrt_hz", "angular_velocity_deg_per_s_per_sqrt_hz", *_BIASES}
+    ),
+    "rms": frozenset({"acceleration_mg", "angular_velocity_deg_per_s", "bandwidth_hz", *_BIASES}),
+    "paper": frozenset({"f_a", "f_g", "convention", *_BIASES}),
+}
+"""kinds that are white noise and constant bias, and the keys that each reads"""
+
+
+def noise_keys(kind: str) -> frozenset[str]:
+    """Keys of [imu.noise] that a kind of noise reads, besides the kind itself."""
+    if kind == "none":
+        return frozenset()
+    errors = ("off", "accelerometer", "gyroscope", "temperature_course", "calibration", "rest_s")
+    return WHITE.get(kind, frozenset(errors))
 
 
 class NoiseConfig(ConfigSection):

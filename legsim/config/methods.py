@@ -85,7 +85,10 @@ class MethodsConfig(ConfigSection):
         *("oracle", "oracle-nonrigid"),
     )
     scheme: Literal["accurate", "paper"] = "accurate"
-    """how poses are integrated from the IMU signals"""
+    """how dead reckoning (rigid, nonrigid, articulated) integrates the IMU signals
+
+    Methods that find a sensor's drift integrate accurately.
+    """
     sensor: str = "shank_l"
     """the sensor that the rigid correction follows"""
     start: Literal["truth", "fiducials", "rough"] = "truth"

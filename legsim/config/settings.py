@@ -74,6 +74,17 @@ PRESETS: dict[str, dict[str, dict[str, Any]]] = {
 }
 
 
+FILES = (
+    *(("motion", key) for key in ("file", "marker_map", "scaling_file", "model")),
+    *(("motion", key) for key in ("marker_set", "scale_file", "zero_file")),
+    ("motion", "ik", "tasks_file"),
+    ("imu", "noise", "kind"),
+    ("phantom", "file"),
+    ("scan", "spectrum", "file"),
+)
+"""where settings may name a file; some of them may name what comes with legsim instead"""
+
+
 def load_settings(
     path: Path | str | None = None, *, preset: str = "paper", overrides: tuple[str, ...] = ()
 ) -> RunConfig:
@@ -88,6 +99,8 @@ def load_settings(
     >>> load_settings(preset="demo", overrides=("scan.views=124",)).scan.views
     124
     """
+    if isinstance(overrides, str):
+        overrides = (overrides,)
     where = None if path is None else Path(path)
     trees = [] if where is None else [load_toml(where)]
     return from_trees(

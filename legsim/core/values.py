@@ -63,6 +63,22 @@ def plain_numbers(name: str, values: ArrayLike) -> NDArray:
     return source
 
 
+def positive(name: str, value: float, *, zero: bool = False) -> float:
+    """Returns a size as a number.
+
+    Raises:
+        LegsimError: it is none, not finite, or not above 0; ``zero`` is allowed on demand.
+    """
+    try:
+        size = float(value)
+    except (TypeError, ValueError) as error:
+        raise LegsimError(f"{name} is {value!r}; expected a number") from error
+    if not (np.isfinite(size) and (size > 0 or (zero and size == 0))):
+        least = "not negative" if zero else "positive"
+        raise LegsimError(f"{name} is {size:g}; it must be finite and {least}")
+    return size
+
+
 def whole_counts(name: str, values: Sequence[float]) -> tuple[int, ...]:
     """Counts along axes, as whole numbers.
 

@@ -14,12 +14,11 @@ from legsim.core.errors import LegsimError
 from legsim.core.values import FloatArray
 from legsim.correction.articulated import around_center, follow_limbs, scanned_leg
 from legsim.correction.bead_scan import BeadScan
-from legsim.correction.bead_tracking import track
 from legsim.correction.control_points import AttachedPoint
-from legsim.correction.fused import DISCERNED, SensorPriors
+from legsim.correction.fused import DISCERNED, SensorPriors, left_as_it_is, shadows_of
 from legsim.correction.limb_motion import Limb
 from legsim.correction.method import Correction, Scan
-from legsim.correction.smoother import BeadShadows, SmoothedPath, StandingPrior
+from legsim.correction.smoother import BeadShadows, DivergedError, SmoothedPath, StandingPrior
 from legsim.correction.tied_sensors import LegTie, TiedPaths, tied_paths
 from legsim.deformation.models import RigidMotion
 from legsim.geometry.volume import VolumeGrid
@@ -56,11 +55,14 @@ class ArticulatedBeads:
     def __call__(self, scan: Scan, /) -> Correction:
         hip, knee, ankle = _joints(scan)
         sensors = (hip.sensor, knee.sensor)
-        shadows = [_shadows(self.leg.beads(name)) for name in sensors]
+        shadows = [shadows_of(self.leg.beads(name)) for name in sensors]
         tie = LegTie(
             self.leg.knee_on_thigh, knee.position_sensor, ankle.position_sensor, hip.position_sensor
         )
-        found = tied_paths(scan, sensors, tie, self.priors, (shadows[0], shadows[1]))
+        try:
+            found = tied_paths(scan, sensors, tie, self.priors, (shadows[0], shadows[1]))
+        except DivergedError as error:
+            return left_as_it_is("articulated-beads", scan, error)
         noted = [
             f"articulated-beads, {name}: {beads.pixels.shape[1]} beads, "
             f"{100 * np.isfinite(beads.pixels).all(-1).mean():.0f} % of their shadows found, "
@@ -105,12 +107,6 @@ def _joints(scan: Scan) -> tuple[AttachedPoint, AttachedPoint, AttachedPoint]:
             f"they are on {hip.sensor}, {knee.sensor} and {ankle.sensor}"
         )
     return hip, knee, ankle
-
-
-def _shadows(beads: BeadShadows | BeadScan) -> BeadShadows:
-    if isinstance(beads, BeadScan):
-        return BeadShadows(track(beads.projections, beads.guesses, radius=beads.radius))
-    return beads
 
 
 def _judged(scan: Scan, found: TiedPaths) -> tuple[str, bool]:

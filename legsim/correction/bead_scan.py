@@ -5,7 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from legsim.core.values import FloatArray, frozen
+from legsim.core.values import FloatArray, frozen, positive, whole_counts
+from legsim.correction.smoother import SHADOW_ERROR_PX
 from legsim.geometry.cone_beam import Projections
 from legsim.kinematics.skeleton import SEGMENTS, SegmentPoses
 from legsim.opencl.device import Device
@@ -30,9 +31,13 @@ class BeadScan:
     """
     radius: float
     """m"""
+    error_px: float = SHADOW_ERROR_PX
+    """standard deviation along u and v of the shadows that are tracked"""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "guesses", frozen("BeadScan.guesses", self.guesses, (None, 3)))
+        positive("BeadScan.radius", self.radius)
+        positive("BeadScan.error_px", self.error_px)
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,6 +56,12 @@ class Beads:
 
     One bead alone is at the first.
     """
+
+    def __post_init__(self) -> None:
+        (count,) = whole_counts("Beads.count", (self.count,))
+        positive("Beads.count", count)
+        positive("Beads.radius", self.radius)
+        positive("Beads.guess_error", self.guess_error, zero=True)
 
     @classmethod
     def on_one_side(cls, count: int = 2, *, below: bool = True, radius: float = 1e-3) -> "Beads":

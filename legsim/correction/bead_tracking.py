@@ -27,6 +27,7 @@ from legsim.core import transforms
 from legsim.core.errors import LegsimError
 from legsim.core.values import FloatArray, frozen
 from legsim.correction import blob_detection
+from legsim.correction.triangulation import triangulated
 from legsim.deformation.models import RigidMotion
 from legsim.geometry.cone_beam import ConeBeamGeometry, Projections
 
@@ -179,7 +180,7 @@ def estimate(
     _require_enough(used)
     seen, weights = used, used.astype(float)
     positions, motion = (
-        _triangulated(geometry, pixels, used.astype(float)),
+        triangulated(geometry, pixels, used.astype(float)),
         RigidMotion.identity(geometry.times).moved_from_reference,
     )
     # first with weights that wrong shadows lose step by step (Cauchy's), then with the accepted
@@ -254,7 +255,7 @@ def _fitted_to_mean(
     A bead without any weight stays at its ``positions``.
     """
     shares = weights.sum(0)[:, None]
-    means = np.where(shares > 0, _triangulated(geometry, pixels, weights), positions)
+    means = np.where(shares > 0, triangulated(geometry, pixels, weights), positions)
     return means, _posed(geometry, pixels, weights, means, motion)
 
 
@@ -266,28 +267,6 @@ def _require_enough(used: NDArray[np.bool_]) -> None:
             f"a pose needs {FEWEST}: "
             "use more or larger beads, or place them nearer to the knee"
         )
-
-
-def _triangulated(
-    geometry: ConeBeamGeometry, pixels: FloatArray, weights: FloatArray
-) -> FloatArray:
-    """Triangulates points (b, 3) nearest to the rays through their shadows, weighted (v, b).
-
-    It assumes that nothing moved. Squared distances to the rays are summed over the views.
-    """
-    sources = geometry.sources()
-    positions = np.zeros((pixels.shape[1], 3))
-    for bead in np.flatnonzero(weights.any(0)):
-        views = np.flatnonzero(weights[:, bead])
-        homogeneous = np.concatenate([pixels[views, bead], np.ones((len(views), 1))], -1)
-        rays = np.linalg.solve(geometry.matrices[views, :, :3], homogeneous[..., None])[..., 0]
-        rays /= np.linalg.norm(rays, axis=-1, keepdims=True)
-        across = np.eye(3) - rays[:, :, None] * rays[:, None, :]
-        across *= weights[views, bead, None, None]
-        positions[bead] = np.linalg.solve(
-            across.sum(0), np.einsum("vij,vj->i", across, sources[views])
-        )
-    return positions
 
 
 def _projected(geometry: ConeBeamGeometry, motion: FloatArray, positions: FloatArray) -> FloatArray:

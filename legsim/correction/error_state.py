@@ -35,7 +35,10 @@ _KNOT_SECONDS = 0.2
 """between the knots of the white noise: what it integrates to in less is far below a pixel"""
 
 _MARGIN = 0.3
-"""s of signal kept before and after the views, for the splines and the clock"""
+"""s of signal kept before and after the views at least, for the splines and the clock"""
+
+_SPLINES = 0.1
+"""s of it beyond the reach of the clock"""
 
 _STANDING_TURN = np.radians(5.0)
 """rad by which a standing person may turn over a scan: enough for a first guess of the bias"""
@@ -239,7 +242,8 @@ def error_state(
     if not (np.isfinite(clock) and clock >= 0):
         raise LegsimError(f"clock must be finite and not negative, in s; got {clock:g}")
     times, rate, force = signals.samples(sensor)
-    near = (times >= views[0] - _MARGIN) & (times <= views[-1] + _MARGIN)
+    margin = max(_MARGIN, CLOCK_REACH * clock + _SPLINES)
+    near = (times >= views[0] - margin) & (times <= views[-1] + margin)
     times, rate, force = times[near], rate[near], force[near]
     of_both = (
         _triad_errors(errors.accelerometer, times, views, force),

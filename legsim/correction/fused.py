@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from legsim.core.errors import LegsimError
+from legsim.core.values import positive
 from legsim.correction.bead_scan import BeadScan
 from legsim.correction.bead_tracking import track
 from legsim.correction.error_state import CLOCK_REACH, ErrorState, error_state
@@ -18,6 +19,7 @@ from legsim.correction.method import Correction, Scan
 from legsim.correction.rough_start import StartErrors
 from legsim.correction.smoother import (
     BeadShadows,
+    DivergedError,
     FiducialShadows,
     SmoothedPath,
     StandingPrior,
@@ -33,6 +35,10 @@ DISCERNED = float(np.sqrt(2))
 What is found of a motion m with an error e has m^2 + e^2 on average. Following it leaves e, not
 following it leaves m.
 """
+
+
+_FAR = 10.0
+"""times its stated error that a shadow may be from the path before it is doubted"""
 
 
 def discerned(seen_px: float, error_px: float) -> bool:
@@ -54,14 +60,8 @@ class SensorPriors:
     """s, standard deviation of the offset between the clocks; the sensor's own filter delays too"""
 
     def __post_init__(self) -> None:
-        if not (np.isfinite(self.spread) and self.spread > 0):
-            raise LegsimError(
-                f"SensorPriors.spread must be finite and above 0, in m; got {self.spread:g}"
-            )
-        if not (np.isfinite(self.clock) and self.clock >= 0):
-            raise LegsimError(
-                f"SensorPriors.clock must be finite and not negative, in s; got {self.clock:g}"
-            )
+        positive("SensorPriors.spread", self.spread)
+        positive("SensorPriors.clock", self.clock, zero=True)
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,10 +76,11 @@ class Standing:
     priors: SensorPriors = field(default_factory=SensorPriors)
 
     def __call__(self, scan: Scan, /) -> Correction:
-        found = smooth(
-            sensor_state(scan, self.sensor, self.priors, clock=0.0),
-            standing=_standing(scan, self.priors),
-        )
+        state = sensor_state(scan, self.sensor, self.priors, clock=0.0)
+        try:
+            found = smooth(state, standing=_standing(scan, self.priors))
+        except DivergedError as error:
+            return left_as_it_is("standing", scan, error)
         return _corrected("standing", scan, found, ())
 
 
@@ -97,23 +98,24 @@ class FusedBeads:
     priors: SensorPriors = field(default_factory=SensorPriors)
 
     def __call__(self, scan: Scan, /) -> Correction:
-        beads = self.beads() if callable(self.beads) else self.beads
-        if isinstance(beads, BeadScan):
-            pixels = track(beads.projections, beads.guesses, radius=beads.radius)
-            beads = BeadShadows(pixels)
+        beads = shadows_of(self.beads() if callable(self.beads) else self.beads)
         state = sensor_state(scan, self.sensor, self.priors, clock=self.priors.clock)
-        found = smooth(
-            state,
-            standing=_standing(scan, self.priors),
-            geometry=scan.projections.geometry,
-            beads=beads,
-        )
+        try:
+            found = smooth(
+                state,
+                standing=_standing(scan, self.priors),
+                geometry=scan.projections.geometry,
+                beads=beads,
+            )
+        except DivergedError as error:
+            return left_as_it_is("fused-beads", scan, error)
         share = float(np.isfinite(beads.pixels).all(-1).mean())
         note = (
             f"{beads.pixels.shape[1]} beads: {100 * share:.0f} % of their shadows were found, "
             f"{found.residual_px:.2f} px RMS from the sensor's path."
         )
-        return _corrected("fused-beads", scan, found, (note, *_clock_note(state, found)))
+        doubts = _doubts("fused-beads", found, beads.error_px)
+        return _corrected("fused-beads", scan, found, (note, *doubts, *_clock_note(state, found)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,24 +134,57 @@ class FusedFiducials:
 
     def __call__(self, scan: Scan, /) -> Correction:
         fiducials = self.fiducials() if callable(self.fiducials) else self.fiducials
+        if not isinstance(fiducials, FiducialShadows):
+            raise LegsimError(
+                "fiducials are FiducialShadows(pixels of (view, point, 2), places in the sensor), "
+                f"not {type(fiducials).__name__}"
+            )
         state = sensor_state(scan, self.sensor, self.priors, clock=self.priors.clock)
-        found = smooth(
-            state,
-            standing=_standing(scan, self.priors),
-            geometry=scan.projections.geometry,
-            fiducials=fiducials.enough(),
-        )
+        try:
+            found = smooth(
+                state,
+                standing=_standing(scan, self.priors),
+                geometry=scan.projections.geometry,
+                fiducials=fiducials.enough(),
+            )
+        except DivergedError as error:
+            return left_as_it_is("fused-fiducials", scan, error)
         share = float(np.isfinite(fiducials.pixels).all(-1).mean())
         note = (
             f"{fiducials.pixels.shape[1]} fiducials in the sensor: {100 * share:.0f} % of their "
             f"shadows were found, {found.residual_px:.2f} px RMS from the sensor's path."
         )
-        return _corrected("fused-fiducials", scan, found, (note, *_clock_note(state, found)))
+        doubts = _doubts("fused-fiducials", found, fiducials.error_px)
+        notes = (note, *doubts, *_clock_note(state, found))
+        return _corrected("fused-fiducials", scan, found, notes)
+
+
+def shadows_of(beads: BeadShadows | BeadScan) -> BeadShadows:
+    """The shadows, tracked where they are still in the images.
+
+    Raises:
+        LegsimError: something else.
+    """
+    if not isinstance(beads, (BeadScan, BeadShadows)):
+        raise LegsimError(
+            "beads are a BeadScan or BeadShadows(pixels of (view, bead, 2)), not "
+            f"{type(beads).__name__}"
+        )
+    if isinstance(beads, BeadScan):
+        pixels = track(beads.projections, beads.guesses, radius=beads.radius)
+        return BeadShadows(pixels, beads.error_px)
+    return beads
+
+
+def left_as_it_is(method: str, scan: Scan, why: DivergedError) -> Correction:
+    """No motion, and a note that nothing fits."""
+    note = f"In doubt: {method}: {why}. The scan is left as it is."
+    return Correction(method, scan.projections, RigidMotion.identity(scan.times), notes=(note,))
 
 
 def sensor_state(scan: Scan, sensor: str, priors: SensorPriors, *, clock: float) -> ErrorState:
     """The errors of one sensor; its clock is taken as known where the recording is too short."""
-    name = sensor or scan.signals.sensor_names[0]
+    name = scan.sensor(sensor)
     times, views = scan.signals.times, scan.times
     beyond = min(views[0] - times[0], times[-1] - views[-1])
     return error_state(
@@ -165,6 +200,17 @@ def sensor_state(scan: Scan, sensor: str, priors: SensorPriors, *, clock: float)
 
 def _standing(scan: Scan, priors: SensorPriors) -> StandingPrior:
     return StandingPrior.at(scan.projections.geometry.rotation_center(), priors.spread)
+
+
+def _doubts(method: str, found: SmoothedPath, error_px: float) -> tuple[str, ...]:
+    """A sentence where shadows are nowhere near the path; nothing where they are as stated."""
+    if found.residual_px < _FAR * error_px:
+        return ()
+    return (
+        f"In doubt: {method}: the shadows are {found.residual_px:.2g} px RMS from the sensor's "
+        f"path, where {error_px:.2g} px along u and v are stated. Check which is which, the order "
+        "of the views, and (column, row) of the pixels.",
+    )
 
 
 def _clock_note(state: ErrorState, found: SmoothedPath) -> tuple[str, ...]:

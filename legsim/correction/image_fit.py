@@ -18,7 +18,8 @@ from scipy.linalg import eigh
 from scipy.optimize import minimize
 
 from legsim.core import transforms
-from legsim.core.values import FloatArray
+from legsim.core.errors import LegsimError
+from legsim.core.values import FloatArray, whole_counts
 from legsim.correction.error_state import SensorPath
 from legsim.correction.image_criterion import Focus
 from legsim.correction.smoother import StandingPrior
@@ -73,6 +74,9 @@ class PathModel(Protocol):
     def path(self, errors: FloatArray) -> SensorPath: ...
 
 
+_FEWEST_KNOTS = 4
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class SplinePath:
     """Six cubic B-splines over the scan about one point: what moves when no sensor says how."""
@@ -87,6 +91,13 @@ class SplinePath:
     """rad, standard deviation of a coefficient"""
     shift: float = 5e-3
     """m, the same"""
+
+    def __post_init__(self) -> None:
+        (knots,) = whole_counts("SplinePath.knots", (self.knots,))
+        if knots < _FEWEST_KNOTS:
+            raise LegsimError(
+                f"a cubic spline has {_FEWEST_KNOTS} coefficients or more; knots is {knots}"
+            )
 
     @property
     def size(self) -> int:

@@ -26,7 +26,7 @@ from legsim.correction.fiducials import (
     project_fiducials,
     velocity_from_views,
 )
-from legsim.correction.smoother import FiducialShadows
+from legsim.correction.smoother import SHADOW_ERROR_PX, FiducialShadows
 from legsim.geometry.cone_beam import ConeBeamGeometry
 from legsim.imu import calibration, simulation, strapdown
 from legsim.imu.sensors import Sensor
@@ -95,7 +95,7 @@ class FiducialOptions:
     error_px: float = 0.0
     """standard deviation along u and v added to exact points"""
     bead_radius: float = 1e-3
-    """diameter in m of the rendered beads, tantalum"""
+    """m, of the rendered beads, tantalum"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -175,7 +175,8 @@ def fiducial_shadows(
     if options.detector == "bounded":
         shown = correction_fiducials.on_detector(scan.geometry, poses, fiducials)
         pixels = np.where(shown[..., None], pixels, np.nan)
-    return FiducialShadows(pixels, fiducials.points_sensor)
+    error = max(SHADOW_ERROR_PX, options.error_px if options.found == "exact" else 0.0)
+    return FiducialShadows(pixels, fiducials.points_sensor, error)
 
 
 def _how(options: FiducialOptions) -> str:

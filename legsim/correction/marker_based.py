@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from legsim.core.errors import LegsimError
 from legsim.correction import bead_tracking
 from legsim.correction.bead_scan import BeadScan
 from legsim.correction.bead_tracking import Reference
@@ -19,7 +20,11 @@ class MarkerBased:
     """what fixes place and size of the scene, see :mod:`legsim.correction.bead_tracking`"""
 
     def __call__(self, scan: Scan, /) -> Correction:
-        beads = self.beads if isinstance(self.beads, BeadScan) else self.beads()
+        beads = self.beads() if callable(self.beads) else self.beads
+        if not isinstance(beads, BeadScan):
+            raise LegsimError(
+                f"MarkerBased follows the beads of a BeadScan, not {type(beads).__name__}"
+            )
         pixels = bead_tracking.track(beads.projections, beads.guesses, radius=beads.radius)
         found = bead_tracking.estimate(scan.projections.geometry, pixels, reference=self.reference)
         note = (

@@ -56,6 +56,18 @@ class Scan:
         """(v,) s of the views."""
         return self.projections.geometry.times
 
+    def sensor(self, wanted: str = "") -> str:
+        """Name of the sensor to follow: the wanted one, or the first.
+
+        Raises:
+            LegsimError: the scan has no sensor.
+        """
+        if not self.signals.sensor_names:
+            raise LegsimError(
+                "the method follows a sensor, and the scan has none; take uncorrected or autofocus"
+            )
+        return wanted or self.signals.sensor_names[0]
+
     def start(self, sensor: str) -> SensorStart:
         """Finds pose and velocity of one sensor at the first view."""
         if sensor not in self.signals.sensor_names:

@@ -89,7 +89,7 @@ class Rigid:
     """of the product of rigid changes; "paper" is the published one"""
 
     def __call__(self, scan: Scan, /) -> Correction:
-        sensor = self.sensor or scan.signals.sensor_names[0]
+        sensor = scan.sensor(self.sensor)
         motion = rigid_motion(scan.times, sensor_path(scan, sensor, self.scheme), order=self.order)
         name = "rigid" if self.order == "pose" else "rigid-paper-order"
         return Correction(name, scan.projections, motion)

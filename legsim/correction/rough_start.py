@@ -11,8 +11,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from legsim.core import transforms
-from legsim.core.errors import LegsimError
-from legsim.core.values import FloatArray
+from legsim.core.values import FloatArray, positive
 from legsim.imu.signals import SensorStart
 
 
@@ -31,12 +30,7 @@ class StartErrors:
 
     def __post_init__(self) -> None:
         for field in fields(self):
-            size = getattr(self, field.name)
-            if not (np.isfinite(size) and size >= 0):
-                raise LegsimError(
-                    f"{field.name} of a start's errors must be finite and not negative; got "
-                    f"{size:g}"
-                )
+            positive(f"StartErrors.{field.name}", getattr(self, field.name), zero=True)
 
     @property
     def sigmas(self) -> FloatArray:

@@ -8,10 +8,11 @@ unknown, shadows of fiducials in the sensor whose spacing is known. Beads' place
 that wrong ones do not pull.
 
 The result has its covariance. It is that of the model: soft tissue between skin, sensor and bone is
-in it only as far as the errors of the shadows say so.
+in it only as far as the errors of the shadows say so. Where the shadows miss the path by more than
+their errors allow, they are as wrong as that, and the estimate is made again.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -19,8 +20,9 @@ from scipy.linalg import cho_factor, cho_solve
 
 from legsim.core import transforms
 from legsim.core.errors import LegsimError
-from legsim.core.values import FloatArray
+from legsim.core.values import FloatArray, frozen, positive
 from legsim.correction.error_state import ErrorState, SensorPath
+from legsim.correction.triangulation import triangulated
 from legsim.deformation.models import RigidMotion
 from legsim.geometry.cone_beam import ConeBeamGeometry
 
@@ -38,8 +40,18 @@ _DOUBTED = 3.0
 _FIRM = 0.1
 """m, standard deviation of a bead about its first place: keeps one that is seldom seen in place"""
 
+SHADOW_ERROR_PX = 0.3
+"""standard deviation along u and v of a shadow's place, where nothing else is known of it"""
+
+_BEYOND_CHANCE = 1.2
+"""times their standard deviation that shadows may miss the path by, RMS: dozens of them make 1.1"""
+
 _FEWEST_VIEWS = 3
 """that a bead must be seen in to have a place"""
+
+
+class DivergedError(LegsimError):
+    """No path fits what is measured; what was given may all be of the right form."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -64,29 +76,20 @@ class StandingPrior:
         return cls(np.asarray(knee) + 1e-3 * np.array(arms), spread)
 
 
-def _refuse_no_shadows(name: str, pixels: FloatArray, error_px: float) -> None:
-    """Refuses what numpy would take for shadows all the same."""
-    shape = np.shape(pixels)
-    if len(shape) != 3 or shape[2] != 2:
-        raise LegsimError(
-            f"{name}.pixels has the shape {shape}; give (views, points, 2), column and row, NaN "
-            "where unseen"
-        )
-    if not (np.isfinite(error_px) and error_px > 0):
-        raise LegsimError(f"{name}.error_px must be finite and above 0, in px; got {error_px:g}")
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class BeadShadows:
     """Shadows of beads on what the sensor is fixed to; their places are unknown."""
 
     pixels: FloatArray
     """(v, b, 2) (u, v); NaN where unseen"""
-    error_px: float = 0.3
+    error_px: float = SHADOW_ERROR_PX
     """standard deviation along u and v, of detection and of skin that slides"""
 
     def __post_init__(self) -> None:
-        _refuse_no_shadows("BeadShadows", self.pixels, self.error_px)
+        object.__setattr__(
+            self, "pixels", frozen("BeadShadows.pixels", self.pixels, (None, None, 2))
+        )
+        positive("BeadShadows.error_px", self.error_px)
 
     def enough(self) -> "BeadShadows":
         """Only the beads that are seen often enough to have a place.
@@ -111,11 +114,15 @@ class FiducialShadows:
     """(v, f, 2) (u, v); NaN where unseen"""
     points_sensor: FloatArray
     """(f, 3) m"""
-    error_px: float = 0.3
+    error_px: float = SHADOW_ERROR_PX
     """standard deviation along u and v"""
 
     def __post_init__(self) -> None:
-        _refuse_no_shadows("FiducialShadows", self.pixels, self.error_px)
+        pixels = frozen("FiducialShadows.pixels", self.pixels, (None, None, 2))
+        places = frozen("FiducialShadows.points_sensor", self.points_sensor, (pixels.shape[1], 3))
+        object.__setattr__(self, "pixels", pixels)
+        object.__setattr__(self, "points_sensor", places)
+        positive("FiducialShadows.error_px", self.error_px)
 
     def enough(self) -> "FiducialShadows":
         """The same, if they are seen often enough to tell anything.
@@ -313,12 +320,12 @@ def solved(matrix: FloatArray, right: FloatArray) -> FloatArray:
     """The solution of normal equations.
 
     Raises:
-        LegsimError: they have none, as where steps ran far away.
+        DivergedError: they have none, as where steps ran far away.
     """
     try:
         return cho_solve(cho_factor(matrix), right)
     except (np.linalg.LinAlgError, ValueError) as error:
-        raise LegsimError(
+        raise DivergedError(
             "no path of the sensor fits its start, its signals and the shadows of beads or "
             "points; check which is which, the order of the views, and (column, row) of the pixels"
         ) from error
@@ -385,9 +392,14 @@ def smooth(
 
     Raises:
         LegsimError: shadows without a geometry or of other views.
+        DivergedError: no path fits them.
     """
-    problem, errors, places = _prepared(state, standing, geometry, beads, fiducials)
-    return _result(problem, *_descended(problem, errors, places))
+    problem, *begun = _prepared(state, standing, geometry, beads, fiducials)
+    found = _descended(problem, *begun)
+    worse = _believed(problem, state.path(found[0]), found[1])
+    if worse is not problem:
+        problem, found = worse, _descended(worse, *begun)
+    return _result(problem, *found)
 
 
 def _prepared(
@@ -454,35 +466,35 @@ def _smoothed(
     settled: bool,
 ) -> SmoothedPath:
     seen = [s for s in problem.shadows(path.poses, places) if s is not None]
-    residual = float("nan")
-    if seen:
-        sizes = [g.error_px for g in (problem.beads, problem.fiducials) if g is not None]
-        squares = sum(
-            float((s.weights * (s.miss**2).sum(-1)).sum()) * px**2
-            for s, px in zip(seen, sizes, strict=True)
-        )
-        total = sum(float(s.weights.sum()) for s in seen)
-        residual = float(np.sqrt(squares / total)) if total else residual
-    return SmoothedPath(
-        problem.state.views,
-        path,
-        errors,
-        covariance,
-        places,
-        residual,
-        settled,
+    sizes = [g.error_px for g in (problem.beads, problem.fiducials) if g is not None]
+    squares = sum(
+        float((s.weights * (s.miss**2).sum(-1)).sum()) * px**2
+        for s, px in zip(seen, sizes, strict=True)
     )
+    total = sum(float(s.weights.sum()) for s in seen)
+    residual = float(np.sqrt(squares / total)) if total else float("nan")
+    views = problem.state.views
+    return SmoothedPath(views, path, errors, covariance, places, residual, settled)
 
 
-def triangulated(geometry: ConeBeamGeometry, pixels: FloatArray) -> FloatArray:
-    """Points (b, 3) nearest to the rays through their shadows (v, b, 2) under moved matrices."""
-    sources, inverses = geometry.sources(), np.linalg.inv(geometry.matrices[:, :, :3])
-    places = np.zeros((pixels.shape[1], 3))
-    for bead, shadows in enumerate(np.moveaxis(pixels, 1, 0)):
-        seen = np.isfinite(shadows).all(-1)
-        ends = np.concatenate([shadows[seen], np.ones((int(seen.sum()), 1))], -1)
-        rays = (inverses[seen] @ ends[..., None])[..., 0]
-        rays /= np.linalg.norm(rays, axis=-1, keepdims=True)
-        across = np.eye(3) - rays[:, :, None] * rays[:, None, :]
-        places[bead] = np.linalg.solve(across.sum(0), np.einsum("vij,vj->i", across, sources[seen]))
-    return places
+def _believed(problem: _Problem, path: SensorPath, places: FloatArray) -> _Problem:
+    """The problem whose shadows have errors as large as they miss the path by; the same where they
+    are as stated.
+    """
+    given, found = (problem.beads, problem.fiducials), problem.shadows(path.poses, places)
+    beads, fiducials = (
+        shadows
+        if shadows is None or missed is None or (misfit := _misfit(missed)) <= _BEYOND_CHANCE
+        else replace(shadows, error_px=misfit * shadows.error_px)
+        for shadows, missed in zip(given, found, strict=True)
+    )
+    if beads is problem.beads and fiducials is problem.fiducials:
+        return problem
+    return replace(problem, beads=beads, fiducials=fiducials)
+
+
+def _misfit(shadows: _Shadows) -> float:
+    """RMS distance along u and v of the shadows that have weight, in standard deviations."""
+    total = 2 * float(shadows.weights.sum())
+    squares = float((shadows.weights * (shadows.miss**2).sum(-1)).sum())
+    return float(np.sqrt(squares / total)) if total else 0.0

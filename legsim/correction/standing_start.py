@@ -57,15 +57,15 @@ def standing_start(
     Raises:
         LegsimError: fewer than three views, or views outside the recording.
     """
-    views, rate_and_force = increasing_times("views", views), signals.sensor(sensor)
+    views, (times, rate, force) = increasing_times("views", views), signals.samples(sensor)
     if len(views) < 3:
         raise LegsimError(f"a standing start needs three views or more; got {len(views)}")
     pose = np.array(frozen("rough pose", rough_pose, (4, 4)))
-    pose[:3, :3] = _upright(pose[:3, :3], signals.times, rate_and_force[1], views) @ pose[:3, :3]
+    pose[:3, :3] = _upright(pose[:3, :3], times, force, views) @ pose[:3, :3]
     velocity, trend = np.zeros(3), np.zeros(3)
     for _ in range(_ROUNDS):
         path = strapdown.integrate(
-            signals.times, *rate_and_force, SensorStart(pose, np.zeros(3)), views, scheme=scheme
+            times, rate, force, SensorStart(pose, np.zeros(3)), views, scheme=scheme
         )[:, :3, 3]
         velocity, trend = _trends(views, path)
         # a world acceleration a to the side is gravity seen through a tilt of a / g

@@ -31,6 +31,7 @@ from legsim.correction.smoother import (
     SmoothedPath,
     StandingPrior,
     _add,
+    _believed,
     _descended,
     _Normal,
     _prepared,
@@ -233,7 +234,15 @@ def smooth_tied(
         _at_first_view(thigh.state, errors[0], tie.hip_in_thigh, tie.hip_spread, tie.samples),
         _at_first_view(shank.state, errors[1], tie.ankle_in_shank, tie.ankle_spread, tie.samples),
     )
-    return _descended_together(_Joint(problems, tie, still), errors, places)
+    joint = _Joint(problems, tie, still)
+    found = _descended_together(joint, errors, places)
+    first, second = (
+        _believed(problem, one.path, one.bead_places)
+        for problem, one in zip(problems, (found.thigh, found.shank), strict=True)
+    )
+    if first is problems[0] and second is problems[1]:
+        return found
+    return _descended_together(joint._replace(problems=(first, second)), errors, places)
 
 
 def tied_paths(

@@ -31,6 +31,7 @@ class GradientEntropy:
     """1/m: differences below it hardly count; about the noise of a volume"""
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "mask", np.asarray(self.mask, bool))
         if self.mask.ndim != 3 or not self.mask[(_INNER,) * 3].any():
             raise LegsimError(
                 f"the mask of shape {self.mask.shape} has no voxel within the border of its grid"

@@ -32,6 +32,7 @@ class Region:
         return f"Region({self.name}: {int(self.mask.sum())} voxels)"
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "mask", np.asarray(self.mask))
         if self.mask.ndim != 3 or self.mask.dtype != np.bool_:
             raise LegsimError(
                 f"region {self.name!r} is {self.mask.dtype} of shape {self.mask.shape}; expected "

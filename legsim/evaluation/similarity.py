@@ -144,8 +144,9 @@ def evaluate(
         device: that resamples and computes SSIM; None opens the fastest.
 
     Raises:
-        LegsimError: the grids differ by over a thousandth of a voxel, a region is empty, a volume
-            holds NaN or is constant, or no device works.
+        LegsimError: the grids differ by over a thousandth of a voxel, there is no region or an
+            empty one, an unknown scaling or window, a volume holds NaN or is constant, or no device
+            works.
 
     >>> evaluate(volume, truth, scan.regions(grid)).of("leg").ssim
     0.945
@@ -222,6 +223,11 @@ def prepare(
 
     What lies away from the regions is not kept. Arguments and errors are those of :func:`evaluate`.
     """
+    for what, name, known in (("scaling", scaling, SCALINGS), ("window", window, WINDOWS)):
+        if name not in known:
+            raise LegsimError(f"unknown {what} {name!r}; choose one of {', '.join(known)}")
+    if not regions:
+        raise LegsimError("there is no region to compare volumes in; give one or more")
     if phantom is not None:
         _refuse_other_grid(phantom.grid, reference.grid)
     for region in regions:

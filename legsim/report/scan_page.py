@@ -131,9 +131,13 @@ def scan_report(
     provenance: Sequence[tuple[str, str]],
     *,
     side: str = "left",
+    views: FloatArray | None = None,
 ) -> ReportContent:
-    """Builds the page of a run; ``side`` is the scanned leg's."""
-    condition = _condition(recovered, side)
+    """Builds the page of a run.
+
+    ``side`` is the scanned leg's, ``views`` (v,) s its times; None for the whole recording.
+    """
+    condition = condition_of(recovered, side, views)
     further = _residual_table(results, side)
     images = PageSection(
         "Image quality", tables=(*quality(results, condition), further), figures=tuple(pictures[:3])
@@ -197,11 +201,16 @@ def _number(value: float | None) -> str:
     return "–" if value is None else f"{value:.2f}"
 
 
-def _condition(recovered: MovingLeg, side: str) -> str:
-    """Block of the published table to compare with, by the mean bend of the scanned knee."""
+def condition_of(recovered: MovingLeg, side: str, views: FloatArray | None = None) -> str:
+    """Block of the published table to compare with, by the mean bend of the scanned knee.
+
+    Nothing is published of other postures than held squats.
+    """
     poses = recovered.leg.segment_poses(recovered.trajectories)
-    bend = float(np.degrees(poses.knee_flexion(side[0]).mean()))
-    return "30" if 15 <= bend < 45 else "60" if 45 <= bend <= 75 else "all"
+    first, last = (-np.inf, np.inf) if views is None else (views[0], views[-1])
+    during = (poses.times >= first) & (poses.times <= last)
+    bend = float(np.degrees(poses.knee_flexion(side[0])[during].mean()))
+    return "30" if 15 <= bend < 45 else "60" if 45 <= bend <= 75 else "no held squat"
 
 
 def write_pictures(folder: Path, drawn: Sequence[tuple[str, str, Figure]]) -> list[Picture]:

@@ -59,6 +59,7 @@ def imaging(scan: ScanConfig) -> Imaging:
     except LegsimError as error:
         raise LegsimError(f"scan.detector: {error}") from error
     beam = scan.spectrum
+    _check_read(beam)
     if beam.water_precorrection and beam.kind == "none":
         raise LegsimError(
             "scan.spectrum.water_precorrection has nothing to correct at one energy; set "
@@ -103,6 +104,24 @@ def sentence(scan: ScanConfig, phantom: PhantomConfig) -> str:
         f"Projections are of {energies}; a pixel is {rays}; the detector "
         f"{f'has {present}' if present else 'is perfect'}.{swings}"
     )
+
+
+_TUBE = ("kvp", "anode_deg", "aluminum_mm", "copper_mm", "response")
+_READ: dict[str, tuple[str, ...]] = {"none": (), "tube": _TUBE, "file": ("file",)}
+"""keys of scan.spectrum that each kind reads"""
+
+
+def _check_read(beam: SpectrumConfig) -> None:
+    """Refuses a key that the kind of spectrum does not read."""
+    default = SpectrumConfig()
+    for reader, keys in _READ.items():
+        for key in keys:
+            changed = getattr(beam, key) != getattr(default, key)
+            if key not in _READ[beam.kind] and changed:
+                raise LegsimError(
+                    f"scan.spectrum.{key} has no effect with scan.spectrum.kind = {beam.kind!r}; "
+                    f"leave it out, or set the kind to {reader}"
+                )
 
 
 def _spectrum(beam: SpectrumConfig) -> Spectrum | None:

@@ -1,8 +1,8 @@
 """What decides the numbers of a stage besides settings and files: its code and its libraries.
 
 A stage's key holds the content of the modules that make its output and of all that they import
-within legsim, with the OpenCL kernels and the models that these name, and the versions of the
-libraries that compute in them. Imports are read from the source, those inside functions included.
+within legsim, with the OpenCL kernels, templates and models that these name, and the versions of
+the libraries that compute in them. Imports are read from the source, also those inside functions.
 """
 
 import hashlib
@@ -32,7 +32,11 @@ _IMPORT = re.compile(
     re.M,
 )
 _LAZY = re.compile(r"""lazy_loader\.load\(\s*["']([\w.]+)["']""")
-_KERNEL = re.compile(r"""["'](\w+\.cl)["']""")
+_BESIDE = {
+    re.compile(r"""["'](\w+\.cl)["']"""): "opencl/kernels",
+    re.compile(r"""["']([\w.]+\.j2)["']"""): "report/templates",
+}
+"""names of files in the source that are no modules, and their folder"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,7 +82,8 @@ STAGES = {
     "aided": Code(
         (
             *("correction", "imu", "kinematics.from_recording", "scan.c_arm"),
-            *("phantom.leg_phantom", "evaluation.residual_motion"),
+            *("phantom.leg_phantom", "phantom.imaged_leg", "phantom.tissue_swing"),
+            "evaluation.residual_motion",
         ),
         (
             *("study.aiding", "simulation.setup", "run.scores", "run.volumes", "run.stages"),
@@ -100,7 +105,8 @@ class _Source:
     digest: str
     imports: frozenset[str]
     """dotted names; ``from a import b`` counts as a.b; relative ones begin with dots"""
-    kernels: frozenset[str]
+    beside: frozenset[str]
+    """places of kernels and templates"""
     models: frozenset[str]
     """folders below models/ with which some string begins"""
     libraries: frozenset[str]
@@ -117,7 +123,8 @@ def _source(path: Path, model: re.Pattern[str]) -> _Source:
         imports |= {f"{dotted}{name}" for name in listed} if origin else set(listed)
     tops = {name.partition(".")[0] for name in imports} & _LIBRARIES.keys()
     libraries = {_LIBRARIES[name] for name in tops}
-    found = (imports, _KERNEL.findall(text), model.findall(text), libraries)
+    beside = [f"{place}/{name}" for kind, place in _BESIDE.items() for name in kind.findall(text)]
+    found = (imports, beside, model.findall(text), libraries)
     return _Source(hashlib.sha256(data).hexdigest(), *map(frozenset, found))
 
 
@@ -137,11 +144,11 @@ def _stamp(path: Path | str) -> tuple[int, int]:
 
 
 def _stamps(root: Path) -> dict[str, tuple[int, int]]:
-    """When the sources and kernels below a folder were changed, and their sizes, by path in it."""
+    """When the files of the code below a folder were changed, and their sizes, by path in it."""
     found = {}
     for folder, _, inside in os.walk(root):
         for name in inside:
-            if name.endswith((".py", ".pyi", ".cl")):
+            if name.endswith((".py", ".pyi", ".cl", ".j2")):
                 path = Path(folder, name)
                 found[path.relative_to(root).as_posix()] = _stamp(path)
     return found
@@ -181,8 +188,8 @@ class CodeTree:
     def files(self, *codes: Code) -> dict[str, str]:
         """Hash of every module, kernel and model file, by its path in the package."""
         sources = {file: self._read(file) for file in self._closure(*codes)}
-        kernels = {f"opencl/kernels/{name}" for one in sources.values() for name in one.kernels}
-        sources |= {place: self._read(place) for place in kernels & self._loaded.keys()}
+        beside = {place for one in sources.values() for place in one.beside}
+        sources |= {place: self._read(place) for place in beside & self._loaded.keys()}
         for file in sources:
             self._check(file)
         found = {file: source.digest for file, source in sources.items()}

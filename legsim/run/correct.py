@@ -370,6 +370,7 @@ def _present(
 ) -> None:
     """Writes pictures, recording and report."""
     folder, on_progress = given.folder, given.on_progress
+    lines = (*notes, *_left_out(scan))
 
     def write() -> tuple[str, ...]:
         on_progress("recording and report", 0, 2)
@@ -382,15 +383,13 @@ def _present(
         drawn = measured_page.measured_figures(scene, moved, scan.grid.center)
         pictures = scan_page.write_pictures(folder.path / "pictures", drawn)
         provenance = [(what, str(value)) for what, value in folder.about.items()]
-        content = measured_page.measured_report(
-            scan.seen, sharpness, pictures, (*notes, *_left_out(scan)), provenance
-        )
+        content = measured_page.measured_report(scan.seen, sharpness, pictures, lines, provenance)
         write_text(folder.path / "report.html", page.render(content))
         on_progress("recording and report", 2, 2)
-        return "recording.rrd", "report.html"
+        return "recording.rrd", "report.html", *(picture.file for picture in pictures)
 
     hashes = [folder.hash_of(f"volume-{one.name}.mha") for one in corrected]
-    folder.cached("presentation", key_of(key, hashes, notes), write)
+    folder.cached("presentation", key_of(key, hashes, lines, folder.about["inputs"]), write)
 
 
 def _left_out(scan: MeasuredScan) -> tuple[str, ...]:

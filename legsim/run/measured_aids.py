@@ -13,8 +13,9 @@ from legsim.correction.bead_scan import BeadScan
 from legsim.correction.fiducials import Fiducials
 from legsim.correction.fused import SensorPriors
 from legsim.correction.method import Scan
-from legsim.correction.rough_start import StartErrors
-from legsim.correction.smoother import BeadShadows, FiducialShadows, triangulated
+from legsim.correction.rough_start import EXACT, StartErrors
+from legsim.correction.smoother import BeadShadows, FiducialShadows
+from legsim.correction.triangulation import triangulated
 from legsim.imu.catalogue import CataloguedSensor, field_of, load_sensor
 from legsim.imu.errors import TERMS
 from legsim.imu.signals import SensorStart
@@ -85,7 +86,13 @@ def doubts(scan: MeasuredScan, names: Sequence[str]) -> tuple[str, ...]:
     """Sentences on methods whose sensors drift by more than a person who stands moves, and on
     pixels of beads or points that images or geometry speak against.
     """
-    said = methods.undetermined(names, scan.seen, followed(scan), priors(scan))
+    # dead reckoning trusts a pose that is stated exactly, as methods that find it do not
+    exact = {
+        name: EXACT
+        for name, start in scan.worn.items()
+        if start.known == "exactly" and not start.fiducials
+    }
+    said = methods.undetermined(names, scan.seen, followed(scan), priors(scan), exact)
     model = scan.settings.methods.sensor_model
     lines = [f"{line}; its errors are taken for those of {model}" for line in said]
     projections, given = scan.seen.projections, scan.settings
@@ -156,7 +163,8 @@ def beads(scan: MeasuredScan) -> Callable[[], BeadShadows | BeadScan] | None:
             f"give each bead in {_FEWEST_BY_HAND} views or more, far apart; the others are tracked",
         )
     guesses = triangulated(geometry, pixels)
-    return lambda: BeadScan(scan.seen.projections, guesses, 0.5e-3 * given.diameter_mm)
+    radius = 0.5e-3 * given.diameter_mm
+    return lambda: BeadScan(scan.seen.projections, guesses, radius, given.error_px)
 
 
 def fiducials(scan: MeasuredScan) -> Callable[[], FiducialShadows] | None:

@@ -6,8 +6,8 @@ Installed ones are entry points.
 import importlib.metadata
 import importlib.util
 import re
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import Any, cast
@@ -29,6 +29,7 @@ from legsim.correction.method import Correction, CorrectionMethod, Scan
 from legsim.correction.nonrigid import NonRigid2D, NonRigid3D
 from legsim.correction.oracle import Oracle
 from legsim.correction.rigid import Rigid, Uncorrected
+from legsim.correction.rough_start import StartErrors
 from legsim.correction.smoother import BeadShadows, FiducialShadows
 from legsim.geometry.volume import VolumeGrid
 from legsim.imu.strapdown import Scheme
@@ -89,7 +90,13 @@ DEAD_RECKONING = ("rigid", "rigid-paper-order", "nonrigid-2d", "nonrigid-3d", "a
 """methods that follow sensors alone, wherever these drift"""
 
 
-def undetermined(names: Sequence[str], scan: Scan, sensor: str, priors: SensorPriors) -> list[str]:
+def undetermined(
+    names: Sequence[str],
+    scan: Scan,
+    sensor: str,
+    priors: SensorPriors,
+    starts: Mapping[str, StartErrors] | None = None,
+) -> list[str]:
     """A sentence for each method and sensor whose expected drift hides how a person moves.
 
     Args:
@@ -97,6 +104,7 @@ def undetermined(names: Sequence[str], scan: Scan, sensor: str, priors: SensorPr
         scan: as methods see it.
         sensor: the one that rigid methods follow.
         priors: what is known of every sensor.
+        starts: how far the starts of some sensors may be off, by name; else as ``priors`` say.
     """
     on_joints = dict.fromkeys(point.sensor for leg in scan.joints for point in leg)
     said = []
@@ -105,7 +113,9 @@ def undetermined(names: Sequence[str], scan: Scan, sensor: str, priors: SensorPr
         if own is None and name not in DEAD_RECKONING:
             continue
         followed = on_joints if name in FOLLOW_JOINTS else (own or sensor,)
-        said += [drift_warning(name, scan, one, priors) for one in followed]
+        for one in followed:
+            known = replace(priors, start=(starts or {}).get(one, priors.start))
+            said.append(drift_warning(name, scan, one, known))
     return [line for line in said if line]
 
 
@@ -227,7 +237,9 @@ def check_names(names: Sequence[str], place: str) -> None:
     labels = [label(name) for name in names]
     for name, own in zip(names, labels, strict=True):
         find(name)
-        if labels.count(own) > 1 or own == REFERENCE:
+        # what is said of legsim's own methods, and published of them, would be said of it
+        taken = own == REFERENCE or (own in BUILT_IN and name != own)
+        if labels.count(own) > 1 or taken:
             raise LegsimError(
                 f"{place}: {name} would be called {own!r} like another method; rename its function"
             )

@@ -12,6 +12,7 @@ from typing import Any
 
 from legsim import __version__, config, view
 from legsim.config import RunConfig
+from legsim.core.errors import LegsimError
 from legsim.core.files import key_of, write_text
 from legsim.core.progress import OnProgress, silent
 from legsim.correction.method import Scan
@@ -22,7 +23,17 @@ from legsim.imu import plausibility as imu_plausibility
 from legsim.opencl import failures
 from legsim.opencl.device import Device, open_device
 from legsim.report import page, scan_page
-from legsim.run import c_arm, code, methods, scan_file, scores, sensors, stages, volumes
+from legsim.run import (
+    c_arm,
+    code,
+    methods,
+    reconstruction,
+    scan_file,
+    scores,
+    sensors,
+    stages,
+    volumes,
+)
 from legsim.run.corrected import Reconstructed
 from legsim.run.folder import RunFolder, commit
 from legsim.run.stages import StageContext
@@ -122,13 +133,18 @@ def run_scan(
 
     >>> result = run_scan(load_settings(preset="demo"), "out")
     """
+    if not isinstance(settings, RunConfig):
+        raise LegsimError(
+            f"settings of a run are what load_settings gives, not {type(settings).__name__}"
+        )
     # wrong settings are reported before anything is computed
     volumes.check(settings)
     sensors.check(settings.imu)
-    c_arm.imaging(settings.scan)
+    reconstruction.check_views(settings.reconstruction, c_arm.c_arm(settings.scan))
     opened, out = open_device(device), Path(out)
     with failures.reported(opened.label), RunFolder(out, _about(settings, opened), store) as folder:
         write_text(out / "config.toml", config.dump(settings))
+        folder.write_manifest()  # of these settings, even where no stage runs
         return _run(StageContext(settings, folder, opened, on_progress), presented=presented)
 
 
@@ -144,7 +160,7 @@ def _run(stage: StageContext, *, presented: bool) -> RunResult:
     )
     readings = imu_plausibility.objections(signals)
     stages.refuse_implausible(settings, setup.person.name, readings)
-    starts = stages.starts(stage, setup, signals)
+    starts = stages.starts(settings, setup, signals, stage.device)
     moving, at_rest = stages.exposures(stage, setup)
     joints = joints_on_sensors(
         setup,
@@ -187,6 +203,7 @@ def _present(
 ) -> None:
     """Writes the recording, the pictures and the report."""
     settings, folder, setup = stage.settings, stage.folder, scan.setup
+    lines = _summary(settings, results, notes)
 
     def write() -> tuple[str, ...]:
         stage.on_progress("recording and report", 0, 2)
@@ -207,9 +224,10 @@ def _present(
             setup.person,
             results,
             pictures,
-            _summary(settings, results, notes),
+            lines,
             provenance,
             side=setup.side,
+            views=setup.times,
         )
         write_text(folder.path / "report.html", page.render(content))
         stage.on_progress("recording and report", 2, 2)
@@ -220,6 +238,8 @@ def _present(
         code.fingerprint("presentation"),
         settings.model_dump(),
         folder.hash_of("metrics.json"),
+        folder.hash_of("imu.csv"),
+        lines,
     )
     folder.cached("presentation", key, write)
 

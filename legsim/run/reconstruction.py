@@ -3,6 +3,8 @@
 from collections.abc import Callable, Mapping
 from typing import Any
 
+import numpy as np
+
 from legsim.config import ReconstructionConfig, of_options
 from legsim.core.errors import LegsimError
 from legsim.deformation.models import Motion
@@ -12,6 +14,8 @@ from legsim.opencl.device import Device
 from legsim.reconstruction import cgls, fdk, total_variation
 from legsim.reconstruction.corrected_scan import CorrectedScan
 from legsim.reconstruction.fdk import FdkOptions
+from legsim.reconstruction.source_path import source_arc
+from legsim.scan.c_arm import CArm
 
 _OPTIONS = {
     "fdk": ("window", "water_attenuation_per_mm", "redundancy"),
@@ -32,6 +36,23 @@ def check(settings: ReconstructionConfig) -> None:
         if getattr(settings, name) != getattr(defaults, name):
             raise _refusal(name, f"reconstruction.{name}", "reconstruction.algorithm = ", settings)
     _check_weight(settings, "reconstruction.tv_weight_mm and reconstruction.noise")
+
+
+def check_views(settings: ReconstructionConfig, arm: CArm) -> None:
+    """Refuses, before anything is projected, views that filtered back-projection cannot use.
+
+    Raises:
+        LegsimError: fewer than three, or views from places on one line.
+    """
+    if settings.algorithm != "fdk":
+        return
+    times = np.arange(len(arm.angles)) / arm.rate_hz
+    try:
+        source_arc(arm.geometry(times, np.zeros(3)))
+    except LegsimError as error:
+        raise LegsimError(
+            f"scan.views, scan.increment_deg: {error}; or choose reconstruction.algorithm = cgls"
+        ) from error
 
 
 def from_options(given: Mapping[str, Any]) -> ReconstructionConfig:

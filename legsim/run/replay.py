@@ -101,7 +101,9 @@ def _replay(
         return "recording.rrd", "report.html", imu_comparison.FILE
 
     table = imu_comparison.table(compared)
-    decided_by = key_of(key, code.fingerprint("replay"), provenance, table, lines)
+    decided_by = key_of(
+        key, code.fingerprint("replay"), provenance, table, lines, folder.hash_of("imu.csv")
+    )
     folder.cached("replay", decided_by, write)
     if image is not None:
         files.write_bytes(image, posture())

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from legsim.config import RunConfig, measured_scan
+from legsim.config import WHITE, RunConfig, measured_scan
 from legsim.config.imu_file import ImuFileConfig, StartConfig, WornSensorConfig
 from legsim.config.measured_scan import (
     JointConfig,
@@ -51,8 +51,19 @@ def known_of(settings: RunConfig, scan: Scan, sensors: Sequence[Sensor]) -> Meas
             sensor=used.sensor if used.sensor in scan.signals.sensor_names else "",
             scheme=used.scheme,
             node_mm=used.node_mm,
+            sensor_model=_sensor_model(settings),
+            spread_mm=used.fused.spread_mm,
+            clock_ms=used.fused.clock_ms,
         ),
     )
+
+
+def _sensor_model(settings: RunConfig) -> str:
+    """The sensor whose errors the run's methods expect; the usual one where it has no name."""
+    kind = settings.imu.noise.kind
+    if kind in ("none", "custom", *WHITE):
+        return MeasuredMethodsConfig().sensor_model
+    return str(Path(kind).resolve()) if kind.endswith(".toml") else kind
 
 
 def _start(start: SensorStart) -> StartConfig:

@@ -1,13 +1,12 @@
 """The configured sensors and their errors, in SI units."""
 
-import warnings
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from legsim import config
-from legsim.config import ImuConfig, NoiseConfig
+from legsim.config import WHITE, ImuConfig, NoiseConfig, noise_keys
 from legsim.core import transforms
 from legsim.core.constants import GRAVITY_WORLD, STANDARD_GRAVITY
 from legsim.core.errors import LegsimError
@@ -22,11 +21,6 @@ from legsim.imu.simulation import simulate_imu
 from legsim.imu.skin_mount import SkinMount
 from legsim.imu.vibration import Vibration
 from legsim.kinematics.moving_leg import MovingLeg
-
-WHITE = ("density", "rms", "paper")
-"""kinds that are white noise and constant bias"""
-
-_ERRORS_ONLY = {"off", "accelerometer", "gyroscope", "temperature_course", "calibration", "rest_s"}
 
 
 def sensors(settings: ImuConfig) -> tuple[Sensor, ...]:
@@ -57,21 +51,26 @@ def check(settings: ImuConfig) -> None:
     noise = settings.noise
     errors_of(noise)
     _course(noise)
-    ignored = sorted(_ERRORS_ONLY & noise.model_fields_set)
-    changed = [key for key in ignored if getattr(noise, key) != getattr(NoiseConfig(), key)]
-    if noise.kind in ("none", *WHITE) and changed:
-        raise LegsimError(
-            f"imu.noise.{changed[0]} has no effect with imu.noise.kind = {noise.kind!r}; set the "
-            "kind to custom, or to a sensor (legsim sensors lists them)"
-        )
-    biases = ("acceleration_bias_mg", "angular_velocity_bias_deg_per_s")
-    bias = next((key for key in biases if getattr(noise, key)), None)
-    if noise.kind not in ("none", *WHITE) and bias is not None:
-        raise LegsimError(
-            f"imu.noise.{bias} has no effect with imu.noise.kind = {noise.kind!r}; set "
-            "turn_on_bias_mg of imu.noise.accelerometer, or turn_on_bias_deg_per_s of "
-            "imu.noise.gyroscope"
-        )
+    default, read = NoiseConfig(), noise_keys(noise.kind)
+    for key in sorted(NoiseConfig.model_fields.keys() - read - {"kind"}):
+        if getattr(noise, key) != getattr(default, key):
+            raise LegsimError(
+                f"imu.noise.{key} has no effect with imu.noise.kind = {noise.kind!r}; "
+                f"{_instead(key, noise.kind)}"
+            )
+
+
+def _instead(key: str, kind: str) -> str:
+    """What to do about a key that the kind does not read."""
+    readers = [white for white, keys in WHITE.items() if key in keys]
+    if not readers:
+        return "set the kind to custom, or to a sensor (legsim sensors lists them)"
+    if kind in ("none", *WHITE) or len(readers) < len(WHITE):
+        return f"leave it out, or set the kind to {' or '.join(readers)}"
+    return (
+        "set turn_on_bias_mg of imu.noise.accelerometer, or turn_on_bias_deg_per_s of "
+        "imu.noise.gyroscope"
+    )
 
 
 def errors_of(settings: NoiseConfig) -> SensorErrors | None:
@@ -256,7 +255,6 @@ def records(
 
     The exact signals are computed once.
     """
-    _warn_of_rate(settings, view_rate_hz)
     errors = errors_of(settings.noise)
     every = 1 if errors is None else readout.oversampling(errors, settings.rate_hz)
     felt = sense(person, settings, every=every, shaking=shaking)
@@ -278,15 +276,6 @@ def records(
             streams = tuple(rng.spawn(len(read.sensor_names)))
             read = clock.lose_samples(read, settings.lost_share, settings.lost, streams)
         yield read
-
-
-def _warn_of_rate(settings: ImuConfig, view_rate_hz: float) -> None:
-    if settings.rate_hz < view_rate_hz:
-        warnings.warn(
-            f"the sensors take {settings.rate_hz:g} samples per second, fewer than the scan's "
-            f"{view_rate_hz:g} views: motion between samples is not seen; raise imu.rate_hz",
-            stacklevel=2,
-        )
 
 
 def _rest_force(person: MovingLeg, settings: ImuConfig, rest_at: float) -> FloatArray | None:

@@ -12,7 +12,7 @@ import numpy as np
 from legsim.core.errors import file_error
 from legsim.core.values import FloatArray
 from legsim.correction.fiducials import FIDUCIAL_NAMES
-from legsim.correction.smoother import triangulated
+from legsim.correction.triangulation import triangulated
 from legsim.geometry.cone_beam import ConeBeamGeometry, Projections
 from legsim.imu import table_rows
 

@@ -27,9 +27,8 @@ from legsim.kinematics.moving_leg import MovingLeg
 from legsim.kinematics.osim_leg import OsimLeg
 from legsim.mocap import opensim, trc
 from legsim.opencl.device import Device
-from legsim.phantom import imaged_leg
 from legsim.run import c_arm as run_c_arm
-from legsim.run import code
+from legsim.run import code, named_files
 from legsim.run import motion as run_motion
 from legsim.run import sensors as run_sensors
 from legsim.run.files import save_joint_centers, save_marker_errors, save_poses
@@ -61,8 +60,7 @@ class StageContext:
             self.device.candidate.compiler,
             settings.scan.model_dump(),
             settings.phantom.model_dump(),
-            run_c_arm.fingerprint(settings.scan, settings.seed),
-            imaged_leg.content_key(settings.phantom.file) if settings.phantom.file else None,
+            named_files.of_scan(settings),
         )
 
 
@@ -117,6 +115,21 @@ def write_kinematics(person: MovingLeg, folder: RunFolder, key: str) -> None:
     folder.cached("kinematics", key, write)
 
 
+def record(settings: RunConfig, person: MovingLeg, *, rest_at: float) -> ImuSignals:
+    """Simulates what the sensors read over the whole recording, by the draws of the run's seed.
+
+    A calibration rests in the pose of the time ``rest_at`` (s).
+    """
+    return run_sensors.record(
+        person,
+        settings.imu,
+        view_rate_hz=settings.scan.rate_hz,
+        rest_at=rest_at,
+        rng=np.random.default_rng([settings.seed, NOISE]),
+        shaking=np.random.default_rng([settings.seed, VIBRATION]),
+    )
+
+
 def read_sensors(
     settings: RunConfig, person: MovingLeg, folder: RunFolder, key: str, *, rest_at: float
 ) -> ImuSignals:
@@ -133,16 +146,7 @@ def read_sensors(
     signals: list[ImuSignals] = []
 
     def write() -> tuple[str, ...]:
-        drawing = np.random.default_rng([settings.seed, NOISE])
-        shaking = np.random.default_rng([settings.seed, VIBRATION])
-        read = run_sensors.record(
-            person,
-            imu,
-            view_rate_hz=settings.scan.rate_hz,
-            rest_at=rest_at,
-            rng=drawing,
-            shaking=shaking,
-        )
+        read = record(settings, person, rest_at=rest_at)
         signals.append(read)
         save_imu(folder.path / "imu.csv", read)
         if read.rest_force is None:
@@ -167,9 +171,16 @@ def set_up(stage: StageContext) -> ScanSetup:
     stage.on_progress("joint angles", 0, 1)
     person = run_motion.solve(settings.motion)
     write_kinematics(person, stage.folder, motion_key(settings))
+    setup = place(settings, person)
+    stage.on_progress("joint angles", 1, 1)
+    return setup
+
+
+def place(settings: RunConfig, person: MovingLeg) -> ScanSetup:
+    """Places a person in the C-arm, if that is a movement that a leg makes."""
     refuse_implausible(settings, person.name, person.implausible)
     wanted, scan = settings.phantom, settings.scan
-    setup = prepare_scan(
+    return prepare_scan(
         person,
         run_c_arm.c_arm(scan),
         side=scan.side,
@@ -183,8 +194,6 @@ def set_up(stage: StageContext) -> ScanSetup:
             Path(wanted.file) if wanted.file else None,
         ),
     )
-    stage.on_progress("joint angles", 1, 1)
-    return setup
 
 
 def refuse_implausible(settings: RunConfig, recording: str, objections: tuple[str, ...]) -> None:
@@ -239,9 +248,14 @@ def _photons(settings: RunConfig, exposure: int) -> np.random.Generator:
     return np.random.default_rng([settings.seed, _PHOTONS, exposure, recording])
 
 
-def starts(stage: StageContext, setup: ScanSetup, signals: ImuSignals) -> Starts:
-    """Starts of each sensor's integration, by methods.start; leveled after a rest."""
-    return initialization.leveled(_starts(stage, setup, signals), signals)
+def starts(
+    settings: RunConfig, setup: ScanSetup, signals: ImuSignals, device: Device | None = None
+) -> Starts:
+    """Starts of each sensor's integration, by methods.start; leveled after a rest.
+
+    The device renders fiducials that are found in images.
+    """
+    return initialization.leveled(_starts(settings, setup, signals, device), signals)
 
 
 def start_errors(methods: MethodsConfig) -> StartErrors:
@@ -276,8 +290,10 @@ def _rough_sentence(rough: RoughConfig) -> str:
     )
 
 
-def _starts(stage: StageContext, setup: ScanSetup, signals: ImuSignals) -> Starts:
-    settings, person = stage.settings, setup.person
+def _starts(
+    settings: RunConfig, setup: ScanSetup, signals: ImuSignals, device: Device | None
+) -> Starts:
+    person = setup.person
     exact = initialization.from_truth(
         person.leg, person.splines, setup.sensors, float(setup.times[0])
     )
@@ -292,7 +308,7 @@ def _starts(stage: StageContext, setup: ScanSetup, signals: ImuSignals) -> Start
     return initialization.from_fiducials(
         signals,
         setup.sensors,
-        FiducialScan(setup.geometry, setup.poses, setup.phantom, stage.device),
+        FiducialScan(setup.geometry, setup.poses, setup.phantom, device),
         simulation.sensor_poses(person.leg, person.splines, setup.sensors, setup.times),
         fiducial_options(settings.methods.fiducials),
         scheme=settings.methods.scheme,

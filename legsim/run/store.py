@@ -11,6 +11,7 @@ import json
 import math
 import os
 import shutil
+import time
 import uuid
 from pathlib import Path
 from typing import Any, TypeGuard
@@ -19,6 +20,9 @@ from legsim.core.errors import file_error
 from legsim.core.files import full_disk, is_file
 
 _ENTRY = "entry.json"
+
+_ABANDONED_SECONDS = 24 * 3600.0
+"""after which nobody still writes a partial entry"""
 
 
 class StageCache:
@@ -144,9 +148,18 @@ def check_shared(store: Path, folder: Path) -> None:
             store, problem, "choose --store and --out on the same file system"
         ) from error
     finally:
+        _remove_abandoned(store)
         for made in (store, folder):
             with contextlib.suppress(OSError):  # it was not made
                 (made / trial).unlink()
+
+
+def _remove_abandoned(store: Path) -> None:
+    """Removes what processes that were killed left half kept, more than a day ago."""
+    for partial in store.glob("*/.partial-*"):
+        with contextlib.suppress(OSError):  # another process was faster
+            if time.time() - partial.stat().st_mtime > _ABANDONED_SECONDS:
+                shutil.rmtree(partial, ignore_errors=True)
 
 
 def _link(source: Path, target: Path) -> None:

@@ -16,7 +16,7 @@ from legsim.correction.bead_scan import Beads, BeadScan
 from legsim.correction.fused import SensorPriors
 from legsim.correction.initialization import FiducialScan
 from legsim.correction.method import Correction, CorrectionMethod
-from legsim.correction.smoother import BeadShadows, FiducialShadows
+from legsim.correction.smoother import SHADOW_ERROR_PX, BeadShadows, FiducialShadows
 from legsim.geometry.volume import VolumeGrid
 from legsim.imu import simulation
 from legsim.opencl.device import Device
@@ -259,8 +259,10 @@ def exact_beads(settings: RunConfig, setup: ScanSetup, stream: int = _FUSED) -> 
     """Projects the true places of few beads, with ``methods.fused.error_px`` of noise."""
     paths = bead_scan.bead_paths(setup.phantom, setup.poses, _few_beads(settings), setup.side[0])
     exact = setup.geometry.project(paths)[0]
-    noise = _stream(settings, stream).standard_normal(exact.shape)
-    return BeadShadows(exact + settings.methods.fused.error_px * noise)
+    noise, error = _stream(settings, stream).standard_normal(exact.shape), settings.methods.fused
+    # without noise too, beads slide with the skin
+    stated = max(SHADOW_ERROR_PX, error.error_px)
+    return BeadShadows(exact + error.error_px * noise, stated)
 
 
 def _few_beads(settings: RunConfig) -> Beads:

@@ -100,8 +100,13 @@ def compare(
 
     >>> volumes, table = compare(scan, {"rigid": Rigid("shank_l")})
     """
-    if not methods or REFERENCE in methods:
+    if not isinstance(methods, Mapping) or not methods or REFERENCE in methods:
         raise LegsimError(f"compare needs methods by name, none of them called {REFERENCE!r}")
+    if not isinstance(scan, SimulatedScan):
+        raise LegsimError(
+            "compare needs a SimulatedScan, whose scan at rest is the reference, not "
+            f"{type(scan).__name__}; correct and evaluate others one by one"
+        )
     chosen = scan.grid() if grid is None else grid
     regions = scan.regions(chosen)
     volumes = {REFERENCE: fdk(scan.at_rest, chosen, device=scan.device)}

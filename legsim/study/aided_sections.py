@@ -40,7 +40,7 @@ def of_motion(scores: Sequence[AidedScore]) -> tuple[PageSection, ...]:
     scans = tuple(dict.fromkeys((s.subject, s.posture) for s in scores))
     draws = 1 + max(s.repetition for s in scores)
     lines = (
-        f"One sensor on the bone, from a rough start, in {counted(len(scans), 'scan')} with "
+        f"One sensor on the bone, {_started(scores)}, in {counted(len(scans), 'scan')} with "
         f"{counted(draws, 'draw')} of its errors each. Shadows of beads and fiducials are exact "
         "with noise; no image is made. px after similarity is what blurs a volume "
         "(docs/methods.md, Errors). Every draw is a row of aided.csv.",
@@ -112,6 +112,14 @@ def _cells(scores: Sequence[AidedScore]) -> list[tuple[str, str, tuple[AidedScor
 
 def _named(sensor: str) -> str:
     return "no errors" if sensor == "none" else sensor
+
+
+def _started(scores: Sequence[AidedScore]) -> str:
+    """How the sensors' starts were found."""
+    named = {"rough": "from a rough start", "truth": "from its true start"}
+    named["fiducials"] = "from a start that fiducials show"
+    found = [named.get(s.start, "from the start of the settings") for s in scores]
+    return " or ".join(dict.fromkeys(found))
 
 
 def _by_scan(scores: Iterable[AidedScore], measure: Callable[[AidedScore], float]) -> np.ndarray:

@@ -1,8 +1,9 @@
 """What a sensor and its aids find of a motion, against the truth; no image is made.
 
-One sensor with all its errors and a rough start follows the bone that carries it. Shadows of beads
-and fiducials are projected exactly and then missed by some noise. The measure is the motion's own:
-pixels after the one constant similarity that images cannot see, pixels, millimeters, degrees.
+One sensor with all its errors, from a start as methods.start says, follows the bone that carries
+it. Shadows of beads and fiducials are projected exactly and then missed by some noise. The measure
+is the motion's own: pixels after the one constant similarity that images cannot see, pixels,
+millimeters, degrees.
 """
 
 from collections.abc import Callable, Sequence
@@ -13,9 +14,7 @@ import numpy as np
 from legsim.config import RunConfig
 from legsim.core.errors import LegsimError
 from legsim.core.progress import OnProgress
-from legsim.correction import initialization, rough_start
 from legsim.correction.fused import FusedBeads, FusedFiducials, SensorPriors, Standing
-from legsim.correction.initialization import Starts
 from legsim.correction.method import CorrectionMethod, Scan
 from legsim.correction.rigid import Rigid, Uncorrected
 from legsim.deformation.models import Motion, RigidMotion
@@ -25,8 +24,7 @@ from legsim.geometry.cone_beam import Projections
 from legsim.run import c_arm as run_c_arm
 from legsim.run import motion as run_motion
 from legsim.run import scores, stages, volumes
-from legsim.run import sensors as run_sensors
-from legsim.simulation.setup import PhantomOptions, ScanSetup, prepare_scan
+from legsim.simulation.setup import ScanSetup
 
 
 class Left(NamedTuple):
@@ -40,11 +38,31 @@ class Left(NamedTuple):
     """whether a motion was followed"""
 
 
+def check(settings: RunConfig, aids: Sequence[str]) -> None:
+    """Refuses, before anything is computed, what these estimates cannot be made of.
+
+    Raises:
+        LegsimError: an unknown sensor, or fiducials that are to be found in images.
+    """
+    names = [sensor.name for sensor in settings.imu.sensors]
+    if settings.methods.sensor not in names:
+        raise LegsimError(
+            f"methods.sensor: unknown sensor {settings.methods.sensor!r}; name one of "
+            f"{', '.join(names)}, or add it to imu.sensors"
+        )
+    seen = settings.methods.start == "fiducials" or "fiducials" in aids
+    if seen and settings.methods.fiducials.found == "images":
+        raise LegsimError(
+            'methods.fiducials.found = "images" has no images in [aiding]; set it to "exact", or '
+            "ask for volumes with aiding.volume_methods"
+        )
+
+
 def measure(
     settings: RunConfig, aids: Sequence[str], seeds: Sequence[int], on_progress: OnProgress
 ) -> list[dict[str, Left]]:
     """Errors by aid of each draw of the sensor's errors, its start and the shadows."""
-    setup = placed(settings)
+    setup = stages.place(settings, run_motion.solve(settings.motion))
     bone = _followed_bone(settings, setup)
     found = []
     for draw, seed in enumerate(seeds):
@@ -56,21 +74,6 @@ def measure(
         )
     on_progress("aided sensors", len(seeds), len(seeds))
     return found
-
-
-def placed(settings: RunConfig) -> ScanSetup:
-    """The person in the C-arm, as a run has them."""
-    person = run_motion.solve(settings.motion)
-    stages.refuse_implausible(settings, person.name, person.implausible)
-    scan, wanted = settings.scan, settings.phantom
-    return prepare_scan(
-        person,
-        run_c_arm.c_arm(scan),
-        side=scan.side,
-        center=None if scan.center == "knee" else 1e-3 * np.array(scan.center),
-        sensors=run_sensors.sensors(settings.imu),
-        phantom=PhantomOptions(wanted.legs, wanted.detail, wanted.energy_kev),
-    )
 
 
 def _followed_bone(settings: RunConfig, setup: ScanSetup) -> Structure:
@@ -88,21 +91,8 @@ def _followed_bone(settings: RunConfig, setup: ScanSetup) -> Structure:
 
 def sensed(settings: RunConfig, setup: ScanSetup) -> Scan:
     """What the sensors read and where they seem to start; the images are empty."""
-    person, first = setup.person, float(setup.times[0])
-    signals = run_sensors.record(
-        person,
-        settings.imu,
-        view_rate_hz=settings.scan.rate_hz,
-        rest_at=first,
-        rng=np.random.default_rng([settings.seed, stages.NOISE]),
-        shaking=np.random.default_rng([settings.seed, stages.VIBRATION]),
-    )
-    exact = initialization.from_truth(person.leg, person.splines, setup.sensors, first)
-    if settings.methods.start == "rough":
-        rng = np.random.default_rng([settings.seed, stages.STARTS])
-        errors = stages.start_errors(settings.methods)
-        exact = Starts(rough_start.rough(exact.starts, errors, rng), ())
-    starts = initialization.leveled(exact, signals).starts
+    signals = stages.record(settings, setup.person, rest_at=float(setup.times[0]))
+    starts = stages.starts(settings, setup, signals).starts
     empty = np.zeros((len(setup.geometry), *setup.geometry.shape_vu), np.float32)
     return Scan(Projections(setup.geometry, empty), signals, starts)
 

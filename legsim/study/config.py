@@ -19,12 +19,6 @@ Exponent = float | Literal["none"]
 """of a factor of noise; "none" for no noise"""
 
 _SHIPPED = Path(__file__).parent / "shipped"
-_FILES = (
-    (("motion",), "marker_map"),
-    (("motion",), "scaling_file"),
-    (("scan", "spectrum"), "file"),
-)
-"""settings that may name a file beside the STUDY.toml: sections, key"""
 
 
 class NoiseRuns(ConfigSection):
@@ -236,7 +230,7 @@ def _anchored(study: StudyConfig, base: Path) -> StudyConfig:
                 _beside(base, s, s if s.endswith(".toml") else "") for s in named
             )
     tree["recordings"] = tuple(_beside(base, r, r) for r in tree["recordings"])
-    for section, key in _FILES:
+    for *section, key in config.FILES:
         inside = tree["settings"]
         for name in section:
             inside = inside.get(name, {})
@@ -304,14 +298,23 @@ def run_settings(
     methods = study.methods
     if noise is not None:
         methods = next(n.methods for n in study.noise if noise in n.noise())
+        trees[0] = _of_kind("paper", trees[0])
         trees.append({"imu": {"noise": _noise_tree(noise)}})
     if sensor and study.aiding is not None:
         methods = study.aiding.volume_methods
+        trees[0] = _of_kind(sensor, trees[0])
         trees.append({"imu": {"noise": {"kind": sensor}}})
     if seed is not None:
         trees.append({"seed": seed})
     trees.append({"methods": {"run": ["static", *methods]}})
     return config.from_trees(study.preset, *trees, where=Path(study.name))
+
+
+def _of_kind(kind: str, tree: dict[str, Any]) -> dict[str, Any]:
+    """Settings without the keys of [imu.noise] that say nothing of this kind of noise."""
+    noise = tree.get("imu", {}).get("noise", {})
+    kept = {key: value for key, value in noise.items() if key in config.noise_keys(kind)}
+    return {**tree, "imu": {**tree.get("imu", {}), "noise": kept}}
 
 
 def _noise_tree(noise: NoiseLevel) -> dict[str, Any]:

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from legsim import __version__
-from legsim.config import ImuConfig, RunConfig
+from legsim.config import ImuConfig, NoiseConfig, RunConfig, noise_keys
 from legsim.core import memory
 from legsim.core.files import key_of
 from legsim.core.progress import OnProgress
@@ -22,7 +22,7 @@ from legsim.imu import drift, simulation
 from legsim.imu.calibration import CalibrationKind
 from legsim.imu.noise import Convention, ImuNoise
 from legsim.opencl.device import open_device
-from legsim.run import c_arm, code, methods, pipeline, stages
+from legsim.run import c_arm, code, methods, named_files, pipeline, stages
 from legsim.run import motion as run_motion
 from legsim.run import sensors as run_sensors
 from legsim.run.store import StageCache
@@ -60,6 +60,11 @@ class ScanJob:
         if self.sensor:
             level = f"-{_stem(self.sensor)}-{self.repetition}"
         return f"{self.subject}-{self.posture}{level}".replace("/", "_")
+
+    @property
+    def clean(self) -> bool:
+        """Whether it has the study's own sensors, without added noise."""
+        return self.noise is None and not self.sensor
 
     @property
     def folder(self) -> Path:
@@ -103,7 +108,9 @@ class SensorJob:
         """Settings of the sensor that is integrated, under one calibration."""
         imu = self.settings.imu
         chosen = tuple(s for s in imu.sensors if s.name == self.ladder.sensor)
-        noise = imu.noise.model_copy(update={"kind": self.sensor, "calibration": calibration})
+        read = {key: getattr(imu.noise, key) for key in noise_keys(self.sensor)}
+        changes = {"kind": self.sensor, "calibration": calibration}
+        noise = NoiseConfig().model_copy(update={**read, **changes})
         return imu.model_copy(update={"sensors": chosen, "noise": noise})
 
 
@@ -145,7 +152,7 @@ def scan(job: ScanJob, on_progress: OnProgress | None = None) -> tuple[ScanScore
         code.fingerprint("study"),
         open_device(job.device).candidate.compiler,
         settings.model_dump(),
-        run_motion.fingerprint(settings.motion),
+        named_files.fingerprint(settings),
         names,
         similarity.PROTOCOL,
     )
@@ -169,7 +176,7 @@ def _scan(job: ScanJob, on_progress: OnProgress) -> list[ScanScore]:
         device=job.device,
         on_progress=on_progress,
         store=StageCache(job.store),
-        presented=job.noise is None and not job.sensor,
+        presented=job.clean,
     )
     place = job.folder.relative_to(job.study_folder).as_posix()
     return [
@@ -196,7 +203,7 @@ def ladder(job: LadderJob, on_progress: OnProgress | None = None) -> tuple[Ladde
         __version__,
         code.fingerprint("ladder"),
         job.settings.model_dump(),
-        run_motion.fingerprint(job.settings.motion),
+        named_files.fingerprint(job.settings),
         asked.model_dump(),
         job.convention,
     )
@@ -260,8 +267,9 @@ def sensor(job: SensorJob, on_progress: OnProgress | None = None) -> tuple[Senso
     asked = job.ladder
     key = key_of(
         __version__,
+        code.fingerprint("ladder"),
         job.settings.model_dump(),
-        run_motion.fingerprint(job.settings.motion),
+        named_files.fingerprint(job.settings),
         asked.model_dump(exclude={"sensors"}),
         job.sensor,
         run_sensors.fingerprint(job.under("none")),
@@ -310,10 +318,9 @@ def aided(job: AidedJob, on_progress: OnProgress | None = None) -> tuple[AidedSc
         __version__,
         code.fingerprint("aided"),
         settings.model_dump(exclude={"methods": {"run"}}),
-        run_motion.fingerprint(settings.motion),
+        named_files.fingerprint(settings),
         job.aiding.aids,
         job.aiding.repetitions,
-        run_sensors.fingerprint(settings.imu),
     )
     seeds = [seed_of(job.subject, job.posture, r) for r in range(job.aiding.repetitions)]
 
@@ -321,7 +328,7 @@ def aided(job: AidedJob, on_progress: OnProgress | None = None) -> tuple[AidedSc
         found = aiding.measure(settings, job.aiding.aids, seeds, on_progress or _quiet)
         who = (job.subject, job.posture, job.sensor)
         return [
-            asdict(AidedScore(*who, aid, repetition, *left))
+            asdict(AidedScore(*who, aid, repetition, *left, settings.methods.start))
             for repetition, of_draw in enumerate(found)
             for aid, left in of_draw.items()
         ]

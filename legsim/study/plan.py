@@ -13,9 +13,8 @@ from legsim.core import memory as core_memory
 from legsim.core.errors import LegsimError, file_error
 from legsim.core.memory import in_words
 from legsim.report.published_tables import counted
-from legsim.run import c_arm, methods, sensors, volumes
-from legsim.run import motion as run_motion
-from legsim.study import config
+from legsim.run import c_arm, methods, named_files, sensors, volumes
+from legsim.study import aiding, config
 from legsim.study import jobs as study_jobs
 from legsim.study.config import Aiding, Ladder, StudyConfig
 from legsim.study.engine import Task
@@ -126,7 +125,7 @@ def _shared_bytes(job: ScanJob) -> int:
     """Of what a noisy run takes from the clean one: the exposures, unless each has photons of its
     own, the reference, and the rest.
     """
-    own = job.noise is None and not job.sensor
+    own = job.clean
     images = (
         _exposures_bytes(job.settings) + _volume_bytes(job.settings)
         if own or job.settings.scan.detector.photons
@@ -166,10 +165,12 @@ def plan(
             "each differently"
         )
     for job in (*found.scans, *found.ladders, *found.aided):
-        run_motion.fingerprint(job.settings.motion)
+        named_files.fingerprint(job.settings)
         volumes.check(job.settings)
     for job in (*found.scans, *found.aided):
         sensors.check(job.settings.imu)
+    for job in found.aided:
+        aiding.check(job.settings, job.aiding.aids)
     for job in found.sensors:
         sensors.check(job.under("none"))
     for job in (*found.ladders, *found.sensors):
@@ -193,6 +194,7 @@ def _scans(
         for noise, repetition in levels:
             seed = None if noise is None else seed_of(subject, posture, repetition)
             settings = config.run_settings(study, base, subject, posture, noise, seed)
+            settings = _drawn_anew(settings, subject, posture) if noise is None else settings
             jobs.append(ScanJob(out, subject, posture, noise, repetition, settings, device, store))
         for sensor, repetition in _volumes_of_sensors(study):
             seed = seed_of(subject, posture, repetition)
@@ -201,6 +203,18 @@ def _scans(
                 ScanJob(out, subject, posture, None, repetition, settings, device, store, sensor)
             )
     return tuple(jobs)
+
+
+def _drawn_anew(settings: RunConfig, subject: str, posture: str) -> RunConfig:
+    """The same settings with a seed of the scan's own, where sensors or starts are drawn.
+
+    Else the seed stays as it is, and so do the beads that marker-based places by it.
+    """
+    imu = settings.imu
+    drawn = imu.noise.kind != "none" or imu.lost_share > 0 or sensors.vibrate(imu)
+    if not drawn and settings.methods.start == "truth":
+        return settings
+    return settings.model_copy(update={"seed": settings.seed + seed_of(subject, posture, 0)})
 
 
 def _volumes_of_sensors(study: StudyConfig) -> list[tuple[str, int]]:
@@ -250,7 +264,8 @@ def _climbed(
     subjects, postures = ladder.subjects or study.subjects, ladder.postures or study.postures
     scans = tuple((s, p) for s in subjects for p in postures) if own else study.scans()
     for subject, posture in scans:
-        yield subject, posture, config.run_settings(study, base, subject, posture, None, None)
+        settings = config.run_settings(study, base, subject, posture, None, None)
+        yield subject, posture, _drawn_anew(settings, subject, posture)
 
 
 def _without_images(planned: Plan) -> str:

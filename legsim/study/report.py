@@ -67,7 +67,7 @@ def content(
         noisy_pictures: slices of one scan from noisy sensors.
     """
     scores = tuple(s for s in results.scores if s.method != methods.REFERENCE)
-    clean = tuple(s for s in scores if s.noise is None and not s.sensor)
+    clean = tuple(s for s in scores if s.clean)
     of_sensors = tuple(s for s in scores if s.sensor)
     noisy = tuple(s for s in scores if s.noise is not None)
     cells = statistics.ladder_cells(results.ladder)

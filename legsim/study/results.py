@@ -64,11 +64,16 @@ class ScanScore:
     metrics: Scores
     residuals: tuple[Residual, ...]
     seconds: float
-    """estimation and reconstruction"""
+    """estimation, with the images of beads that a method alone has, and reconstruction"""
     folder: str
     """of the run, relative to the study's"""
     sensor: str = ""
-    """of the catalogue, with all its errors and a rough start; empty: the study's own settings"""
+    """of the catalogue, with all its errors; empty: the study's own settings"""
+
+    @property
+    def clean(self) -> bool:
+        """Whether it is of the study's own sensors, without added noise."""
+        return self.noise is None and not self.sensor
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,6 +122,8 @@ class AidedScore:
     degrees: float
     followed: bool
     """whether a motion was followed; else the scan was left as it is"""
+    start: str = ""
+    """as methods.start of the settings; empty where it is not known"""
 
 
 @dataclass(frozen=True, slots=True)

@@ -144,7 +144,7 @@ def _one_scan_under_noise(ended: Sequence[ScanJob], out: Path) -> tuple[Picture,
 
 def _shown(ended: Sequence[ScanJob]) -> ScanJob | None:
     """The scan whose pictures the report shows: the first subject's last posture."""
-    clean = [job for job in ended if job.noise is None and not job.sensor]
+    clean = [job for job in ended if job.clean]
     return next((job for job in reversed(clean) if job.subject == clean[0].subject), None)
 
 
@@ -159,7 +159,7 @@ def gathered(
     failures = tuple(f"{name}: {why}" for name, why in outcome.failures.items())
     provenance = (("command", command), ("legsim", __version__), *_about(planned, out))
     costs = stage_costs([job.folder for job in planned.scans])
-    clean = [job for job in planned.scans if job.noise is None and not job.sensor]
+    clean = [job for job in planned.scans if job.clean]
     missed = [registration_error(job.folder) for job in clean]
     errors = tuple(error for error in missed if error is not None)
     return StudyResults(

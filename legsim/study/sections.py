@@ -56,7 +56,7 @@ def _quality(clean: tuple[ScanScore, ...], results: StudyResults) -> PageSection
     tables = study_tables.quality(clean)
     beside = any("paper" in column for column in tables[0].columns)
     # how near the motion-free volume comes to the phantom says how near any can come
-    phantom = study_tables.to_phantom(tuple(s for s in results.scores if s.noise is None))
+    phantom = study_tables.to_phantom(tuple(s for s in results.scores if s.clean))
     return PageSection(
         "Image quality",
         (*(lines if beside else ()), study_tables.SPREAD_NOTE),
@@ -100,7 +100,7 @@ def _boxes(
 def _residuals(clean: tuple[ScanScore, ...], results: StudyResults) -> PageSection:
     """What was left of the motion, how sharp the volumes are, and what their registration found."""
     # how sharp the motion-free volume is says what sharpness can be reached
-    with_reference = tuple(s for s in results.scores if s.noise is None)
+    with_reference = tuple(s for s in results.scores if s.clean)
     tables = (
         *study_tables.residuals(clean),
         study_tables.sharpness(with_reference),

@@ -2,6 +2,7 @@
 tests, and every scan with its folder.
 """
 
+import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
@@ -146,7 +147,10 @@ def sharpness(scores: Sequence[ScanScore]) -> Table | None:
         (f"gradient entropy {r}", _mean_of(statistics.of_region("gradient_entropy", r), 3))
         for r in regions(scores)
     ]
-    note = f"{published_tables.ENTROPY} Seconds: estimation and reconstruction. {SPREAD_NOTE}"
+    note = (
+        f"{published_tables.ENTROPY} Seconds: estimation, with the images of beads that only some "
+        f"methods have, and reconstruction. {SPREAD_NOTE}"
+    )
     return _by_method(
         "Sharpness and time",
         scores,
@@ -336,6 +340,8 @@ def _beside(ours: MeanAndDeviation, published: float | None) -> tuple[str, str, 
 
 def size(value: float) -> str:
     """Two or three digits of a number of any size: 8470, 0.943, 2.0e-5."""
+    if math.isnan(value):
+        return NONE
     if value == 0 or abs(value) >= 100:
         return f"{value:.0f}"
     if abs(value) >= 0.01:
@@ -390,9 +396,12 @@ def noisy_quality(scores: Sequence[ScanScore]) -> tuple[Table, Table]:
     scans = {(s.subject, s.posture) for s in noisy}
     # the published values are of held squats, and say nothing of other recordings
     squats = all(results.condition(posture) in statistics.POOLED for _, posture in scans)
-    clean = [s for s in scores if s.noise is None and (s.subject, s.posture) in scans]
+    clean = [s for s in scores if s.clean and (s.subject, s.posture) in scans]
     ssim, rmse = [], []
     for group in _noise_groups(noisy, clean):
+        ended, label = len({(s.subject, s.posture) for s in group.scores}), group.label
+        if ended < len(scans):
+            label = f"{label} ({ended} of {counted(len(scans), 'scan')})"
         for region in regions(noisy):
             published = squats and group.method == "rigid"
             for entries, measure, published_of in (
@@ -401,7 +410,7 @@ def noisy_quality(scores: Sequence[ScanScore]) -> tuple[Table, Table]:
             ):
                 ours = statistics.over_scans(group.scores, statistics.of_region(measure, region))
                 theirs = published_of(*group.level, region) if published else None
-                entries.append(Entry(group.heading, group.label, region, ours, theirs))
+                entries.append(Entry(group.heading, label, region, ours, theirs))
     note = (
         f"Over {counted(len(scans), 'scan')}; repetitions of a scan are averaged first. "
         f"{SPREAD_NOTE} The noise of the sensors is divided "

@@ -149,3 +149,16 @@ def test_samples_within_rounding_of_a_view_are_that_view():
     nothing = np.zeros(exact.size)
     poses = rounded.path(nothing).poses
     np.testing.assert_allclose(poses, exact.path(nothing).poses, atol=1e-12)
+
+
+@pytest.mark.parametrize("clock", [0.01, 0.1, 0.3])
+def test_the_signal_reaches_as_far_as_the_clock_may(clock: float):
+    """To five standard deviations either way: the path is that of a start as much later."""
+    samples = np.arange(-240, 720) / 120
+    rate, force = SWAY.signals(samples)
+    read = ImuSignals(samples, ("shank_l",), rate[:, None], force[:, None])
+    found = error_state(read, "shank_l", START, VIEWS, SensorErrors(), EXACT, clock=clock)
+    for sigmas in (-5.0, 5.0):
+        errors = np.zeros(found.size)
+        errors[-1] = sigmas
+        assert np.isfinite(found.path(errors).poses).all()

@@ -7,6 +7,7 @@ import pytest
 
 from legsim.core import transforms
 from legsim.core.errors import LegsimError
+from legsim.correction import smoother
 from legsim.correction.bead_scan import BeadScan
 from legsim.correction.error_state import error_state
 from legsim.correction.fiducials import Fiducials
@@ -139,6 +140,47 @@ def test_a_person_who_does_not_move_is_not_moved(seed: int):
         assert "the scan is left as it is" in found.notes[-1]
 
 
+def worse(sway: Sway, seed: int, px: float) -> BeadShadows:
+    """Shadows that miss by more than they say."""
+    exact = shadows(sway, seed).pixels
+    return BeadShadows(exact + px * np.random.default_rng([seed, 1]).standard_normal(exact.shape))
+
+
+@pytest.mark.parametrize("px", [0.6, 1.0, 3.0])
+@pytest.mark.parametrize("seed", range(2))
+def test_shadows_that_are_worse_than_stated_move_nobody_who_rests(seed: int, px: float):
+    found = FusedBeads(worse(STILL, seed, px), "", SensorPriors(BMI160))(scanned(STILL, seed))
+    assert wobble_mm(motion_found(found)) < 1e-9
+    assert "the scan is left as it is" in found.notes[-1]
+
+
+@pytest.mark.parametrize("px", [1.0, 3.0, 10.0, 100.0])
+def test_shadows_that_are_worse_than_stated_do_no_harm(px: float):
+    found = FusedBeads(worse(SWAY, 1, px), "", SensorPriors(BMI160))(scanned(SWAY, 1))
+    assert left_px(motion_found(found), SWAY) <= left_px(RigidMotion.identity(VIEWS), SWAY)
+
+
+def test_shadows_that_are_nowhere_near_the_path_are_doubted():
+    turned = BeadShadows(3 * shadows(SWAY, 1).pixels[::-1])
+    found = FusedBeads(turned, "", SensorPriors(BMI160))(scanned(SWAY, 1))
+    assert wobble_mm(motion_found(found)) < 1e-9
+    assert found.notes[1].startswith("In doubt: fused-beads: the shadows are")
+    good = FusedBeads(shadows(SWAY, 1), "", SensorPriors(BMI160))(scanned(SWAY, 1))
+    assert not any(note.startswith("In doubt") for note in good.notes)
+
+
+def test_shadows_that_fit_no_path_leave_the_scan_as_it_is(monkeypatch: pytest.MonkeyPatch):
+    """A run goes on with its other methods."""
+
+    def far(*_: object) -> None:
+        raise np.linalg.LinAlgError("not positive definite")
+
+    monkeypatch.setattr(smoother, "cho_factor", far)
+    found = FusedBeads(shadows(SWAY, 1), "", SensorPriors(BMI160))(scanned(SWAY, 1))
+    assert wobble_mm(motion_found(found)) < 1e-9
+    assert found.notes[0].startswith("In doubt: fused-beads: no path of the sensor fits")
+
+
 def test_what_a_consumer_sensor_alone_cannot_tell_is_said():
     found = Standing("shank_l", SensorPriors(BMI160))(scanned(SWAY, 1))
     np.testing.assert_array_equal(
@@ -229,8 +271,8 @@ def test_beads_are_made_when_the_method_runs():
 
 def test_priors_that_are_no_sizes_are_refused():
     for spread in (0.0, -2e-3, float("nan")):
-        with pytest.raises(LegsimError, match=r"SensorPriors\.spread must be finite and above 0"):
+        with pytest.raises(LegsimError, match=r"SensorPriors\.spread is .* finite and positive"):
             SensorPriors(BMI160, spread=spread)
     for clock in (-0.01, float("inf")):
-        with pytest.raises(LegsimError, match=r"SensorPriors\.clock must be finite"):
+        with pytest.raises(LegsimError, match=r"SensorPriors\.clock is .* finite and not negative"):
             SensorPriors(BMI160, clock=clock)

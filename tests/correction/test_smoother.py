@@ -145,6 +145,17 @@ def test_a_standing_person_brings_centimeters_back_to_millimeters(rng: np.random
     assert np.isnan(found.residual_px)
 
 
+def test_errors_are_no_larger_than_stated_where_shadows_are_four_times_worse():
+    """8 draws, chi-square within its 99.9 %."""
+    places, draws = [], 8
+    for seed in range(draws):
+        rng = np.random.default_rng([seed, 12])
+        beads = replace(bead_shadows(1.2, rng), error_px=0.3)
+        found = smoother.smooth(sensed(rng), geometry=GEOMETRY, beads=beads)
+        places.append(normalized(missed(found)[-1], found.covariance_at(KNEE)[-1]))
+    assert sum(places) < chi2.ppf(0.999, 3 * draws)
+
+
 def test_wrong_shadows_do_not_pull(rng: np.random.Generator):
     """One in twelve views has a bead's shadow 20 px off, one does not see it."""
     state, right = sensed(rng), bead_shadows(0.3, rng)
@@ -208,8 +219,8 @@ def test_images_see_no_similarity_of_a_motion(rng: np.random.Generator):
 def test_what_numpy_would_take_for_shadows_is_refused(made: Callable[..., object]) -> None:
     """One point without its axis, three coordinates, and an error that is no size."""
     for shape in ((5, 2), (5, 1, 3)):
-        with pytest.raises(LegsimError, match=r"give \(views, points, 2\)"):
+        with pytest.raises(LegsimError, match=r"Shadows\.pixels has shape"):
             made(np.zeros(shape))
     for size in (0.0, -0.3, float("nan")):
-        with pytest.raises(LegsimError, match="error_px must be finite and above 0"):
-            made(np.zeros((5, 1, 2)), size)
+        with pytest.raises(LegsimError, match=r"error_px is .* finite and positive"):
+            made(np.zeros((5, len(PLACES), 2)), size)

@@ -85,3 +85,13 @@ def test_too_few_views_are_refused():
 def test_the_start_is_a_start():
     signals, truth = swaying()
     assert isinstance(standing_start(signals, "s", truth[0], VIEWS).start, SensorStart)
+
+
+def test_a_lost_sample_changes_little():
+    signals, truth = swaying()
+    rate, force = (np.array(a) for a in (signals.angular_velocity, signals.specific_force))
+    rate[500], force[500] = np.nan, np.nan
+    lost = standing_start(ImuSignals(TIMES, ("s",), rate, force), "s", truth[0], VIEWS).start
+    whole = standing_start(signals, "s", truth[0], VIEWS).start
+    np.testing.assert_allclose(lost.world_from_sensor, whole.world_from_sensor, atol=1e-4)
+    np.testing.assert_allclose(lost.velocity, whole.velocity, atol=1e-3)

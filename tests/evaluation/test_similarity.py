@@ -248,3 +248,17 @@ def test_voxels_far_from_the_regions_decide_nothing():
     assert similarity.evaluate(Volume(grid, littered), reference, shown) == similarity.evaluate(
         wide, reference, shown
     )
+
+
+@pytest.mark.parametrize(
+    ("options", "told"),
+    [
+        ({"scaling": "bogus"}, "unknown scaling 'bogus'; choose one of reference, "),
+        ({"window": "bogus"}, "unknown window 'bogus'; choose one of uniform, gaussian"),
+        ({"regions": ()}, "no region to compare volumes in"),
+    ],
+)
+def test_what_is_no_comparison_is_refused(options: dict, told: str):
+    given = {"regions": regions(GRID), **options}
+    with pytest.raises(LegsimError, match=told):
+        similarity.evaluate(blob(GRID), blob(GRID), **given)

@@ -1,9 +1,15 @@
 import re
+from types import SimpleNamespace
+from typing import cast
 
+import numpy as np
 import pytest
 
+from legsim.core import transforms
 from legsim.evaluation import scores
 from legsim.evaluation.similarity import RegionScores, Scores
+from legsim.kinematics.moving_leg import MovingLeg
+from legsim.kinematics.skeleton import SegmentPoses
 from legsim.report import scan_page
 
 
@@ -69,3 +75,26 @@ def test_the_pictures_lie_beside_the_report(tiny_run):
         "sway",
         "markers",
     }
+
+
+@pytest.mark.parametrize(
+    ("bend", "condition"),
+    [(30.0, "30"), (60.0, "60"), (5.0, "no held squat"), (100.0, "no held squat")],
+)
+def test_a_scan_is_set_beside_the_squat_that_it_shows(bend: float, condition: str):
+    """By the bend within the views, whatever comes before and after them."""
+    times = np.linspace(0, 10, 101)
+    during = (times >= 4) & (times <= 6)
+    turn = np.radians(np.where(during, bend, 45.0))
+    eye = np.broadcast_to(np.eye(4), (len(times), 4, 4))
+    shank = transforms.rigid(
+        transforms.rotation_from_vector(np.outer(-turn, [0.0, 0.0, 1.0])), np.zeros(3)
+    )
+    poses = SegmentPoses(times, ("femur_l", "tibia_l"), np.stack([eye, shank], 1))
+
+    class Person:
+        trajectories = None
+        leg = SimpleNamespace(segment_poses=lambda _: poses)
+
+    person = cast(MovingLeg, Person())
+    assert scan_page.condition_of(person, "left", np.linspace(4, 6, 20)) == condition

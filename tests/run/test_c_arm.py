@@ -118,6 +118,15 @@ def test_detectors_and_beams_that_cannot_be_are_refused(tmp_path):
         run_c_arm.imaging(with_detector(electronic_noise_photons=3.0))
     with pytest.raises(LegsimError, match="nothing to correct at one energy"):
         run_c_arm.imaging(scan(spectrum=config.SpectrumConfig(water_precorrection=True)))
+    for kind, key, value, reader in (
+        ("none", "kvp", 120, "tube"),
+        ("none", "file", "no.csv", "file"),
+        ("tube", "file", "no.csv", "file"),
+        ("file", "copper_mm", 1, "tube"),
+    ):
+        told = rf"scan\.spectrum\.{key} has no effect with .*'{kind}'; .* set the kind to {reader}"
+        with pytest.raises(LegsimError, match=told):
+            run_c_arm.imaging(scan(spectrum=config.SpectrumConfig(kind=kind, **{key: value})))
     with pytest.raises(LegsimError, match=r"no file is named: set scan\.spectrum\.file"):
         run_c_arm.imaging(scan(spectrum=config.SpectrumConfig(kind="file")))
     with pytest.raises(LegsimError, match=r"no\.csv"):

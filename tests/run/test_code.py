@@ -62,6 +62,7 @@ def test_the_same_code_elsewhere_has_the_same_keys(copy):
             {"presentation"},
             {*ALL} - {"presentation", "replay", "study", "correct"},
         ),
+        ("report/templates/report.html.j2", {"presentation", "replay", "correct"}, {*VOLUMES}),
         ("imu/simulation.py", {"imu", "correction", "ladder"}, {*VOLUMES, "scores"}),
         ("imu/noise.py", {"imu", "ladder"}, {*VOLUMES, "tissue_swing", "scores"}),
         ("imu/skin_mount.py", {"imu", "tissue_swing"}, {*VOLUMES}),

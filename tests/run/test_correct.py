@@ -1,6 +1,7 @@
 """A measured scan is corrected without any truth; what a method lacks is named beforehand."""
 
 import json
+import shutil
 import subprocess
 import sys
 
@@ -80,6 +81,27 @@ def test_a_second_run_computes_nothing(done):
     assert set(names) == {"reading"}
     assert again.sharpness == result.sharpness
     assert json.loads((folder / "out/manifest.json").read_text())["stages"] == stages
+
+
+def test_the_report_is_of_what_is_read_now_and_its_pictures_are_there(tmp_path):
+    path = measured.write(tmp_path / "scan")
+    ls.correct(path, ["uncorrected"], tmp_path / "out")
+    pictures = {p.name for p in (tmp_path / "out/pictures").iterdir()}
+    shutil.rmtree(tmp_path / "out/pictures")
+    unstarted = '[[imu.sensors]]\nname = "thigh_l"\nsegment = "femur_l"\n\n[grid]'
+    path.write_text(path.read_text().replace("[grid]", unstarted))
+    table = tmp_path / "scan/imu.csv"
+    head, *rows = table.read_text().splitlines()
+    columns = [c for c in head.split(",") if c.startswith("shank_l")]
+    more = ",".join(c.replace("shank_l", "thigh_l") for c in columns)
+    at = [head.split(",").index(c) for c in columns]
+    wider = [",".join([row, *(row.split(",")[k] for k in at)]) for row in rows]
+    table.write_text("\n".join([f"{head},{more}", *wider]) + "\n")
+    ls.correct(path, ["uncorrected"], tmp_path / "out")
+    assert "Sensor thigh_l has no start and was left out" in (
+        tmp_path / "out/report.html"
+    ).read_text("utf-8")
+    assert {p.name for p in (tmp_path / "out/pictures").iterdir()} == pictures
 
 
 @pytest.mark.filterwarnings("ignore::legsim.reconstruction.weights.ShortScanWarning")

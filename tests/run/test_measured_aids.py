@@ -19,6 +19,7 @@ from legsim.geometry import files as geometry_files
 from legsim.geometry import image_files
 from legsim.geometry.cone_beam import Projections
 from legsim.imu.catalogue import load_sensor
+from legsim.imu.errors import SensorErrors
 from legsim.imu.files import save_imu
 from legsim.imu.readout import read_out
 from legsim.imu.signals import ImuSignals
@@ -173,6 +174,15 @@ def test_beads_of_few_views_are_tracked_in_all(tmp_path):
     assert found.radius == 1e-3
 
 
+@pytest.mark.parametrize("track", ["true", "false"])
+def test_stated_errors_of_pixels_are_those_of_shadows(tmp_path, track: str):
+    few = table(GEOMETRY.project(np.broadcast_to(PLACES, (len(VIEWS), 2, 3)))[0], [0, 20, 40])
+    more = f"{BEADS}track = {track}\nerror_px = 1.7\n"
+    made = measured_aids.beads(loaded(tmp_path, more=more, beads=few))
+    assert made is not None
+    assert made().error_px == 1.7
+
+
 def test_a_view_that_hides_a_bead_has_no_row(tmp_path):
     pixels = bead_pixels()
     made = measured_aids.beads(loaded(tmp_path, beads=table(pixels, list(range(5, 62)))))
@@ -236,11 +246,13 @@ def test_a_scan_without_beads_says_where_they_go(tmp_path):
         ls.correct(write(tmp_path, more=""), ["fused-beads"], tmp_path / "out")
 
 
-def test_shadows_that_fit_no_path_of_the_sensor_are_refused_in_a_line(tmp_path):
-    with pytest.raises(LegsimError, match="no path of the sensor fits"):
-        ls.correct(
-            write(tmp_path, beads=table(bead_pixels()[::-1])), ["fused-beads"], tmp_path / "o"
-        )
+def test_shadows_that_fit_no_path_of_the_sensor_are_doubted_and_move_nothing(tmp_path):
+    path = write(tmp_path, beads=table(bead_pixels()[::-1]))
+    result = ls.correct(path, ["fused-beads"], tmp_path / "o")
+    assert any("In doubt: fused-beads: no path of the sensor fits" in n for n in result.notes)
+    assert (tmp_path / "o/volume-fused-beads.mha").read_bytes() == (
+        tmp_path / "o/volume-uncorrected.mha"
+    ).read_bytes()
 
 
 def test_beads_that_are_exchanged_are_doubted(tmp_path):
@@ -251,3 +263,18 @@ def test_beads_that_are_exchanged_are_doubted(tmp_path):
         f"In doubt: {tmp_path / 'beads.csv'}: the rays of a bead miss each other"
     )
     assert not measured_aids.doubts(loaded(tmp_path), ["fused-beads"])
+
+
+def test_a_start_that_is_stated_exactly_is_no_reason_to_doubt(
+    tmp_path, monkeypatch: pytest.MonkeyPatch
+):
+    """Of a sensor without errors, only the start may drift."""
+    monkeypatch.setattr(measured_aids, "priors", lambda _: ls.SensorPriors(SensorErrors()))
+    found = []
+    for known in ("exactly", "roughly"):
+        scan = loaded(tmp_path)
+        worn = {n: s.model_copy(update={"known": known}) for n, s in scan.worn.items()}
+        found.append(measured_aids.doubts(replace(scan, worn=worn), ["rigid"]))
+    exact, rough = found
+    assert not exact
+    assert rough[0].startswith("In doubt: rigid follows shank_l by dead reckoning")

@@ -17,6 +17,7 @@ from legsim.deformation.files import load_motion
 from legsim.deformation.models import RigidMotion
 from legsim.geometry import files as geometry_files
 from legsim.geometry import image_files
+from legsim.imu.catalogue import load_sensor
 from legsim.kinematics.from_recording import solve_kinematics
 from legsim.mocap import opensim
 from legsim.mocap.trajectories import JointTrajectories
@@ -149,6 +150,21 @@ def test_a_changed_setting_computes_again_what_hangs_on_it_and_nothing_else(
     assert (tmp_path / "projections.mha").stat().st_mtime_ns == projections
     assert (tmp_path / "volume-static.mha").stat().st_mtime_ns != volume
     assert image_files.load_volume(tmp_path / "volume-static.mha").grid.shape_zyx == (40, 40, 40)
+
+
+def test_the_report_is_of_the_sensors_file_as_it_is_now(tiny_run, tiny_settings, tmp_path):
+    for path in tiny_run.folder.iterdir():
+        if path.is_file() and path.name not in ("report.html", "recording.rrd"):
+            os.link(path, tmp_path / path.name)
+    sensor = tmp_path / "mine.toml"
+    shipped = Path(load_sensor.__code__.co_filename).parents[2] / "models/sensors/bmi160.toml"
+    trees = tiny_settings.model_dump(), {"imu": {"noise": {"kind": str(sensor)}}}
+    settings = config.from_trees("paper", *trees, {"methods": {"run": ["uncorrected"]}})
+    for bias, said in (("40", "0.392 m/s^2"), ("400", "3.92 m/s^2")):
+        start = "turn_on_bias_mg = { value = "
+        sensor.write_text(shipped.read_text().replace(f"{start}40", f"{start}{bias}"))
+        pipeline.run_scan(settings, tmp_path, on_progress=quiet)
+        assert f"biases of {said}" in (tmp_path / "report.html").read_text()
 
 
 def test_ctrl_c_loses_nothing_that_was_finished(tiny_run, tiny_settings, tmp_path):

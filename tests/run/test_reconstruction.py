@@ -12,7 +12,7 @@ from legsim.core.errors import LegsimError
 from legsim.geometry import image_files
 from legsim.reconstruction import cgls, fdk, ramp_filter
 from legsim.reconstruction.fdk import FdkOptions
-from legsim.run import pipeline, reconstruction
+from legsim.run import c_arm, pipeline, reconstruction
 
 pytestmark = pytest.mark.filterwarnings("ignore::legsim.reconstruction.weights.ShortScanWarning")
 
@@ -104,6 +104,16 @@ def test_a_run_reconstructs_as_its_settings_say(
     written = image_files.load_volume(tmp_path / "direct.mha")
     np.testing.assert_array_equal(found.attenuation, written.attenuation)
     assert (found.attenuation != before.attenuation).any()
+
+
+@pytest.mark.parametrize("given", ["scan.views=2", "scan.increment_deg=0"])
+def test_views_that_fdk_cannot_use_are_refused_before_anything_is_projected(given: str, tmp_path):
+    settings = config.load_settings(preset="demo", overrides=(given,))
+    with pytest.raises(LegsimError, match=r"scan\.views, scan\.increment_deg: .* on one line"):
+        pipeline.run_scan(settings, tmp_path / "run")
+    assert not (tmp_path / "run").exists()
+    iterated = settings.reconstruction.model_copy(update={"algorithm": "cgls"})
+    reconstruction.check_views(iterated, c_arm.c_arm(settings.scan))
 
 
 @pytest.mark.parametrize("name", ["water_attenuation_per_mm", "noise", "tv_weight_mm"])

@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 
 import legsim as ls
+from legsim import config
 from legsim.core.errors import LegsimError
 from legsim.geometry import image_files
-from legsim.run import pipeline
-from legsim.run.scan_file import NAME
+from legsim.run import pipeline, sensors
+from legsim.run.scan_file import NAME, known_of
 
 pytestmark = pytest.mark.filterwarnings("ignore::legsim.reconstruction.weights.ShortScanWarning")
 METHODS = ("uncorrected", "rigid", "nonrigid-2d", "nonrigid-3d", "articulated")
@@ -67,3 +68,15 @@ def test_the_documents_own_scan_is_that_of_the_run(tiny_run, tmp_path):
         # mm of true drift within 8 s are microradians of tilt
         assert np.degrees(np.arccos(min(up, 1.0))) < 0.02
         assert np.abs(start.velocity - true.velocity).max() < 0.01
+
+
+def test_what_methods_know_of_the_sensor_comes_back(tiny_run, tiny_settings):
+    seen = ls.load_measured_scan(tiny_run.folder / NAME).seen
+    for kind, model in (("mti300", "mti300"), ("none", "bmi160"), ("rms", "bmi160")):
+        trees = (
+            {"imu": {"noise": {"kind": kind}}},
+            {"methods": {"fused": {"spread_mm": 7.0, "clock_ms": 3.0}}},
+        )
+        wanted = config.from_trees("paper", tiny_settings.model_dump(), *trees)
+        given = known_of(wanted, seen, sensors.sensors(wanted.imu)).methods
+        assert (given.sensor_model, given.spread_mm, given.clock_ms) == (model, 7.0, 3.0)

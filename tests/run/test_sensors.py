@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from legsim import config
-from legsim.config import ImuConfig, NoiseConfig, SkinMountConfig, VibrationConfig
+from legsim.config import ImuConfig, NoiseConfig, SkinMountConfig, VibrationConfig, noise_keys
 from legsim.core import resources
 from legsim.core.errors import LegsimError
 from legsim.imu import noise, simulation, strapdown
@@ -126,6 +126,12 @@ def test_a_sensor_is_selected_by_name_or_path_and_its_terms_are_changed(tmp_path
         (("noise.calibration=rest",), "imu.noise.calibration has no effect with .*'none'"),
         (("noise.kind=rms", "noise.off=['scale']"), "imu.noise.off has no effect"),
         (("noise.kind=bmi160", "noise.acceleration_bias_mg=3"), "set turn_on_bias_mg"),
+        (("noise.acceleration_bias_mg=3",), "has no effect .*'none'; leave it out, or set the kin"),
+        (("noise.angular_velocity_bias_deg_per_s=3",), "kind to density or rms or paper"),
+        (("noise.acceleration_mg=50",), "leave it out, or set the kind to rms"),
+        (("noise.f_a=2",), "or set the kind to paper"),
+        (("noise.kind=bmi160", "noise.acceleration_mg=50"), "or set the kind to rms"),
+        (("noise.kind=rms", "noise.acceleration_ug_per_sqrt_hz=9"), "set the kind to density"),
         (("noise.kind=custom", "noise.gyroscope.bits=16"), "needs its full scale"),
         (("noise.kind=custom", "noise.temperature_course=[[1,0],[1,0]]"), "must increase"),
     ],
@@ -219,8 +225,7 @@ def test_a_clock_that_drifts_takes_other_samples_and_stamps_them_evenly(person):
 
 
 def test_a_slow_sensor_is_recorded_at_its_rate(person):
-    with pytest.warns(UserWarning, match="10 samples per second, fewer than the scan's 31 views"):
-        slow = recorded(person, imu("rate_hz=10", "noise.kind=bmi160"))
+    slow = recorded(person, imu("rate_hz=10", "noise.kind=bmi160"))
     assert len(slow.times) == np.floor(np.ptp(person.trajectories.times) * 10 + 1e-6) + 1
     assert slow.times[1] - slow.times[0] == pytest.approx(0.1)
 
@@ -346,3 +351,20 @@ def test_methods_know_the_data_sheet_and_after_a_rest_a_better_gyroscope():
     white = known(kind="density", acceleration_bias_mg=2.0)
     assert white.accelerometer.turn_on_bias == pytest.approx(2e-3 * 9.80665)
     assert white.accelerometer.noise_density == pytest.approx(180e-6 * 9.80665)
+
+
+@pytest.mark.parametrize("kind", ["none", "density", "rms", "paper", "custom", "bmi160"])
+def test_every_key_of_noise_is_read_or_refused(kind: str):
+    """What a kind does not read is refused where it is changed; what it reads is not."""
+    values = {
+        "f_a": "2", "f_g": "2", "convention": "per-sample", "off": "['scale']",
+        "temperature_course": "[[0,1],[1,2]]", "calibration": "rest",
+        "accelerometer": "{turn_on_bias_mg=1}", "gyroscope": "{turn_on_bias_deg_per_s=1}",
+    }  # fmt: skip
+    for key in NoiseConfig.model_fields.keys() - {"kind"}:
+        given = imu(f"noise.kind={kind}", f"noise.{key}={values.get(key, '5')}")
+        if key in noise_keys(kind):
+            sensors.check(given)
+        else:
+            with pytest.raises(LegsimError, match=f"imu.noise.{key} has no effect"):
+                sensors.check(given)

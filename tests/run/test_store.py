@@ -167,6 +167,18 @@ def test_a_full_disk_is_named_and_leaves_nothing_half_kept(tmp_path, monkeypatch
     assert first.done("count", key_of(1))
 
 
+def test_what_a_killed_process_left_is_removed_after_a_day_and_nothing_else(tmp_path):
+    first, _ = folders(tmp_path)
+    finish(first, key_of(1), "one")
+    old, new = (tmp_path / "store/count" / f".partial-{name}" for name in ("old", "new"))
+    for place in (old, new):
+        place.mkdir()
+        (place / "numbers.txt").touch()
+    os.utime(old, (1e9, 1e9))
+    check_shared(tmp_path / "store", tmp_path / "b")
+    assert sorted(p.name for p in (tmp_path / "store/count").iterdir()) == [new.name, key_of(1)]
+
+
 @pytest.mark.parametrize(
     "damage",
     [

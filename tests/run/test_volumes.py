@@ -170,6 +170,7 @@ SHANK = config.SensorConfig(name="shank_l", segment="tibia_l", distance_mm=140)
             {"run": ("rigid", "{own}:rigid")},
             "rigid would be called 'rigid' like another method; rename its function",
         ),
+        ({}, {"run": ("{own}:rigid",)}, "would be called 'rigid' like another method"),
         ({}, {"run": ("{own}:static",)}, "would be called 'static' like another method"),
         ({}, {"run": ("magic",)}, "unknown correction method 'magic'"),
     ],

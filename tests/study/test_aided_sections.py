@@ -92,3 +92,16 @@ def test_results_come_back_and_every_draw_is_a_row(tmp_path):
     assert float(rows[0]["px_after_similarity"]) == RESULTS.aided[0].px_after_similarity
     scores = list(csv.DictReader(io.StringIO(csv_files.scores_csv(RESULTS.scores))))
     assert {row["sensor"] for row in scores} == {"none", "bmi160"}
+
+
+def test_the_page_says_how_the_sensors_started():
+    for start, told in (("rough", "from a rough start"), ("truth", "from its true start")):
+        (section,) = aided_sections.of_motion([replace(s, start=start) for s in aided()])
+        assert told in section.lines[0]
+
+
+def test_an_error_that_is_no_number_is_a_dash():
+    nothing = [replace(s, mm=float("nan")) if s.aid == "beads-2" else s for s in aided()]
+    (section,) = aided_sections.of_motion(nothing)
+    (row,) = [r for r in section.tables[0].rows[:4] if r[0] == "beads-2"]
+    assert row[6].startswith("–")

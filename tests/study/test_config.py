@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 import tomli_w
 
+from legsim import config as legsim_config
 from legsim.core.errors import LegsimError
 from legsim.kinematics import from_recording
 from legsim.study import config
@@ -94,6 +95,20 @@ def test_a_study_can_be_read_from_anywhere(tmp_path):
         assert settings.motion.marker_map == str(home / "map.toml")
         assert settings.scan.spectrum.file == str(home / "beam.csv")
         assert settings.methods.run[-1] == f"{home / 'mine.py'}:method"
+
+
+@pytest.mark.parametrize("place", [p for p in legsim_config.FILES if p != ("motion", "file")])
+def test_every_file_of_the_settings_is_found_beside_the_study(tmp_path, place):
+    """Of two files of one name, that of the study; what is not there is a shipped one's name."""
+    (tmp_path / "mine.toml").touch()
+    *section, key = place
+    for written, found in (("mine.toml", str(tmp_path / "mine.toml")), ("none", "none")):
+        text = f'{PLAIN}[settings.{".".join(section)}]\n{key} = "{written}"\n'
+        inside, _ = load(tmp_path, text)
+        settings = inside.settings
+        for name in section:
+            settings = settings[name]
+        assert settings[key] == found
 
 
 def test_noise_goes_into_the_runs(tmp_path):

@@ -3,6 +3,7 @@
 import shutil
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -72,6 +73,57 @@ def test_a_scan_is_scored_again_only_where_its_folder_was_deleted(tmp_path, monk
     shutil.rmtree(one.folder)
     study_jobs.scan(one)
     assert len(runs) == 2
+
+
+def test_a_scan_is_scored_again_where_a_file_that_its_settings_name_is_another(
+    tmp_path, monkeypatch
+):
+    runs = []
+
+    def fake(_: object, out: Path, **__: object) -> RunResult:
+        runs.append(out)
+        RunFolder(out, {}).write_manifest()
+        return RunResult(out, ())
+
+    monkeypatch.setattr(pipeline, "run_scan", fake)
+    beam = tmp_path / "beam.csv"
+    settings = config.load_settings(
+        preset="demo",
+        overrides=(
+            "motion.file=subject01/squat_30.trc",
+            "scan.spectrum.kind=file",
+            f"scan.spectrum.file={beam}",
+        ),
+    )
+    one = ScanJob(tmp_path, "subject01", "squat_30", None, 0, settings, None, tmp_path / "store")
+    for weight, count in ((1, 1), (1, 1), (2, 2)):
+        beam.write_text(f"energy_kev,weight\n40,1\n80,{weight}\n")
+        study_jobs.scan(one)
+        assert len(runs) == count
+
+
+@pytest.mark.parametrize("kind", ["ladder", "sensor", "aided"])
+def test_scores_without_images_are_of_the_code_that_is_there(tmp_path, monkeypatch, kind):
+    settings = config.load_settings(
+        preset="demo", overrides=("motion.file=subject01/squat_30.trc",)
+    )
+    keys = []
+
+    def noted(_: Path, key: str, __: object) -> list[dict[str, Any]]:
+        keys.append(key)
+        return []
+
+    monkeypatch.setattr(study_jobs.kept, "entries", noted)
+    who = (tmp_path, "subject01", "squat_30")
+    for code in ("one", "one", "another"):
+        monkeypatch.setattr(study_jobs.code, "fingerprint", lambda *_, now=code: now)
+        if kind == "ladder":
+            study_jobs.ladder(LadderJob(*who, "SI", LADDER, settings))
+        elif kind == "sensor":
+            study_jobs.sensor(SensorJob(*who, "mti300", SENSORS, settings))
+        else:
+            study_jobs.aided(AidedJob(*who, "none", Aiding(), settings))
+    assert keys[0] == keys[1] != keys[2]
 
 
 def test_every_job_has_a_folder_of_its_own(tmp_path):

@@ -95,3 +95,43 @@ def test_a_wrong_sensor_or_method_is_reported_before_anything_runs(tmp_path):
         asked, base = load(tmp_path, f"{PLAIN}[aiding]\n{wrong}\n")
         with pytest.raises(LegsimError, match=said):
             study_plan.plan(asked, base, tmp_path)
+
+
+def test_drawn_sensors_and_starts_are_those_of_each_scan_alone(tmp_path):
+    """Clean runs keep the seed of the settings, by which marker-based places its beads."""
+    two = PLAIN.replace('["subject01"]', '["subject01", "subject02"]')
+    drawn = (
+        '[settings.imu.noise]\nkind = "bmi160"\n',
+        '[settings.methods]\nstart = "rough"\n',
+        "[settings.imu]\nlost_share = 0.1\n",
+        "[settings.imu.vibration]\nacceleration_mg = 5\n",
+    )
+    for more, count in (("", 1), *((text, 2) for text in drawn)):
+        scans = study_plan.plan(*load(tmp_path, two + more), tmp_path).scans
+        assert len({job.settings.seed for job in scans}) == count
+        again = study_plan.plan(*load(tmp_path, PLAIN + more), tmp_path).scans
+        assert again[0].settings == scans[0].settings
+        other = study_plan.plan(*load(tmp_path, f"{PLAIN}{more}[settings]\nseed = 1\n"), tmp_path)
+        assert other.scans[0].settings.seed == scans[0].settings.seed + 1
+
+
+def test_an_aided_sensor_that_nobody_wears_is_refused(tmp_path):
+    text = f'{PLAIN}[aiding]\naids = ["standing"]\n[settings.methods]\nsensor = "typo"\n'
+    with pytest.raises(LegsimError, match=r"methods\.sensor: unknown sensor 'typo'"):
+        study_plan.plan(*load(tmp_path, text.replace('"rigid"', '"oracle"')), tmp_path)
+
+
+def test_noisy_runs_take_no_settings_of_another_noise(tmp_path):
+    text = f"""{PLAIN}[settings.imu.noise]
+kind = "rms"
+acceleration_mg = 5
+acceleration_bias_mg = 2
+[[noise]]
+convention = "SI"
+levels = [[1, 1]]
+"""
+    clean, noisy = (
+        job.settings.imu.noise for job in study_plan.plan(*load(tmp_path, text), tmp_path).scans
+    )
+    assert (clean.kind, clean.acceleration_mg) == ("rms", 5)
+    assert (noisy.kind, noisy.acceleration_mg, noisy.acceleration_bias_mg) == ("paper", 1.8, 2)

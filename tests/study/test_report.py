@@ -173,3 +173,23 @@ def test_sensors_of_the_catalogue_have_a_section_and_a_file(tmp_path):
     assert header.startswith("subject,posture,sensor,calibration,repetition,translation_mm")
     assert row == "subject01,squat_30,bmi160,rest,0,12.5,0.5"
     assert "12.5" in (tmp_path / "report.md").read_text()
+
+
+def test_runs_of_real_sensors_change_no_table_of_clean_or_noisy_ones():
+    results = example_study.results()
+    worse = [
+        replace(score, sensor="bmi160", metrics=bad.metrics, seconds=1e3)
+        for score, bad in zip(results.scores, reversed(results.scores), strict=True)
+        if score.clean
+    ]
+    with_sensors = replace(results, scores=(*results.scores, *worse))
+
+    def tables_of(content):
+        found = {t.name: t for s in content.sections for t in s.tables}
+        return {name: t for name, t in found.items() if not name.startswith("noisy_scans")}
+
+    before, after = (report.content(one) for one in (results, with_sensors))
+    own = tables_of(after)
+    assert own.pop("aided_volumes")
+    assert own == tables_of(before)
+    assert after.summary == before.summary

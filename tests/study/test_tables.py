@@ -290,3 +290,15 @@ def test_sensors_are_rows_below_their_calibration():
     ]
     assert table.rows[1] == ("bmi160", "2 ± 1.41", "0.2 ± 0.141")
     assert tables.catalogued(draws[:1]).rows[1] == ("bmi160", "1", "0.1")
+
+
+def test_levels_that_lack_scans_say_so():
+    noisy = [s for s in example_study.results().scores if s.clean or s.noise is not None]
+    whole, _ = tables.noisy_quality(noisy)
+    assert not any(" of 14 scans" in row[0] for row in whole.rows)
+    level = next(s.noise for s in noisy if s.noise is not None)
+    fewer = [s for s in noisy if not (s.noise == level and s.subject == "subject01")]
+    ssim, _ = tables.noisy_quality(fewer)
+    assert [row[0] for row in ssim.rows if " of 14 scans" in row[0]] == [
+        f"f_a = {level.f_a:g}, f_g = {level.f_g:g} (12 of 14 scans)"
+    ]
