@@ -6,7 +6,7 @@ the bones follows as in :mod:`legsim.correction.articulated`.
 
 A volume agrees with the motion along which it was made: what it shows of a bone in the directions
 that only a few views see is what these views have, wherever they have it. So a part of a motion is
-found, not all (docs/methods.md has what was measured). What may be no larger than the method's own
+found, not all (docs/fusion.md has what was measured). What may be no larger than the method's own
 error is not followed.
 """
 
@@ -72,7 +72,7 @@ _DOUBT = (
 
 _FLOOR, _FLOOR_PX = 0.6e-3, 0.3
 """m at the isocenter, and averaged pixels, by which rounds from a true motion leave it; the greater
-counts (docs/methods.md)"""
+counts (docs/fusion.md)"""
 
 
 @dataclass(frozen=True, slots=True)

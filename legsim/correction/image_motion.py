@@ -59,7 +59,7 @@ class FocusPlan:
         FocusRound(FINE, 5, calibrated=True, newton=True, weight=_SURE),
     )
     floor: float = 0.2e-3
-    """m at the isocenter: the criterion's own error, as in trials (docs/methods.md); a quarter of a
+    """m at the isocenter: the criterion's own error, as in trials (docs/fusion.md); a quarter of a
     pixel where pixels are larger than theirs
 
     No covariance has it.

@@ -1,5 +1,5 @@
 """Sensors fused with a standing person and with beads. `python -m tools.experiments.fusion`, for
-docs/methods.md.
+docs/fusion.md.
 
 One sensor on the shank with the errors of one that can be bought, a rough start, and beads on the
 skin below the knee whose shadows are projected exactly and then missed by 0.2 px; no image is made

@@ -4,7 +4,7 @@
 
 The true rigid motion, and the same with the whole volume moved by a constant shift along x. Nothing
 is wrong with either: registration takes a constant away. What SSIM and RMSE of the leg lose is what
-resampling does to noise and streaks finer than the voxels. For docs/methods.md.
+resampling does to noise and streaks finer than the voxels. For docs/fusion.md.
 """
 
 import warnings

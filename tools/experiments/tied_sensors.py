@@ -1,5 +1,5 @@
 """Thigh's and shank's sensor each alone and tied at the knee. `python -m
-tools.experiments.tied_sensors`, for docs/methods.md.
+tools.experiments.tied_sensors`, for docs/fusion.md.
 
 A BMI160 on thigh and shank, rough starts, two beads on each segment whose shadows are projected
 exactly and then missed by some noise; no image is made. Columns: the constant part over the views
