@@ -26,7 +26,8 @@ from legsim.deformation.models import RigidMotion
 from legsim.evaluation import image_gauge
 from legsim.imu import simulation
 from legsim.run import c_arm as run_c_arm
-from legsim.run import scores, volumes
+from legsim.run import motion as run_motion
+from legsim.run import scores, stages, volumes
 from legsim.simulation.setup import ScanSetup
 from legsim.study import aiding
 
@@ -125,7 +126,7 @@ def main(
             preset="demo",
             overrides=(f"motion.file={file}", f"imu.noise.kind={sensor}", "methods.start=rough"),
         )
-        setup = aiding.placed(settings)
+        setup = stages.place(settings, run_motion.solve(settings.motion))
         leg = truth(settings, setup)
         free = LegTie(leg.places[0], leg.places[2], leg.places[3], leg.places[1], **FREE)
         ankle = None if ankle_mm is None else 1e-3 * ankle_mm
