@@ -41,6 +41,11 @@ _SEARCH_PX = 4.0
 
 _LEAST_CONTRAST = 0.2
 
+_WIDER, _SELDOM = (2.0, 3.0), 0.5
+"""times that the search is widened for beads that fewer than this share of views show: their first
+guess may be off by more than the search reaches, and what few views show instead is another shadow
+"""
+
 _ROUNDS = 30
 
 _PRIOR_TURN, _PRIOR_SHIFT = np.radians(5.0), 0.02
@@ -77,7 +82,8 @@ def track(
         projections: with the beads in them.
         guesses: (b, 3) m in world, where the beads are about at the first view: to within
             ``search_px`` on the detector. One that is farther off is found where views bring its
-            bead that near, and followed back from there.
+            bead that near, and followed back from there. A bead that is found in less than half of
+            the views is sought within twice and three times as far, too.
         radius: m, of the beads.
         search_px: how far from its expected place a shadow may be, in widths of a pixel. It is
             expected where the resting guess would be seen, plus how far off it was last; the
@@ -85,8 +91,32 @@ def track(
         least_contrast: as in :func:`legsim.correction.blob_detection.locate`.
         progress: counts views.
     """
-    geometry = projections.geometry
     guesses = frozen("bead guesses", guesses, (None, 3))
+    found = _followed(
+        projections, guesses, radius, search_px, least_contrast, progress or (lambda *_: None)
+    )
+    for wider in _WIDER:
+        lost = np.isfinite(found).all(-1).mean(0) < _SELDOM
+        if not lost.any():
+            break
+        again = _followed(
+            projections, guesses, radius, wider * search_px, least_contrast, lambda *_: None
+        )
+        better = lost & (np.isfinite(again).all(-1).mean(0) >= _SELDOM)
+        found = np.where(better[:, None], again, found)
+    return found
+
+
+def _followed(
+    projections: Projections,
+    guesses: FloatArray,
+    radius: float,
+    search_px: float,
+    least_contrast: float,
+    progress: Callable[[int, int], None],
+) -> FloatArray:
+    """As :func:`track`, with one reach of the search."""
+    geometry = projections.geometry
     resting = geometry.project(guesses)[0]
     sizes = blob_detection.shadow_radii(geometry, guesses, radius)
     row_ratio = geometry.row_pitch() / geometry.pixel_pitch
@@ -109,8 +139,7 @@ def track(
 
     for view in range(len(geometry)):
         search(view, offsets[max(view - 1, 0)])
-        if progress is not None:
-            progress(view + 1, len(geometry))
+        progress(view + 1, len(geometry))
     # a bead whose guess was too far off is met later: from there it is followed back
     forward = found.copy()
     met = np.logical_or.accumulate(np.isfinite(forward).all(-1))

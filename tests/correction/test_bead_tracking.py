@@ -245,3 +245,22 @@ def test_a_bead_whose_guess_is_too_far_off_is_followed_back_from_where_it_is_met
     away = c_arm().project(beads(2) + off)[0][0, 0] - truth[0, 0]
     assert np.linalg.norm(away) > 6
     assert np.linalg.norm(found - truth, axis=-1).max() < 0.15
+
+
+def test_a_bead_whose_guess_is_too_far_off_in_all_views_is_sought_farther():
+    """Its guess is 7 mm too low, 9 pixels in every view; the other one's is right."""
+    truth = seen(sway(2), beads(2))[:20]
+    off = np.array([[0.0, -7e-3, 0.0], [0.0, 0.0, 0.0]])
+    away = c_arm().project(beads(2) + off)[0][:20] - truth
+    assert np.linalg.norm(away[:, 0], axis=-1).min() > 5
+    found = bead_tracking.track(shadows(truth, 1.3), beads(2) + off, radius=1e-3)
+    assert np.linalg.norm(found - truth, axis=-1).max() < 0.15
+
+
+def test_no_other_shadow_is_taken_for_a_bead_that_is_not_there():
+    truth = seen(sway(2), beads(2))[:20]
+    truth[:, 0] = np.nan
+    images = shadows(truth[:, 1:], 1.3)
+    found = bead_tracking.track(images, beads(2), radius=1e-3)
+    assert np.isnan(found[:, 0]).all()
+    assert np.linalg.norm(found[:, 1] - truth[:, 1], axis=-1).max() < 0.15
