@@ -33,9 +33,9 @@ class StartConfig(ConfigSection):
     Position and turn about the vertical stay as given.
     """
     position_sd_mm: float = Field(default=0.0, ge=0)
-    """roughly: standard deviation per axis"""
+    """standard deviation per axis; above 0 it also says that an exact start is none"""
     heading_sd_deg: float = Field(default=0.0, ge=0)
-    """roughly: standard deviation of the turn about the vertical"""
+    """standard deviation of the turn about the vertical"""
     fiducials: str = ""
     """CSV of view,point,u,v: pixels of four metal points (origin, x, y, z) in the first views"""
     axis_length_mm: float = Field(default=10.0, gt=0)

@@ -71,7 +71,7 @@ def positive(name: str, value: float, *, zero: bool = False) -> float:
     """
     try:
         size = float(value)
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         raise LegsimError(f"{name} is {value!r}; expected a number") from error
     if not (np.isfinite(size) and (size > 0 or (zero and size == 0))):
         least = "not negative" if zero else "positive"

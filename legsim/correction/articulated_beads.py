@@ -15,7 +15,13 @@ from legsim.core.values import FloatArray
 from legsim.correction.articulated import around_center, follow_limbs, scanned_leg
 from legsim.correction.bead_scan import BeadScan
 from legsim.correction.control_points import AttachedPoint
-from legsim.correction.fused import DISCERNED, SensorPriors, left_as_it_is, shadows_of
+from legsim.correction.fused import (
+    DISCERNED,
+    SensorPriors,
+    doubts_of_shadows,
+    left_as_it_is,
+    shadows_of,
+)
 from legsim.correction.limb_motion import Limb
 from legsim.correction.method import Correction, Scan
 from legsim.correction.smoother import BeadShadows, DivergedError, SmoothedPath, StandingPrior
@@ -68,6 +74,11 @@ class ArticulatedBeads:
             f"{100 * np.isfinite(beads.pixels).all(-1).mean():.0f} % of their shadows found, "
             f"{path.residual_px:.2f} px RMS from the sensor's path."
             for name, beads, path in zip(sensors, shadows, (found.thigh, found.shank), strict=True)
+        ]
+        noted += [
+            doubt
+            for name, beads, path in zip(sensors, shadows, (found.thigh, found.shank), strict=True)
+            for doubt in doubts_of_shadows(f"articulated-beads, {name}", path, beads.error_px)
         ]
         said, determined = _judged(scan, found)
         if not determined:

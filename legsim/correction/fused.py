@@ -114,7 +114,7 @@ class FusedBeads:
             f"{beads.pixels.shape[1]} beads: {100 * share:.0f} % of their shadows were found, "
             f"{found.residual_px:.2f} px RMS from the sensor's path."
         )
-        doubts = _doubts("fused-beads", found, beads.error_px)
+        doubts = doubts_of_shadows("fused-beads", found, beads.error_px)
         return _corrected("fused-beads", scan, found, (note, *doubts, *_clock_note(state, found)))
 
 
@@ -154,7 +154,7 @@ class FusedFiducials:
             f"{fiducials.pixels.shape[1]} fiducials in the sensor: {100 * share:.0f} % of their "
             f"shadows were found, {found.residual_px:.2f} px RMS from the sensor's path."
         )
-        doubts = _doubts("fused-fiducials", found, fiducials.error_px)
+        doubts = doubts_of_shadows("fused-fiducials", found, fiducials.error_px)
         notes = (note, *doubts, *_clock_note(state, found))
         return _corrected("fused-fiducials", scan, found, notes)
 
@@ -202,7 +202,7 @@ def _standing(scan: Scan, priors: SensorPriors) -> StandingPrior:
     return StandingPrior.at(scan.projections.geometry.rotation_center(), priors.spread)
 
 
-def _doubts(method: str, found: SmoothedPath, error_px: float) -> tuple[str, ...]:
+def doubts_of_shadows(method: str, found: SmoothedPath, error_px: float) -> tuple[str, ...]:
     """A sentence where shadows are nowhere near the path; nothing where they are as stated."""
     if found.residual_px < _FAR * error_px:
         return ()

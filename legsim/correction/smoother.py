@@ -344,7 +344,8 @@ def _missed(
     """How far points (v, p, 3) are projected from their shadows (v, p, 2)."""
     pixel, by_point = _projected(_of(geometry).matrices, at)
     miss = (pixel - pixels) / error_px
-    return _Shadows(np.nan_to_num(miss), by_point / error_px, _weights(miss))
+    seen = np.isfinite(miss).all(-1, keepdims=True)
+    return _Shadows(np.where(seen, miss, 0.0), by_point / error_px, _weights(miss))
 
 
 def _projected(matrices: FloatArray, at: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -224,8 +224,9 @@ def prepare(
     What lies away from the regions is not kept. Arguments and errors are those of :func:`evaluate`.
     """
     for what, name, known in (("scaling", scaling, SCALINGS), ("window", window, WINDOWS)):
-        if name not in known:
+        if name not in tuple(known):
             raise LegsimError(f"unknown {what} {name!r}; choose one of {', '.join(known)}")
+    regions = tuple(regions)
     if not regions:
         raise LegsimError("there is no region to compare volumes in; give one or more")
     if phantom is not None:
@@ -241,7 +242,7 @@ def prepare(
     scale = _Scale(reference, box, mask, scaling)
     return PreparedReference(
         reference.grid,
-        tuple(regions),
+        regions,
         scale.of(reference, box, "reference"),
         None if phantom is None else scale.of(phantom, box, "phantom"),
         box,

@@ -9,8 +9,12 @@ import re
 from pathlib import Path
 
 from legsim.core.errors import file_error
+from legsim.core.files import is_file
 
 _MOST = 10
+
+_MOST_FILES = 10_000
+"""slices of a numbered series"""
 
 _HEADER_BYTES = 1 << 16
 
@@ -70,6 +74,15 @@ def data_files(path: Path) -> list[Path]:
         if numbered is None:
             found.append(path.parent / name)
         else:
-            before, after = name.split(os.fsdecode(numbered[0]), 1)
-            found += sorted(path.parent.glob(f"{before}*{after.split()[0] if after else ''}"))
-    return [one for one in found if one.is_file()]
+            found += [path.parent / one for one in _numbered(name)]
+    return [one for one in found if is_file(one)]
+
+
+def _numbered(name: str) -> list[str]:
+    """Names of a pattern as "s%03d.raw 1 5 1": of first, last and step, those that are there."""
+    pattern, *counts = name.split()
+    try:
+        first, last, step = (*map(int, counts), *(1, _MOST_FILES, 1)[len(counts) :])[:3]
+        return [pattern % k for k in range(first, min(last, first + _MOST_FILES) + 1, step)]
+    except (TypeError, ValueError):
+        return []  # the reader refuses it

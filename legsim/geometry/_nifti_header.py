@@ -1,6 +1,7 @@
 """Where a NIfTI file says its voxels are: by a quaternion and by a matrix."""
 
 import struct
+import zlib
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -71,8 +72,11 @@ def _sense(path: Path) -> float:
 
 def _places(path: Path) -> tuple[FloatArray, FloatArray, FloatArray]:
     """(pixdim[0] to [3]; quatern_b to d and qoffset_x to z; srow_x to z) as the file has them."""
-    with _whole_files.opened(path) as stream:
-        head = stream.read(_LONGEST)
+    try:
+        with _whole_files.opened(path) as stream:
+            head = stream.read(_LONGEST)
+    except (EOFError, OSError, zlib.error) as error:
+        raise file_error(path, f"cannot be unpacked ({error})", "write the file again") from error
     order, second = _whole_files.nifti_layout(head)
     # floats in NIfTI-1, doubles in NIfTI-2
     kind, starts = ("d", (104, 352, 400)) if second else ("f", (76, 256, 280))

@@ -18,6 +18,7 @@ from legsim.core.values import (
     frozen_owned,
     increasing_times,
     plain_numbers,
+    positive,
     whole_counts,
     within,
 )
@@ -86,12 +87,9 @@ class ConeBeamGeometry:
                 "counts must be positive"
             )
         object.__setattr__(self, "shape_vu", counts)
-        object.__setattr__(self, "pixel_pitch", float(self.pixel_pitch))
-        if not 0 < self.pixel_pitch < np.inf:
-            raise LegsimError(
-                f"ConeBeamGeometry.pixel_pitch is {self.pixel_pitch}; it must be positive and "
-                "finite, in m"
-            )
+        object.__setattr__(
+            self, "pixel_pitch", positive("ConeBeamGeometry.pixel_pitch", self.pixel_pitch)
+        )
 
     @classmethod
     def circular(

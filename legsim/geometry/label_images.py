@@ -116,7 +116,9 @@ def _unstated(path: Path, spacing_mm: FloatArray, axes: Axes) -> tuple[str, ...]
     with _whole_files.opened(path) as stream:
         head = stream.read(_HEADER_BYTES)
     ending = path.name.lower().removesuffix(".gz").rpartition(".")[2]
-    if ending == "nii":
+    if ending == "img":  # its header is beside it
+        return _unstated(path.with_name(path.name[: -len("img")] + "hdr"), spacing_mm, axes)
+    if ending in ("nii", "hdr"):
         order, second = _whole_files.nifti_layout(head)
         codes = struct.unpack_from(
             f"{order}{'2i' if second else '2h'}", head, 344 if second else 252

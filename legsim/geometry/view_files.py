@@ -50,7 +50,9 @@ def members(place: Path) -> tuple[list[Path], tuple[str, ...]]:
     found = [path for path in files if path.suffix.lower() in _VIEWS]
     if any(path.suffix.lower() == ".mhd" for path in found):
         found = [path for path in found if path.suffix.lower() not in _PIXELS]
-    found = found or [path for path in files if not path.suffix]  # as of DICOM
+    bare = [path for path in files if not path.suffix]  # as of DICOM
+    if len(bare) > len(found):
+        found = [*found, *bare]
     if not found:
         raise file_error(place, "holds no images", f"expected files like {', '.join(_VIEWS)}")
     left = sorted({path.name for path in files} - {path.name for path in found})
@@ -138,8 +140,11 @@ def _numbers(place: Path, members: list[Path]) -> tuple[list[int], int]:
         )
     chosen = (own or differing or columns[-1:])[0]
     place_in_name = columns.index(chosen)
-    before = members[0].stem[: list(re.finditer(r"\d+", members[0].stem))[place_in_name].start()]
-    if len(own) < 2 and re.search(r"(?:^|[^A-Za-z0-9])-$", before):
+    texts = [list(re.finditer(r"\d+", path.stem))[place_in_name] for path in members]
+    before = members[0].stem[: texts[0].start()]
+    # a minus stands before no number that is 0 or padded by zeros
+    padded = any(text[0][0] == "0" for text in texts)
+    if len(own) < 2 and not padded and re.search(r"(?:^|[^A-Za-z0-9)\]-])-$", before):
         raise file_error(
             place,
             f"holds images with negative view numbers, as {members[0].name}",

@@ -143,11 +143,11 @@ def _lag(
         LegsimError: recordings that neither overlap nor agree anywhere.
     """
     if shared_s(predicted, measured) < SHORTEST:
+        if clock_stated and shared_s(predicted, measured) > 0:
+            return (*find_lag(predicted, measured, step=step, reach=0.0), "stated")
         found = find_far_lag(predicted, measured, step=step)
         if found is not None:
             return (*found, "anywhere")
-        if clock_stated:
-            return (*find_lag(predicted, measured, step=step, reach=0.0), "stated")
     lag, correlation = find_lag(predicted, measured, step=step)
     if correlation < _SURE:
         found = find_far_lag(predicted, measured, step=step)

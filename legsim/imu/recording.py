@@ -16,6 +16,12 @@ from legsim.imu.signals import ImuSignals
 _FEWEST = 16
 """samples that say something"""
 
+_FEWEST_HELD = 3
+"""repeats that are no pair by chance, or across a gap"""
+
+_PACKETS = 0.02
+"""least share of steps that are between packets, where samples arrive in packets"""
+
 _RATES_HZ = (10.0, 20e3)
 """sampling rates that sensors on a body have"""
 
@@ -190,7 +196,8 @@ def check_steady(name: str, times: FloatArray) -> None:
     if len(steps) < _FEWEST or (steps <= 0).any():
         return
     within = float(np.quantile(steps, 0.3))
-    if within > 0.5 * steps.mean():
+    # few long steps are pauses, not packets
+    if within > 0.5 * steps.mean() or (steps > 2 * within).mean() < _PACKETS:
         return
     rows = np.arange(len(times))
     line = np.polynomial.Polynomial.fit(rows, times, 1)
@@ -416,8 +423,11 @@ def held_note(recording: ImuRecording) -> tuple[str, ...]:
     count = int(lengths[longest])
     first, last = int(ends[longest]), int(ends[longest]) + count
     seconds = float(recording.times[last] - recording.times[first])
-    chance = (same.sum() - count) / max(len(same) - count, 1)
-    if seconds < _LONG_GAP or len(same) * chance**count > _CHANCE:
+    # readings repeat where a sensor is at rest: chance is that of the time around
+    reach = max(10 * count, round(2 * recording.rate_hz))
+    around = same[max(first - reach, 0) : last + reach]
+    chance = (around.sum() - count) / max(len(around) - count, 1)
+    if count < _FEWEST_HELD or seconds < _LONG_GAP or len(same) * chance**count > _CHANCE:
         return ()
     return (
         f"Sensor {recording.name}: all six readings repeat for {seconds:.2f} s at "

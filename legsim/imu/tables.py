@@ -306,13 +306,15 @@ def recording_of(
     Raises:
         LegsimError: times that do not increase, few samples, units that cannot be.
     """
+    # rows of other sensors, or of a faster instrument, have none of its numbers
+    own = np.isfinite(np.concatenate([rate, force], -1)).any(-1)
     rate, force = recording.without_lost(rate, force)
     by_rate, by_force = (np.asarray(np.isfinite(v).all(-1)) for v in (rate, force))
     seen, fewer = by_rate & by_force, min(by_rate.sum(), by_force.sum())
-    # rows of other sensors, or of a faster instrument, have none of its numbers
-    own = np.isfinite(np.concatenate([rate, force], -1)).any(-1)
-    apart = seen.sum() < 0.5 * fewer and recording.enough(fewer)
-    if not apart and seen.sum() < 0.5 * own.sum():
+    apart = recording.enough(fewer) and (
+        seen.sum() < 0.5 * fewer or _own_rates(times[by_rate], times[by_force])
+    )
+    if not apart and (not seen.any() or seen.sum() < 0.5 * own.sum()):
         raise file_error(
             path,
             f"sensor {name!r} has numbers in {int(seen.sum())} of {own.sum()} samples",
@@ -326,6 +328,14 @@ def recording_of(
         return replace(made, notes=(*gap_note(name, made.times), *made.notes))
     except LegsimError as error:
         raise _in_file(path, error) from error
+
+
+def _own_rates(a: FloatArray, b: FloatArray) -> bool:
+    """Whether two instruments with times (n,) and (m,) s sample at different rates."""
+    slower, faster = sorted((np.diff(a), np.diff(b)), key=np.median, reverse=True)
+    # most steps of the slower are alike, where lost samples leave steps of all lengths
+    step = float(np.median(slower))
+    return step > 1.5 * float(np.median(faster)) and float((slower < 0.75 * step).mean()) < 0.1
 
 
 def _time_unit(stated: str | None, cells: Sequence[str]) -> TimeUnit:

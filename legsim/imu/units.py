@@ -74,8 +74,10 @@ _SIGNS = str.maketrans({
 _BRACKETS = re.compile(r"[(\[]((?:[^()\[\]]|\([^()]*\))*)[)\]]\s*\d*\s*$")
 
 _LIKE_A_UNIT = re.compile(
-    r"[/°²^]|-[12]$|deg|rad|rpm|rps|dps|grav|lsb|count|sec|hour|minute"
-    r"|(?<![a-z])(?:[uµμ]g|gal|cm|mm|[uµμmk]?v|min|h|hrs?|hz|ticks?|samples?|frames?)$"
+    r"^(?:[a-zµμ°]{1,8}\s*)?/\s*\(?\s*(?:s|ms|min|h|hr|lsb|sec)\b|[°²]|\^-?[12]|[a-z]-[12]$"
+    r"|\b(?:milli|micro)?(?:deg|degrees?|rad|radians?|g|gravity|gravities)\s*(?:/|per\b)"
+    r"|^(?:[uµμ]g|gal|cm|mm|[uµμmk]?v|min|h|hrs?|hz|rpm|rps|dps|rad|deg|degrees?|lsb|counts?"
+    r"|hours?|minutes?|ticks?|samples?|frames?)$"
 )
 
 
@@ -91,8 +93,13 @@ def _plain(text: str) -> str:
 
 
 def stated(text: str) -> str | None:
-    """The unit that a text is, the text itself where it is another unit; None where it is none."""
-    return known(text) or (text.strip() if _LIKE_A_UNIT.search(text.lower().strip()) else None)
+    """The unit that a text is or that one of its words is, the text itself where it is another
+    unit; None where it is none.
+    """
+    words = [unit for word in re.split(r"[\s,;]+", text) if len(word) > 1 and (unit := known(word))]
+    if found := known(text) or next(iter(words), None):
+        return found
+    return text.strip() if _LIKE_A_UNIT.search(text.lower().strip()) else None
 
 
 def is_known(unit: str) -> bool:

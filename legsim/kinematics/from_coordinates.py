@@ -206,7 +206,9 @@ def _with_our_knee_sign(
         bent = turned_there
     if bent is None:
         middle = float(np.degrees(np.median(values[:, knees], axis=0)).min())
-        patella = middle > 0 and "knee_angle_r_beta" in loaded.coordinate_names
+        bends = np.degrees(values[:, knees])
+        # the way in which it bends farther
+        patella = "knee_angle_r_beta" in loaded.coordinate_names and bends.max() > -bends.min()
         flat = _flat_if_turned(leg, values, turned, loaded) if middle > _OVEREXTENDED_DEG else None
         bent = patella if flat is None else flat
         if middle > _OVEREXTENDED_DEG and flat is None and not patella:

@@ -37,7 +37,9 @@ def with_true_sign(header: C3dHeader, data: bytes) -> C3dHeader:
     of_floats = bool(usual.mean() > _MOST) and bool((size > 0).any())
     if header.scale > 0 and of_floats and room >= 4 * count:
         return _turned(header, "floating-point")
-    if header.scale < 0 and not of_floats and room < 4 * count:
+    # a file of floats that was cut short has room for more than whole numbers
+    whole = room < min(4 * count, 2 * count + 2 * BLOCK)
+    if header.scale < 0 and not of_floats and whole:
         return _turned(header, "whole")
     return header
 

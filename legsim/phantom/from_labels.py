@@ -6,6 +6,7 @@ are filled. Bones without a labeled cortex become a cortex around cancellous bon
 laid on the faces of a joint.
 """
 
+import os
 from collections.abc import Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass
@@ -450,7 +451,7 @@ def save(folder: Path, meshed: MeshedLabels) -> Path:
         LegsimError: the folder cannot be written.
     """
     path = folder / "PHANTOM.toml"
-    new = [place for place in (folder, *folder.parents) if not place.exists()]
+    new = [place for place in (folder, *folder.parents) if not os.path.exists(place)]
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with ExitStack() as renamed:

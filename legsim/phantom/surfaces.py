@@ -79,9 +79,10 @@ def is_closed(triangles: np.ndarray) -> bool:
     """
     keys, forward = _edge_keys(triangles)
     mixed = _mixed(keys.astype(np.uint64))
-    sums = [mixed[chosen].sum(dtype=np.uint64) for chosen in (forward, ~forward)]
+    # an edge from a vertex to itself counts in both directions
     degenerate = (keys >> 32) == (keys & _LOW)
-    return bool(sums[0] + mixed[degenerate].sum(dtype=np.uint64) == sums[1])
+    there, back = (mixed[c].sum(dtype=np.uint64) for c in (forward | degenerate, ~forward))
+    return bool(there == back)
 
 
 def unpaired(triangles: np.ndarray, *, signed: bool = True) -> np.ndarray:

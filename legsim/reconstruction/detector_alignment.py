@@ -94,14 +94,20 @@ def align(geometry: ConeBeamGeometry, seen: ConeBeamGeometry | None = None) -> A
     from the mean by over 8 degrees. Columns are added where views are off to one side by over a
     tenth of the width, in the median (half fan).
 
-    ``seen`` is the scan as the object saw it. Its axis counts where the object turned and not the
-    scanner.
+    ``seen`` is the scan as the object saw it. Its axis counts where the scanner has none: where the
+    object turned. Elsewhere the scanner's own counts, however far a motion has drifted.
 
     Raises:
         LegsimError: no axis of rotation fits the sources, or a detector does not reach the axis.
     """
-    path = geometry if seen is None or _spread(geometry) >= 0.5 * _spread(seen) else seen
-    arc = source_arc(path)
+    path = geometry
+    try:
+        arc = source_arc(path)
+    except LegsimError:
+        if seen is None:
+            raise
+        path = seen
+        arc = source_arc(path)
     tilt, turns = _turns(path, arc)
     shape_vu, homographies = geometry.shape_vu, np.tile(np.eye(3), (len(geometry), 1, 1))
     if turns is not None:
@@ -134,12 +140,6 @@ def warn_of_cut_off(detector: AlignedDetector) -> None:
         ShortScanWarning,
         stacklevel=4,
     )
-
-
-def _spread(geometry: ConeBeamGeometry) -> float:
-    """Extent of the sources across the line that they lie nearest to."""
-    sources = geometry.sources()
-    return float(np.linalg.svd(sources - sources.mean(0), compute_uv=False)[1])
 
 
 def _turns(geometry: ConeBeamGeometry, arc: SourceArc) -> tuple[float, FloatArray | None]:

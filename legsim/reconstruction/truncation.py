@@ -31,7 +31,7 @@ def _cylinder(edge: Float32Array, reach: int, water_pixels: float) -> Float32Arr
     m = edge.shape[-1]
     k = np.arange(m)
     centered = k - k.mean()
-    slope = edge @ (centered / max((centered**2).sum(), 1.0)).astype(np.float32)
+    slope = edge @ (centered / max((centered**2).sum(), 0.5)).astype(np.float32)
     value = np.maximum(edge.mean(-1) - slope * np.float32(k.mean()), 0.0)
     half = (value / np.float32(2 * water_pixels))[..., None]
     # the chord's slope is -2 a (x - x0) / sqrt(...), so the axis lies (half chord) x (slope) / 2 a

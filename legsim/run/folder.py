@@ -283,7 +283,7 @@ def registration_error(folder: Path) -> RegistrationError | None:
         return None
     try:
         return RegistrationError(**json.loads(path.read_text("utf-8")))
-    except (OSError, ValueError, TypeError) as error:
+    except (OSError, ValueError, TypeError, RecursionError) as error:
         fix = f"delete {folder}, and run again"
         raise file_error(path, f"cannot be read ({error})", fix) from error
 

@@ -90,7 +90,8 @@ def doubts(scan: MeasuredScan, names: Sequence[str]) -> tuple[str, ...]:
     exact = {
         name: EXACT
         for name, start in scan.worn.items()
-        if start.known == "exactly" and not start.fiducials
+        if start.known == "exactly"
+        and not (start.fiducials or start.position_sd_mm or start.heading_sd_deg)
     }
     said = methods.undetermined(names, scan.seen, followed(scan), priors(scan), exact)
     model = scan.settings.methods.sensor_model

@@ -218,7 +218,7 @@ def _present(
         drawn = scan_page.scan_figures(scene, truth, rigid, shank[0, :3, 3])
         pictures = scan_page.write_pictures(folder.path / "pictures", drawn)
         provenance = [(what, str(value)) for what, value in folder.about.items()] + [
-            ("command", f"legsim run config.toml --out {folder.path.name}")
+            ("command", shlex.join(["legsim", "run", "config.toml", "--out", folder.path.name]))
         ]
         content = scan_page.scan_report(
             setup.person,

@@ -1,5 +1,6 @@
 """Kinematics, IMU signals and a recording of one motion file, without a scan."""
 
+import shlex
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
@@ -85,7 +86,7 @@ def _replay(
     scene = build.replay_scene(person, signals)
     provenance = (
         *folder.about.items(),
-        ("command", f"legsim replay {settings.motion.file} --out {out}"),
+        ("command", shlex.join(["legsim", "replay", settings.motion.file, "--out", str(out)])),
     )
     posture = cache(lambda: replay_page.still(scene))
 

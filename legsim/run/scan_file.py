@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from legsim.config import WHITE, RunConfig, measured_scan
+from legsim.config import WHITE, MethodsConfig, RunConfig, measured_scan
 from legsim.config.imu_file import ImuFileConfig, StartConfig, WornSensorConfig
 from legsim.config.measured_scan import (
     JointConfig,
@@ -34,7 +34,9 @@ def write(folder: Path, settings: RunConfig, scan: Scan, sensors: Sequence[Senso
 def known_of(settings: RunConfig, scan: Scan, sensors: Sequence[Sensor]) -> MeasuredScanConfig:
     """Settings of the measured scan that a simulated one would be."""
     worn = tuple(
-        WornSensorConfig(name=sensor.name, segment=sensor.segment, start=_start(start))
+        WornSensorConfig(
+            name=sensor.name, segment=sensor.segment, start=_start(start, settings.methods)
+        )
         for sensor, start in zip(sensors, scan.starts, strict=True)
     )
     voxels, size = settings.grid.voxels, settings.grid.voxel_mm
@@ -59,19 +61,26 @@ def known_of(settings: RunConfig, scan: Scan, sensors: Sequence[Sensor]) -> Meas
 
 
 def _sensor_model(settings: RunConfig) -> str:
-    """The sensor whose errors the run's methods expect; the usual one where it has no name."""
+    """The sensor whose errors the run's methods expect, as bought; the usual one where it has no
+    name.
+    """
     kind = settings.imu.noise.kind
     if kind in ("none", "custom", *WHITE):
         return MeasuredMethodsConfig().sensor_model
     return str(Path(kind).resolve()) if kind.endswith(".toml") else kind
 
 
-def _start(start: SensorStart) -> StartConfig:
+def _start(start: SensorStart, methods: MethodsConfig) -> StartConfig:
+    """The start that methods were given, with how far off it may be."""
     place, rows = start.world_from_sensor[:3, 3], start.world_from_sensor[:3, :3]
     (a, b, c), (u, v, w) = (1e3 * place).tolist(), (1e3 * start.velocity).tolist()
     first, second, third = ((x, y, z) for x, y, z in rows.tolist())
     return StartConfig(
-        position_mm=(a, b, c), rotation=(first, second, third), velocity_mm_s=(u, v, w)
+        position_mm=(a, b, c),
+        rotation=(first, second, third),
+        velocity_mm_s=(u, v, w),
+        position_sd_mm=methods.rough.place_mm if methods.start == "rough" else 0.0,
+        heading_sd_deg=methods.rough.heading_deg if methods.start == "rough" else 0.0,
     )
 
 

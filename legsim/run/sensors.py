@@ -112,9 +112,11 @@ def prior_errors(settings: ImuConfig, *, view_rate_hz: float) -> SensorErrors:
     """
     errors = errors_of(settings.noise)
     if errors is not None and settings.noise.calibration != "none":
-        found = {"gyroscope": ["turn-on-bias", "g-sensitivity", "temperature"]}
+        # warming up afterwards is not undone
+        cold = [] if settings.noise.temperature_course else ["temperature"]
+        found = {"gyroscope": ["turn-on-bias", "g-sensitivity", *cold]}
         if settings.noise.calibration == "six-positions":
-            found["accelerometer"] = ["turn-on-bias", "scale", "misalignment", "temperature"]
+            found["accelerometer"] = ["turn-on-bias", "scale", "misalignment", *cold]
         for triad, terms in found.items():
             rest = getattr(errors, triad).without(terms)
             left = rest.noise_density / float(np.sqrt(2 * settings.noise.rest_s))

@@ -8,7 +8,6 @@ machines that see the same file system, may fill and read one store.
 import contextlib
 import errno
 import json
-import math
 import os
 import shutil
 import time
@@ -18,6 +17,7 @@ from typing import Any, TypeGuard
 
 from legsim.core.errors import file_error
 from legsim.core.files import full_disk, is_file
+from legsim.core.values import LARGEST
 
 _ENTRY = "entry.json"
 
@@ -102,7 +102,8 @@ def is_entry(entry: Any) -> TypeGuard[dict[str, Any]]:
     files = entry["files"]
     numbers = entry["seconds"], entry["peak_mib"] or 0
     return (
-        all(isinstance(number, int | float) and math.isfinite(number) for number in numbers)
+        all(isinstance(number, int | float) and abs(number) < LARGEST for number in numbers)
+        and isinstance(entry["key"], str)
         and isinstance(files, dict)
         and all(_within(name) for name in files)
         and all(isinstance(f, dict) and isinstance(f.get("sha256"), str) for f in files.values())

@@ -158,7 +158,7 @@ def test_arrays_inside_values_are_read_only():
             "must increase strictly, .*; sample 1",
         ),
         (lambda: ConeBeamGeometry([0, 1], scan().matrices[:2], (0, 2)), "must be positive"),
-        (lambda: replace(scan(), pixel_pitch=np.inf), "positive and finite"),
+        (lambda: replace(scan(), pixel_pitch=np.inf), "finite and positive"),
         (lambda: replace(scan(), shape_vu=(4,)), r"expected \(rows, columns\)"),
         (lambda: replace(scan(), shape_vu=(4, 5, 6)), r"expected \(rows, columns\)"),
         (lambda: ConeBeamGeometry([0.0], [[[1.0], [1.0, 2.0]]], (2, 2)), "different lengths"),

@@ -139,3 +139,18 @@ def test_files_beside_the_views_are_left_out_with_a_word(tmp_path, ending):
     assert sorted(path.name for path in found) == [f"view_{n}{ending}" for n in range(3)]
     assert "left out" in note
     assert "info.json" in note
+
+
+@pytest.mark.parametrize("before", ["leg(80kV)-", "scan--", "leg_-", "a [1]-"])
+def test_a_hyphen_before_numbers_with_leading_zeros_is_no_sign(tmp_path, before):
+    for k in range(3):
+        (tmp_path / f"{before}{k:03d}.npy").touch()
+    assert [path.name[-7:] for path in series(tmp_path)[0]] == ["000.npy", "001.npy", "002.npy"]
+
+
+def test_one_image_beside_slices_without_an_ending_does_not_displace_them(tmp_path):
+    for k in range(3):
+        (tmp_path / f"IM{k:04d}").touch()
+    (tmp_path / "preview.tif").touch()
+    with pytest.raises(LegsimError, match="several names"):
+        series(tmp_path)

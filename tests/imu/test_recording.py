@@ -173,6 +173,7 @@ def test_losses_and_late_samples_are_no_bursts():
         np.sort(times + rng.uniform(-0.004, 0.004, 3000)),
         np.r_[times[:1000], times[2000:]],
         np.r_[times[:1000], 10 + np.arange(3000) / 400],
+        np.r_[times[:300], 9.2 + times[:300]],  # a pause
     ):
         check_steady("shank", some)
 
@@ -186,3 +187,17 @@ def test_a_shaken_sensor_is_not_held_to_gravity_alone():
     rate[:, 0] += 5 * np.sin(stride)
     force[:, 2] += 12 * strength * np.sin(stride)
     check_plausible(replace(one, angular_velocity=rate, specific_force=force))
+
+
+def test_rest_in_coarse_digits_before_a_movement_is_not_held():
+    """Readings repeat at rest and never in the movement: chance is that of the rest."""
+    rng = np.random.default_rng(0)
+    count, at_rest = 6000, np.arange(6000) < 600
+    moving = np.where(at_rest, 0.0, 1.0)[:, None] * rng.normal(0, 1, (count, 6))
+    read = moving + np.r_[0.002 * 9.81 * np.ones(3), np.radians(0.25) * np.ones(3)] * rng.normal(
+        size=(count, 6)
+    )
+    digits = np.r_[0.01 * 9.81 * np.ones(3), np.radians(1.0) * np.ones(3)]
+    read = digits * np.round(read / digits)
+    one = ImuRecording("shank", np.arange(count) / 60, read[:, 3:], read[:, :3] + [0, 9.81, 0])
+    assert held_note(one) == ()

@@ -19,7 +19,7 @@ def write(path, rows, delimiter=",", names=NAMES):
     """A table with two lines of other text above it."""
     text = ["some logger 1.0", "", delimiter.join(names)]
     text += [delimiter.join(map(str, row)) for row in rows]
-    path.write_text("\n".join(text) + "\n")
+    path.write_text("\n".join(text) + "\n", "utf-8")
     return path
 
 

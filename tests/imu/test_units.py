@@ -65,3 +65,18 @@ def test_common_spellings_are_one_unit(text, unit):
 )
 def test_a_unit_also_an_unknown_one_stands_in_the_brackets_of_a_name(column, unit):
     assert units.in_name(column) == unit
+
+
+@pytest.mark.parametrize(
+    "column", ["ax (with gravity)", "ax (left/right)", "ax (3 degrees of freedom)", "gx (radius)"]
+)
+def test_words_in_brackets_that_are_no_unit_are_passed_over(column):
+    assert units.in_name(column) is None
+
+
+@pytest.mark.parametrize(
+    ("column", "unit"),
+    [("ax (m/s^2 calibrated)", "m/s2"), ("t (elapsed seconds)", "s"), ("gx (deg/s, raw)", "deg/s")],
+)
+def test_a_unit_among_words_is_found(column, unit):
+    assert units.in_name(column) == unit

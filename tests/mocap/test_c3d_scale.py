@@ -52,3 +52,13 @@ def test_channels_alone_are_no_markers_and_a_wrong_sign_does_not_hide_them(tmp_p
     np.testing.assert_allclose(c3d_analog.load_analog(tmp_path / "a.c3d").values, one.values)
     with pytest.raises(LegsimError, match=r"holds analog channels .* and no marker; export"):
         c3d.read(tmp_path / "a.c3d")
+
+
+def test_a_file_of_floats_that_was_cut_short_stays_one(tmp_path):
+    """Channels of small numbers look like no usual floats."""
+    positions = np.vstack([POSITIONS] * 4)
+    positions[:, 2:] = 1e-9
+    data = c3d_bytes(positions, LABELS, scale=-0.1)
+    (tmp_path / "a.c3d").write_bytes(data[: int(0.9 * len(data))])
+    with pytest.raises(LegsimError, match="the file ends"):
+        c3d.read(tmp_path / "a.c3d")

@@ -142,3 +142,11 @@ def test_rows_whose_hashes_are_equal_are_told_apart(rng, monkeypatch) -> None:
     monkeypatch.setattr(surfaces, "_mixed", lambda keys: 0 * keys)
     for found, one in zip(surfaces._alike(rows), expected, strict=True):
         np.testing.assert_array_equal(found, one)
+
+
+def test_sums_of_hashes_overflow_in_silence():
+    """Triangles of one vertex have edges from it to itself, which open nothing."""
+    for k in range(50):
+        mesh = np.array([[0, 1, 2], [0, 2, 3], [0, 3, 1], [1, 3, 2], [k, k, k]])
+        assert surfaces.is_closed(mesh)
+        assert not surfaces.is_closed(mesh[1:])
