@@ -99,3 +99,14 @@ def test_a_stated_clock_of_a_long_trial_is_still_checked():
 def test_half_a_second_is_needed_even_by_a_stated_clock():
     with pytest.raises(LegsimError, match=r"less than 0.5 s.*; record a longer trial"):
         compare(swaying(), swaying(seconds=0.4), clock_stated=True)
+
+
+def test_a_stated_clock_of_a_short_trial_is_not_searched():
+    """A movement that repeats itself agrees elsewhere as well."""
+    whole = swaying(seconds=60.0)
+    first = whole.times < 2.0
+    brief = ImuRecording(
+        "shank", whole.times[first], whole.angular_velocity[first], whole.specific_force[first]
+    )
+    found = compare(whole, brief, clock_stated=True)
+    assert (found.lag, found.lag_source) == (0.0, "stated")

@@ -363,3 +363,26 @@ def test_missing_numbers_are_lost_packets_in_any_spelling(tmp_path, cell):
     rows[5][4] = cell
     (read,) = load(write(tmp_path / "a.csv", rows), TableLayout((SENSOR,), time="t"))
     assert len(read.times) == 19
+
+
+@pytest.mark.parametrize("every", [2, 3, 10])
+def test_a_slower_accelerometer_in_rows_of_a_faster_gyroscope_is_read(tmp_path, every):
+    one = swaying(seconds=6.0)
+    rows = rows_of(one)
+    for k, row in enumerate(rows):
+        if k % every:
+            row[1:4] = [""] * 3
+    (read,) = load(write(tmp_path / "a.csv", rows), TableLayout((SENSOR,), time="t"))
+    assert len(read.times) > len(one.times) - every
+    shared = np.isin(one.times, read.times)
+    np.testing.assert_allclose(read.angular_velocity, one.angular_velocity[shared], atol=1e-12)
+    assert any("times of their own" in note for note in read.notes)
+
+
+@pytest.mark.parametrize("number", ["", 0.0])
+def test_columns_without_a_number_are_named(tmp_path, number):
+    rows = rows_of(still(count=50))
+    for row in rows[3:]:
+        row[1:4] = [number] * 3
+    with pytest.raises(LegsimError, match="numbers in 3 of 50 samples; check its columns"):
+        load(write(tmp_path / "a.csv", rows), TableLayout((SENSOR,), time="t"))

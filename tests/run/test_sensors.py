@@ -348,6 +348,10 @@ def test_methods_know_the_data_sheet_and_after_a_rest_a_better_gyroscope():
     assert placed.accelerometer.turn_on_bias == pytest.approx(left)
     assert placed.accelerometer.scale_error == placed.accelerometer.misalignment == 0
     assert placed.accelerometer.instability == sheet.accelerometer.instability
+    course = ((0.0, 0.0), (10.0, 5.0))
+    warm = known(kind="bmi160", calibration="six-positions", temperature_course=course)
+    assert warm.accelerometer.bias_per_kelvin == sheet.accelerometer.bias_per_kelvin
+    assert placed.accelerometer.bias_per_kelvin == 0
     white = known(kind="density", acceleration_bias_mg=2.0)
     assert white.accelerometer.turn_on_bias == pytest.approx(2e-3 * 9.80665)
     assert white.accelerometer.noise_density == pytest.approx(180e-6 * 9.80665)
