@@ -344,8 +344,7 @@ def _missed(
     """How far points (v, p, 3) are projected from their shadows (v, p, 2)."""
     pixel, by_point = _projected(_of(geometry).matrices, at)
     miss = (pixel - pixels) / error_px
-    seen = np.isfinite(miss).all(-1, keepdims=True)
-    return _Shadows(np.where(seen, miss, 0.0), by_point / error_px, _weights(miss))
+    return _Shadows(np.nan_to_num(miss, posinf=0, neginf=0), by_point / error_px, _weights(miss))
 
 
 def _projected(matrices: FloatArray, at: FloatArray) -> tuple[FloatArray, FloatArray]:

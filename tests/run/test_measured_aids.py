@@ -271,10 +271,13 @@ def test_a_start_that_is_stated_exactly_is_no_reason_to_doubt(
     """Of a sensor without errors, only the start may drift."""
     monkeypatch.setattr(measured_aids, "priors", lambda _: ls.SensorPriors(SensorErrors()))
     found = []
-    for known in ("exactly", "roughly"):
+    spread = {"position_sd_mm": 5.0, "heading_sd_deg": 3.0}
+    for known, wide in (("exactly", False), ("roughly", True), ("exactly", True)):
         scan = loaded(tmp_path)
-        worn = {n: s.model_copy(update={"known": known}) for n, s in scan.worn.items()}
+        stated = {"known": known, **(spread if wide else dict.fromkeys(spread, 0.0))}
+        worn = {n: s.model_copy(update=stated) for n, s in scan.worn.items()}
         found.append(measured_aids.doubts(replace(scan, worn=worn), ["rigid"]))
-    exact, rough = found
+    exact, *rough = found
     assert not exact
-    assert rough[0].startswith("In doubt: rigid follows shank_l by dead reckoning")
+    for said in rough:
+        assert said[0].startswith("In doubt: rigid follows shank_l by dead reckoning")
