@@ -3,7 +3,7 @@ signs.
 """
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TypeVar
 
@@ -133,6 +133,7 @@ def _completed(
         for name in loaded.coordinate_names
         if name not in COORDINATES and not _is_patella(name)
     ]
+    _check_names(path, lacking, others)
     notes = (f"ignored, being no coordinates of the leg: {', '.join(others)}",) if others else ()
     if not lacking:
         return loaded, notes
@@ -143,6 +144,30 @@ def _completed(
         f" ({name} {value:g} m)" for name, value in zip(lacking, defaults, strict=True) if value
     )
     return completed, (*notes, f"the file has no {', '.join(lacking)}: taken as 0{standing}")
+
+
+def _check_names(path: Path, lacking: Sequence[str], others: Sequence[str]) -> None:
+    """Refuses a joint's flexion under another name, which as 0 would make a stiff leg.
+
+    Raises:
+        LegsimError: it names the column and the coordinate that it may be.
+    """
+    for name in lacking:
+        joint, side = name.split("_")[0], name[-1]
+        alike = [
+            other
+            for other in others
+            if name.startswith(("hip_flexion", "knee_angle", "ankle_angle"))
+            and re.fullmatch(rf"{joint}_?(?:flex|angle|ext|dorsi)[a-z]*_?{side}", other.lower())
+        ]
+        if alike:
+            raise file_error(
+                path,
+                f"has no {name}, but {alike[0]}, which is no coordinate of legsim's leg",
+                f"give the model that it is of by --model, or name the column {name} if it counts "
+                "as gait2392's does",
+                place="column names",
+            )
 
 
 def _is_patella(name: str) -> bool:

@@ -268,3 +268,18 @@ def test_coordinates_that_are_not_a_legs_are_refused(tmp_path):
         LegsimError, match=r"c\.mot \(column names\): has no coordinate of the leg among elbow"
     ):
         from_recording.solve_kinematics(str(tmp_path / "c.mot"))
+
+
+@pytest.mark.parametrize(
+    ("name", "other"),
+    [
+        ("knee_angle_r", "knee_flex_r"),
+        ("hip_flexion_l", "hip_flex_l"),
+        ("ankle_angle_r", "ankle_dorsiflexion_r"),
+    ],
+)
+def test_a_flexion_of_another_name_is_not_taken_for_a_stiff_joint(tmp_path, solved, name, other):
+    names = tuple(other if k == name else k for k in solved.coordinate_names)
+    opensim.save(tmp_path / "c.mot", JointTrajectories(solved.times, names, solved.values))
+    with pytest.raises(LegsimError, match=f"has no {name}, but {other}.* by --model, or name"):
+        from_recording.solve_kinematics(str(tmp_path / "c.mot"))
