@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import make_interp_spline
 from scipy.signal import butter, sosfiltfilt
 
@@ -131,11 +131,10 @@ def merged(
     Raises:
         LegsimError: times that do not increase, or that do not overlap.
     """
-    fallen = force[1].copy()
-    fallen[(fallen == 0).all(-1)] = np.nan
+    felt = np.where(_lost(force[1]), np.nan, force[1])
     seen = [
         (times[known], values[known])
-        for times, values in ((force[0], fallen), rate)
+        for times, values in ((force[0], felt), rate)
         for known in (np.isfinite(values).all(-1),)
     ]
     if any(len(times) < _FEWEST for times, _ in seen):
@@ -160,12 +159,17 @@ def merged(
     return ImuRecording(name, seen[0][0], seen[1][1], seen[0][1], notes)
 
 
-def without_lost(rate: FloatArray, force: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Angular velocities and specific forces (n, 3) with NaN where the force is exactly 0, 0, 0.
+def _lost(force: FloatArray) -> NDArray[np.bool_]:
+    """(n, 1) where specific forces (n, 3) are exactly 0, 0, 0.
 
     Loggers write so what they lost; integrated it would be a free fall.
     """
-    lost = (force == 0).all(-1)[:, None]
+    return np.asarray((force == 0).all(-1, keepdims=True))
+
+
+def without_lost(rate: FloatArray, force: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Angular velocities and specific forces (n, 3) with NaN where the sample was lost."""
+    lost = _lost(force)
     return np.where(lost, np.nan, rate), np.where(lost, np.nan, force)
 
 

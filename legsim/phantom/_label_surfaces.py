@@ -7,6 +7,7 @@ from skimage import measure
 
 from legsim.core import transforms
 from legsim.core.values import FloatArray
+from legsim.phantom import surfaces
 
 _SIGMA = 1.3
 """voxels: less leaves stairs, more rounds off what is a few voxels thick"""
@@ -63,15 +64,9 @@ def _level(
     points, triangles, _, _ = measure.marching_cubes(field, 0.0)
     vertices = transforms.apply(world_from_index, points[:, ::-1].astype(float) + first)
     # marching cubes orients by the order (k, j, i); the map to world may mirror
-    if volume(vertices, triangles) < 0:
+    if surfaces.volume(vertices, triangles) < 0:
         triangles = triangles[:, ::-1]
     return vertices, triangles.astype(np.int32)
-
-
-def volume(vertices: FloatArray, triangles: np.ndarray) -> float:
-    """Volume in m^3 of a closed surface, negative where it faces inward."""
-    a, b, c = np.moveaxis((vertices - vertices.mean(axis=0))[triangles], 1, 0)
-    return float(np.einsum("ti,ti->", a, np.cross(b, c)) / 6)
 
 
 def rough_distance(mask: np.ndarray, steps: FloatArray) -> FloatArray:

@@ -21,7 +21,7 @@ from scipy.spatial import KDTree
 from legsim.core import files, transforms
 from legsim.core.errors import LegsimError, file_error
 from legsim.core.values import FloatArray
-from legsim.phantom import _label_surfaces, _stance, label_maps, landmarks
+from legsim.phantom import _label_surfaces, _stance, label_maps, landmarks, surfaces
 from legsim.phantom.label_structures import Structure, StructureGrid
 from legsim.phantom.landmarks import BoneSurface
 
@@ -413,7 +413,7 @@ def _cuts(grid: StructureGrid, boxes: Sequence[tuple[slice, ...]]) -> list[str]:
 
 def _volume_row(outer: _Outer) -> VolumeRow:
     voxel = abs(np.linalg.det(outer.world_from_index[:3, :3]))
-    mesh = _label_surfaces.volume(outer.vertices, outer.triangles)
+    mesh = surfaces.volume(outer.vertices, outer.triangles)
     return VolumeRow(outer.structure.name, float(voxel * outer.mask.sum()), mesh)
 
 

@@ -112,7 +112,7 @@ def shells(triangles: np.ndarray) -> np.ndarray:
 
 
 def volume(vertices: FloatArray, triangles: np.ndarray) -> float:
-    """Volume, negative where the surface faces inward."""
+    """Volume in m^3 of a closed surface, negative where it faces inward."""
     return float(_volumes(vertices, triangles).sum())
 
 

@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial import KDTree
 
 from legsim.core import transforms
-from legsim.phantom import _label_surfaces
+from legsim.phantom import _label_surfaces, surfaces
 from legsim.phantom.meshes import Part
 from legsim.phantom.raster import require_closed
 
@@ -34,7 +34,7 @@ def test_a_ball_is_within_half_a_voxel_and_one_percent(voxels, offset):
     far = np.linalg.norm(vertices - center, axis=1) - radius
     assert np.abs(far).max() < 0.5 * VOXEL
     expected = 4 / 3 * np.pi * radius**3
-    assert _label_surfaces.volume(vertices, triangles) == pytest.approx(expected, rel=0.01)
+    assert surfaces.volume(vertices, triangles) == pytest.approx(expected, rel=0.01)
 
 
 def test_voxels_that_are_longer_one_way_bound_the_surface_along_that_way():
@@ -51,7 +51,7 @@ def test_any_mask_gives_a_closed_surface_with_its_voxels_on_their_sides(rng):
         mask = rng.random((9, 10, 11)) < share
         vertices, triangles = of_mask(mask, np.eye(4))
         require_closed(Part("noise", "water", 0.0, vertices, triangles))
-        assert _label_surfaces.volume(vertices, triangles) > 0
+        assert surfaces.volume(vertices, triangles) > 0
         # each vertex lies between voxel centers of which some are inside and some outside
         low, high = (np.floor(vertices + 1e-4), np.ceil(vertices - 1e-4))
         padded = np.pad(mask, 1)
@@ -66,7 +66,7 @@ def test_any_mask_gives_a_closed_surface_with_its_voxels_on_their_sides(rng):
 def test_a_mirrored_grid_still_faces_outward():
     mask, placed = ball(0.01, np.full(3, 0.016))
     mirrored = placed @ np.diag([1.0, 1, -1, 1])
-    assert _label_surfaces.volume(*of_mask(mask, mirrored)) > 0
+    assert surfaces.volume(*of_mask(mask, mirrored)) > 0
 
 
 @pytest.mark.parametrize("spacing", [(VOXEL,) * 3, (0.001, 0.002, 0.004)])
