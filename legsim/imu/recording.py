@@ -19,6 +19,9 @@ _FEWEST = 16
 _FEWEST_HELD = 3
 """repeats that are no pair by chance, or across a gap"""
 
+_BEAT = 0.8
+"""share of readings that repeat equally often, where a sensor is read faster than it measures"""
+
 _PACKETS = 0.02
 """least share of steps that are between packets, where samples arrive in packets"""
 
@@ -415,14 +418,21 @@ def gap_note(name: str, times: FloatArray) -> tuple[str, ...]:
 
 
 def held_note(recording: ImuRecording) -> tuple[str, ...]:
-    """Describes stretches in which all six readings repeat, longer than chance has it; nothing
-    where there is none.
+    """Describes readings that all repeat at a beat, or in a stretch longer than chance has it;
+    nothing where there is neither.
     """
     readings = np.concatenate([recording.angular_velocity, recording.specific_force], -1)
     same = (np.diff(readings, axis=0) == 0).all(-1)
     # indices of the steps between stretches: one before each, and one after
     ends = np.flatnonzero(~np.concatenate([[False], same, [False]]))
     lengths = np.diff(ends) - 1
+    usual = int(np.median(lengths))
+    if usual > 0 and len(lengths) >= _FEWEST and (lengths == usual).mean() > _BEAT:
+        return (
+            f"Sensor {recording.name}: each reading is there {usual + 1} times, as where a sensor "
+            f"of about {recording.rate_hz / (usual + 1):.3g} Hz is read at "
+            f"{recording.rate_hz:.3g} Hz; what moves faster is not in it: log it at its own rate.",
+        )
     longest = int(lengths.argmax())
     count = int(lengths[longest])
     first, last = int(ends[longest]), int(ends[longest]) + count

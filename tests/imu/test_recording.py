@@ -201,3 +201,18 @@ def test_rest_in_coarse_digits_before_a_movement_is_not_held():
     read = digits * np.round(read / digits)
     one = ImuRecording("shank", np.arange(count) / 60, read[:, 3:], read[:, :3] + [0, 9.81, 0])
     assert held_note(one) == ()
+
+
+@pytest.mark.parametrize("times", [2, 5])
+def test_readings_that_are_each_there_several_times_are_noted(times):
+    one = still(count=1000)
+    first = np.arange(1000) // times * times
+    (note,) = held_note(
+        replace(
+            one,
+            specific_force=one.specific_force[first],
+            angular_velocity=one.angular_velocity[first],
+        )
+    )
+    assert f"each reading is there {times} times" in note
+    assert f"of about {one.rate_hz / times:.3g} Hz" in note
