@@ -11,7 +11,7 @@ from legsim.correction.method import Correction, CorrectionMethod, checked
 from legsim.deformation.models import placed
 from legsim.evaluation.regions import Box
 from legsim.evaluation.scaling import Scaling
-from legsim.evaluation.similarity import Registered, Scores, html_table, prepare
+from legsim.evaluation.similarity import REGISTERED, Registered, Scores, html_table, prepare
 from legsim.evaluation.ssim import Window
 from legsim.geometry.volume import Volume, VolumeGrid
 from legsim.opencl.device import Device
@@ -104,11 +104,16 @@ def compare(
 
     Raises:
         LegsimError: no method, one named like the reference, or one that fails; the line names it.
+            An unknown ``registered``.
 
     >>> volumes, table = compare(scan, {"rigid": Rigid("shank_l")})
     """
     if not isinstance(methods, Mapping) or not methods or REFERENCE in methods:
         raise LegsimError(f"compare needs methods by name, none of them called {REFERENCE!r}")
+    if registered not in REGISTERED:
+        raise LegsimError(
+            f"unknown registered {registered!r}; choose one of {', '.join(REGISTERED)}"
+        )
     if not isinstance(scan, SimulatedScan):
         raise LegsimError(
             "compare needs a SimulatedScan, whose scan at rest is the reference, not "

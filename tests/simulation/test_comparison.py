@@ -53,6 +53,12 @@ def test_no_method_and_one_named_like_the_reference_are_refused(methods):
         compare(nothing, methods)
 
 
+def test_an_unknown_kind_of_registration_is_refused():
+    nothing = cast(SimulatedScan, SimpleNamespace())
+    with pytest.raises(LegsimError, match="'moved'; choose one of reconstructed, resampled, none"):
+        compare(nothing, {"own": Uncorrected()}, registered="moved")  # type: ignore[arg-type]
+
+
 @pytest.mark.filterwarnings("ignore::legsim.reconstruction.weights.ShortScanWarning")
 def test_a_right_volume_that_lies_elsewhere_is_as_good_as_one_in_place():
     scan = simulate_scan(squatting(), ARM, side="left")
