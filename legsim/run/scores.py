@@ -4,13 +4,14 @@ They are written to metrics.json.
 """
 
 import json
-from collections.abc import Callable
-from dataclasses import asdict, fields
+from collections.abc import Callable, Iterable
+from dataclasses import asdict, fields, replace
 from functools import cache
 from pathlib import Path
 
 import numpy as np
 
+from legsim.config import EvaluationConfig
 from legsim.core import files
 from legsim.core.files import key_of
 from legsim.evaluation import registration, residual_motion, similarity
@@ -84,6 +85,18 @@ def score_methods(
     stage.on_progress("comparing", len(corrected), len(corrected))
     _write_all(stage, results, _registration_error(stage, corrected[0].load, regions))
     return tuple(results)
+
+
+def resampled(settings: EvaluationConfig, corrected: Iterable[Reconstructed]) -> list[str]:
+    """Says of which methods the volume cannot be reconstructed where it lies."""
+    if settings.registered != "reconstructed":
+        return []
+    return [
+        f"{one.name}: its images are its own, so that its volume is resampled where it lies "
+        "elsewhere, not reconstructed like the others."
+        for one in corrected
+        if one.own_images and one.name != methods.REFERENCE
+    ]
 
 
 def _registration_error(
@@ -170,6 +183,7 @@ def _scored(
         )
     metrics = prepared.scores(one.load(), register=how != "none", reconstructed_at=again)
     if at_rest:
+        metrics = replace(metrics, registered=how)  # it lies where it is compared
         # its leg rests: nothing is left
         left = residual_motion.of_motion(None, tuple(s.at_rest() for s in seen), setup.geometry)
     elif one.warped_by is not None:
