@@ -53,7 +53,8 @@ class EvaluationConfig(ConfigSection):
     """how a volume that lies elsewhere than the motion-free one is brought to it
 
     "reconstructed": once more (for fdk the leg alone), with every voxel where the registration
-    found it, so that noise and streaks stay as they are; "resampled": by cubic B-splines, as volumes of other programs have to
-    be, which costs a right volume up to 0.02 of SSIM; "none": not.
+    found it, so that noise and streaks stay as they are; "resampled": by cubic B-splines, as
+    volumes of other programs have to be, which costs a right volume up to 0.02 of SSIM; "none":
+    not.
     """
     air_margin_mm: float = Field(default=5.0, ge=0)
