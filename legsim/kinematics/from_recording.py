@@ -230,7 +230,7 @@ def _markers_on_own_leg(
     registered = None
     if register and not scale_file:
         registered = named(
-            scaled_from, lambda: registration.register(leg, reference, placed, loose, options)
+            scaled_from, lambda: registration.register(leg, reference, placed, options)
         )
         leg, placed, options = registered.leg, registered.sites, registered.config
         notes = (*notes, *registered.notes())
