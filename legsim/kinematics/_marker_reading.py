@@ -17,6 +17,7 @@ from legsim.mocap import files as mocap_files
 from legsim.mocap import marker_sets
 from legsim.mocap.cleaning import CleaningReport
 from legsim.mocap.labels import PAPER_ROLES
+from legsim.mocap.static_trial import as_static
 from legsim.mocap.trajectories import MarkerTrajectories
 
 
@@ -40,12 +41,15 @@ def by_role(
     required: Sequence[str] = PAPER_ROLES,
     tasks: Tasks | None = None,
     content: mocap_files.RawRecording | None = None,
+    *,
+    static: bool = False,
 ) -> tuple[MarkerTrajectories, CleaningReport, tuple[str, ...], dict[str, float]]:
     """The markers by role, what was done to them, what there is to say about the file, and the
     weights that ``tasks`` give; roles of weight 0 are left out. ``content`` is the file's, where it
-    has been read.
+    has been read. A ``static`` trial may be one frame.
     """
     raw, notes = mocap_files.read_markers(path, unit=reading.unit, up=reading.up, raw=content)
+    raw = as_static(raw) if static else raw
 
     def cleaned() -> tuple[MarkerTrajectories, CleaningReport, tuple[str, ...], dict[str, float]]:
         automatic = reading.marker_map == "auto"
@@ -87,11 +91,14 @@ def by_own_names(
     leg: OsimLeg,
     tasks: Tasks,
     content: mocap_files.RawRecording | None = None,
+    *,
+    static: bool = False,
 ) -> tuple[MarkerTrajectories, MarkerSites, CleaningReport, tuple[str, ...]]:
     """A recording's markers by the names of a user's model, their places on it, what was done to
-    them, and notes.
+    them, and notes. A ``static`` trial may be one frame.
     """
     raw, read_notes = mocap_files.read_markers(path, unit=reading.unit, up=reading.up, raw=content)
+    raw = as_static(raw) if static else raw
     own, sites, said = named(path, lambda: on_osim_model.marker_map(leg, raw.marker_names))
     weights, weighed = named(
         path, lambda: tasks.marker_weights(own, raw.marker_names, leg.marker_sites()[0].names)
