@@ -149,10 +149,10 @@ def test_a_step_is_reported_with_time_coordinate_and_size(name, size, stated):
 def test_somebody_who_stops_for_a_sample_halts():
     """Two strides put together with the frame between them twice."""
     values = squat()
-    values[:, 3] = 1.5 * TIMES
-    values[120:, 3] -= 1.5 * (TIMES[1] - TIMES[0])
+    values[:, 3] = 6 * TIMES
+    values[120:, 3] -= 6 * (TIMES[1] - TIMES[0])
     (note,) = raw(values).to_plausible_motion()[1]
-    assert note.startswith("warning: pelvis_tx halts: it moves by 0 instead of 0.0125 m at 1 s")
+    assert note.startswith("warning: pelvis_tx halts: it moves by 0 instead of 0.05 m at 1 s")
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.002])
