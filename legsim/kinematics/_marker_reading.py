@@ -7,7 +7,12 @@ from pathlib import Path
 import numpy as np
 
 from legsim.core.errors import LegsimError
-from legsim.kinematics import _osim_exchanged, marker_sites, on_osim_model
+from legsim.kinematics import (
+    _osim_exchanged,
+    exchanged_labels,
+    marker_sites,
+    on_osim_model,
+)
 from legsim.kinematics._ik_names import Tasks, left_out
 from legsim.kinematics.from_coordinates import named
 from legsim.kinematics.marker_sites import MarkerSites
@@ -79,7 +84,10 @@ def by_role(
             longest_gap_s=reading.longest_gap,
             required=required,
         )
-        return markers, report, said, weights
+        on = {role: chosen.segment(role) for role in markers.marker_names}
+        called = {r.role: r.labels[0] for r in report.roles if len(r.labels) == 1}
+        exchanged = exchanged_labels.notes(markers, on, called)
+        return markers, report, (*said, *exchanged), weights
 
     markers, report, said, weights = named(path, cleaned)
     return markers, report, (*notes, *report.notes, *said), weights
@@ -114,9 +122,11 @@ def by_own_names(
     named(path, lambda: on_osim_model.check_sides(sites, measured))
     named(path, lambda: _osim_exchanged.check(sites, measured))
     sites = sites.only([name for name in sites.names if name in measured.marker_names])
+    on = dict(zip(sites.names, sites.segments, strict=True))
+    exchanged = exchanged_labels.notes(measured, on, {})
     return (
         measured,
         sites.weighted(weights),
         cleaning,
-        (*read_notes, *cleaning.notes, *said, *weighed),
+        (*read_notes, *cleaning.notes, *said, *weighed, *exchanged),
     )

@@ -186,8 +186,8 @@ def marker_map(
 
 
 def _found(every: MarkerMap, labels: Sequence[str]) -> dict[str, tuple[str, ...]]:
-    """The model's markers that the recording has, by their labels: a label that is one marker's very
-    name is no other's that differs in case or punctuation.
+    """The model's markers that the recording has, by their labels: a label that is one marker's
+    very name is no other's that differs in case or punctuation.
     """
     found = every.found_in(labels)
     exact = {
