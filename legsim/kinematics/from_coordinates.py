@@ -33,7 +33,7 @@ _CALLED = {
 }
 """words for a part of the body in the names of columns"""
 
-_NO_ANGLE = re.compile("moment|torque|force|power|work|emg|activ|reserve|com|acc|vel|speed")
+_NO_ANGLE = re.compile("moment|torque|force|power|work|emg|activation|reserve|com|acc|vel|speed")
 """in the names of columns that are no angles"""
 
 _LARGEST_EXTENSION_DEG = 20.0
