@@ -7,7 +7,12 @@ from pathlib import Path
 import numpy as np
 
 from legsim.core.errors import LegsimError
-from legsim.kinematics import _osim_exchanged, marker_sites, on_osim_model
+from legsim.kinematics import (
+    _osim_exchanged,
+    exchanged_labels,
+    marker_sites,
+    on_osim_model,
+)
 from legsim.kinematics._ik_names import Tasks, left_out
 from legsim.kinematics.from_coordinates import named
 from legsim.kinematics.marker_sites import MarkerSites
@@ -17,6 +22,7 @@ from legsim.mocap import files as mocap_files
 from legsim.mocap import marker_sets
 from legsim.mocap.cleaning import CleaningReport
 from legsim.mocap.labels import PAPER_ROLES
+from legsim.mocap.static_trial import as_static
 from legsim.mocap.trajectories import MarkerTrajectories
 
 
@@ -40,12 +46,15 @@ def by_role(
     required: Sequence[str] = PAPER_ROLES,
     tasks: Tasks | None = None,
     content: mocap_files.RawRecording | None = None,
+    *,
+    static: bool = False,
 ) -> tuple[MarkerTrajectories, CleaningReport, tuple[str, ...], dict[str, float]]:
     """The markers by role, what was done to them, what there is to say about the file, and the
     weights that ``tasks`` give; roles of weight 0 are left out. ``content`` is the file's, where it
-    has been read.
+    has been read. A ``static`` trial may be one frame.
     """
     raw, notes = mocap_files.read_markers(path, unit=reading.unit, up=reading.up, raw=content)
+    raw = as_static(raw) if static else raw
 
     def cleaned() -> tuple[MarkerTrajectories, CleaningReport, tuple[str, ...], dict[str, float]]:
         automatic = reading.marker_map == "auto"
@@ -75,7 +84,10 @@ def by_role(
             longest_gap_s=reading.longest_gap,
             required=required,
         )
-        return markers, report, said, weights
+        on = {role: chosen.segment(role) for role in markers.marker_names}
+        called = {r.role: r.labels[0] for r in report.roles if len(r.labels) == 1}
+        exchanged = exchanged_labels.notes(markers, on, called)
+        return markers, report, (*said, *exchanged), weights
 
     markers, report, said, weights = named(path, cleaned)
     return markers, report, (*notes, *report.notes, *said), weights
@@ -87,11 +99,14 @@ def by_own_names(
     leg: OsimLeg,
     tasks: Tasks,
     content: mocap_files.RawRecording | None = None,
+    *,
+    static: bool = False,
 ) -> tuple[MarkerTrajectories, MarkerSites, CleaningReport, tuple[str, ...]]:
     """A recording's markers by the names of a user's model, their places on it, what was done to
-    them, and notes.
+    them, and notes. A ``static`` trial may be one frame.
     """
     raw, read_notes = mocap_files.read_markers(path, unit=reading.unit, up=reading.up, raw=content)
+    raw = as_static(raw) if static else raw
     own, sites, said = named(path, lambda: on_osim_model.marker_map(leg, raw.marker_names))
     weights, weighed = named(
         path, lambda: tasks.marker_weights(own, raw.marker_names, leg.marker_sites()[0].names)
@@ -107,9 +122,11 @@ def by_own_names(
     named(path, lambda: on_osim_model.check_sides(sites, measured))
     named(path, lambda: _osim_exchanged.check(sites, measured))
     sites = sites.only([name for name in sites.names if name in measured.marker_names])
+    on = dict(zip(sites.names, sites.segments, strict=True))
+    exchanged = exchanged_labels.notes(measured, on, {})
     return (
         measured,
         sites.weighted(weights),
         cleaning,
-        (*read_notes, *cleaning.notes, *said, *weighed),
+        (*read_notes, *cleaning.notes, *said, *weighed, *exchanged),
     )

@@ -139,7 +139,7 @@ class _Leg:
         poses = {
             "femur": self._aimed("femur", hip, generic.knee * self._mirror, knee),
             "tibia": self._aimed("tibia", knee, generic.ankle * self._mirror, ankle),
-            "talus": transforms.rigid(self._turn(foot), ankle),
+            "talus": transforms.rigid(self._turn(self._level(foot)), ankle),
         }
         foot_size = tibia_size
         if {"calcn", "toes"} <= body.keys():
@@ -173,6 +173,16 @@ class _Leg:
 
     def _turn(self, part: str) -> FloatArray:
         return self._rotations[self._body[part]]
+
+    def _level(self, foot: str) -> str:
+        """The body whose axes the talus takes: its own, unless these are turned to the ankle's
+        axis.
+        """
+        if foot != "talus" or "calcn" not in self._body:
+            return foot
+        turn = self._turn("calcn").T @ self._turn("talus")
+        far = np.degrees(transforms.rotation_angle(turn)) > _LARGEST_TURN_DEG
+        return "calcn" if far else foot
 
     def _between(self, upper: str, lower: str) -> FloatArray:
         return _center(self._chain, self._body[upper], self._body[lower], self._centers)
@@ -241,6 +251,8 @@ def _check_axes(
             "needs bodies with x forward, y up, z to the right"
         )
     for segment in body:
+        if segment.startswith("talus") and segment.replace("talus", "calcn") in body:
+            continue  # some follow the ankle's axis; the calcaneus says how the foot lies
         turn = pelvis[:3, :3].T @ rotations[body[segment]]
         angle = float(np.degrees(transforms.rotation_angle(turn)))
         if angle > _LARGEST_TURN_DEG:

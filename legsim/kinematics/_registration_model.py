@@ -2,7 +2,7 @@
 how they move the markers.
 """
 
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -37,6 +37,19 @@ UNLIKE = 0.015
 NEUTRAL = np.radians(10.0)
 """rad of a person's habitual hip rotation against the model's neutral one"""
 
+FOOT = (
+    "heel",
+    "meta1",
+    "meta5",
+    "toe",
+    "toe_lateral",
+    "toe_medial",
+    "midfoot_superior",
+    "midfoot_lateral",
+    *(f"foot_{k}" for k in range(10)),
+)
+"""markers whose places tell how the foot lies in the ankle"""
+
 PLACES = {
     "asis": (0.008, 0.008, 0.008),
     "psis": (0.008, 0.008, 0.008),
@@ -45,14 +58,15 @@ PLACES = {
     "epicondyle_medial": (0.008, 0.008, 0.012),
     "malleolus_lateral": (0.008, 0.008, 0.008),
     "malleolus_medial": (0.008, 0.008, 0.008),
+    **dict.fromkeys(FOOT, (0.008, 0.008, 0.008)),
 }
 """m along x, y, z of the segment: how far palpated landmarks lie from where the model has them;
 flesh over the epicondyles is the most uncertain (Della Croce et al. 1999, Med Biol Eng Comput
-37:155-161: 5 to 20 mm)
+37:155-161: 5 to 20 mm). Markers of the foot lie so far from where a flat foot shows them
 """
 
 LOOSE = (0.03, 0.03, 0.03)
-"""m: markers whose place differs between laboratories"""
+"""m: all other markers, whose place differs between laboratories"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -123,8 +137,8 @@ class PersonModel:
     All are zero for the person as scaled; ``center`` (p,) and ``precision`` (p, p) are the prior's.
     """
 
-    def __init__(self, leg: Leg, sites: MarkerSites, loose: Collection[str]) -> None:
-        self._leg, self._sites, self._loose = leg, sites, loose
+    def __init__(self, leg: Leg, sites: MarkerSites) -> None:
+        self._leg, self._sites = leg, sites
         self._scales = leg.scales
         bones = ("femur_r", "femur_l", "tibia_r", "tibia_l")
         self._columns = [("pelvis", (axis,)) for axis in range(3)]
@@ -132,7 +146,7 @@ class PersonModel:
         self._first_offset = len(self._columns)
         self._first_neutral = self._first_offset + 3 * len(sites.names)
         self.size = self._first_neutral + 2
-        self.precision, self.center = self._prior(leg, loose)
+        self.precision, self.center = self._prior(leg)
 
     @property
     def marker_names(self) -> tuple[str, ...]:
@@ -147,7 +161,7 @@ class PersonModel:
         pegged[self._first_offset : self._first_neutral] = pegs
         return pegged
 
-    def _prior(self, leg: Leg, loose: Collection[str]) -> tuple[FloatArray, FloatArray]:
+    def _prior(self, leg: Leg) -> tuple[FloatArray, FloatArray]:
         """Precision and mean: lengths as measured, but right and left alike."""
         spread = np.zeros(self.size)
         pose = leg.kinematics(leg.default_coordinates[None])
@@ -157,11 +171,7 @@ class PersonModel:
         spread[self._first_offset : self._first_neutral] = np.ravel(
             [
                 _planted_feet.spread(name)
-                or (
-                    LOOSE
-                    if name in loose
-                    else PLACES.get(name.removesuffix("_r").removesuffix("_l"), LOOSE)
-                )
+                or PLACES.get(name.removesuffix("_r").removesuffix("_l"), LOOSE)
                 for name in self._sites.names
             ]
         )
@@ -232,7 +242,7 @@ class PersonModel:
 
     def only(self, names: Sequence[str]) -> "PersonModel":
         """The model of the same person with some of the markers."""
-        return PersonModel(self._leg, self._sites.only(names), self._loose)
+        return PersonModel(self._leg, self._sites.only(names))
 
     def columns_of(self, names: Sequence[str]) -> np.ndarray:
         """Parameters here that remain with some of the markers."""

@@ -14,6 +14,12 @@ _UPRIGHT = 0.5
 and seats seldom are
 """
 
+_LOW = 0.01
+"""m above its lowest height (5th percentile) that every marker of a flat foot is"""
+
+_FEW = 0.02
+"""of the frames that show a foot: the flattest, where fewer have all markers low"""
+
 _BELOW_KNEE = ("tibia", "talus", "calcn", "toes")
 
 
@@ -33,6 +39,24 @@ def notes(motion: MarkerTrajectories, sites: MarkerSites) -> tuple[str, ...]:
         "as neutral where no marker shows them; if somebody stands, give the axis that points up, "
         "as in --set motion.up=z",
     )
+
+
+def flat_feet(motion: MarkerTrajectories, sites: MarkerSites) -> dict[str, np.ndarray]:
+    """By foot (``calcn_r``, ``calcn_l``) whether (n,) it stands flat: all of its markers are as low
+    as in any frame. Empty for a foot without two markers that some frame shows together.
+    """
+    found: dict[str, np.ndarray] = {}
+    for foot in ("calcn_r", "calcn_l"):
+        on_segments = zip(sites.names, sites.segments, strict=True)
+        names = [n for n, at in on_segments if at == foot and n in motion.marker_names]
+        seen = [h for h in (motion.marker(n)[:, 1] for n in names) if np.isfinite(h).any()]
+        if len(seen) < 2:
+            continue
+        lift = np.max([h - np.nanpercentile(h, 5) for h in seen], axis=0)
+        if np.isfinite(lift).any():
+            limit = max(_LOW, float(np.nanquantile(lift, _FEW)))
+            found[foot] = np.asarray(lift <= limit)
+    return found
 
 
 def _stands(motion: MarkerTrajectories, sites: MarkerSites) -> bool:

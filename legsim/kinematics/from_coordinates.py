@@ -25,6 +25,17 @@ _Result = TypeVar("_Result")
 _MOVING = tuple(name for name in COORDINATES if re.match("hip_flexion|knee_angle", name))
 """a motion without any of these is not a leg's"""
 
+_CALLED = {
+    "pelvis": ("pelvis",),
+    "hip": ("hip",),
+    "knee": ("knee", "tibfem", "tibiofem"),
+    "ankle": ("ankle", "talocrural"),
+}
+"""words for a part of the body in the names of columns"""
+
+_NO_ANGLE = re.compile("moment|torque|force|power|work|emg|activation|reserve|com|acc|vel|speed")
+"""in the names of columns that are no angles"""
+
 _LARGEST_EXTENSION_DEG = 20.0
 """more than any knee overextends"""
 
@@ -133,7 +144,9 @@ def _completed(
         for name in loaded.coordinate_names
         if name not in COORDINATES and not _is_patella(name)
     ]
-    _check_names(path, lacking, others)
+    known = tuple(f"{name}_" for name in loaded.coordinate_names if name in COORDINATES)
+    # speeds (pelvis_tilt_u) and the like go with a coordinate that is there
+    _check_names(path, lacking, [name for name in others if not name.startswith(known)])
     notes = (f"ignored, being no coordinates of the leg: {', '.join(others)}",) if others else ()
     if not lacking:
         return loaded, notes
@@ -147,19 +160,18 @@ def _completed(
 
 
 def _check_names(path: Path, lacking: Sequence[str], others: Sequence[str]) -> None:
-    """Refuses a joint's flexion under another name, which as 0 would make a stiff leg.
+    """Refuses a joint's flexion or the pelvis' pose under another name, which as 0 would make a
+    stiff leg, or a pelvis that stays.
 
     Raises:
         LegsimError: it names the column and the coordinate that it may be.
     """
     for name in lacking:
-        joint, side = name.split("_")[0], name[-1]
-        alike = [
-            other
-            for other in others
-            if name.startswith(("hip_flexion", "knee_angle", "ankle_angle"))
-            and re.fullmatch(rf"{joint}_?(?:flex|angle|ext|dorsi)[a-z]*_?{side}", other.lower())
-        ]
+        if not name.startswith(("pelvis", "hip_flexion", "knee_angle", "ankle_angle")):
+            continue
+        part = name.split("_")[0]
+        side = "" if part == "pelvis" else name[-1]
+        alike = [other for other in others if _is_angle_of(other, part, side)]
         if alike:
             raise file_error(
                 path,
@@ -168,6 +180,20 @@ def _check_names(path: Path, lacking: Sequence[str], others: Sequence[str]) -> N
                 "as gait2392's does",
                 place="column names",
             )
+
+
+def _is_angle_of(column: str, part: str, side: str) -> bool:
+    """Whether a column's name tells of a joint's angle on a side ("r", "l"), or of the pelvis, in
+    any of the styles in use: knee_flexion_r, RKneeAngles_X, r_knee, Right Knee Flexion, tib_fem_r.
+    """
+    plain = re.sub(r"[^a-z]", "", column.lower())
+    if not any(word in plain for word in _CALLED[part]) or _NO_ANGLE.search(plain):
+        return False
+    if not side:
+        return True
+    words = {word.lower() for word in re.findall(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])", column)}
+    sides = {side, {"r": "right", "l": "left"}[side]}
+    return bool(words & sides) or any(plain.startswith(side + word) for word in _CALLED[part])
 
 
 def _is_patella(name: str) -> bool:

@@ -213,7 +213,7 @@ def _markers_on_own_leg(
     notes = (*notes, *said)
     scaled_from = Path(scale_file) if scale_file else _scaling_source(path, scale_from)
     same = scale_file or scaled_from == path
-    reference = measured if same else by_role(reading, scaled_from)[0]
+    reference = measured if same else by_role(reading, scaled_from, static=True)[0]
     sites = marker_sites.load().weighted({r: w for r, w in weights.items() if w > 0})
     if scale_file:
         fitted, said = _given_scales(scale_file, sites, measured)
@@ -230,7 +230,7 @@ def _markers_on_own_leg(
     registered = None
     if register and not scale_file:
         registered = named(
-            scaled_from, lambda: registration.register(leg, reference, placed, loose, options)
+            scaled_from, lambda: registration.register(leg, reference, placed, options)
         )
         leg, placed, options = registered.leg, registered.sites, registered.config
         notes = (*notes, *registered.notes())
@@ -341,7 +341,7 @@ def _markers_on_model(
     else:
         reference, worn = measured, sites
         if sized_from != path:
-            reference, worn, *_ = by_own_names(reading, sized_from, leg, tasks)
+            reference, worn, *_ = by_own_names(reading, sized_from, leg, tasks, static=True)
         sized = named(sized_from, lambda: osim_registration.fit(leg, reference, worn, options))
         leg, size, found = sized.leg, sized.notes, sized.registration
         sites = leg.marker_sites()[0].only(sites.names).weighted(sites.by_name())
@@ -369,7 +369,8 @@ def _model_for_coordinates(
     leg, notes = own.load()
     if sized_from is None:
         return leg, notes
-    reference, sites, *_ = by_own_names(reading, sized_from, leg, Tasks.read(IkOptions()))
+    nothing = Tasks.read(IkOptions())
+    reference, sites, *_ = by_own_names(reading, sized_from, leg, nothing, static=True)
     held, _ = on_osim_model.held_leg(leg)
     options = IkOptions().settled(on_osim_model.model_priors(held, sites))
     sized = named(sized_from, lambda: osim_registration.fit(held, reference, sites, options))
@@ -471,7 +472,7 @@ def _sized_leg(
     """The model at the size of the person, and a note where nothing says that size."""
     leg = LegModel.load()
     if reference is not None:
-        markers, *_ = by_role(reading, reference)
+        markers, *_ = by_role(reading, reference, static=True)
         return LegModel.load(scaling.fit(leg, markers, marker_sites.load()).scales), ()
     if scale_file is not None:
         factors, notes = _scales_of(scale_file)

@@ -151,7 +151,8 @@ def calibrate(
 
     This is OpenSim's marker placer for clusters whose place differs between laboratories; landmarks
     keep their places, and so do those of a foot that is not flat on the floor, because nothing else
-    says how it lies.
+    says how it lies. A foot is posed flat, so that only frames in which it is count for its
+    markers.
     """
     config = _stance.with_feet(config or IkOptions(), motion, sites)
     if not config.feet_on_floor:
@@ -159,11 +160,14 @@ def calibrate(
     landmarks = sites.only([name for name in sites.names if name not in roles])
     poses = leg.segment_poses(solve(leg, motion, landmarks, config).trajectories)
     positions = sites.positions.copy()
+    flat = _stance.flat_feet(motion, sites)
     for k, (name, segment) in enumerate(zip(sites.names, sites.segments, strict=True)):
         if name in roles and name in motion.marker_names:
             local = transforms.apply(
                 transforms.inverse(poses.of(segment)), motion.marker(name)[:, None]
             )[:, 0]
+            if segment in flat:
+                local = local[flat[segment]]
             if np.isfinite(local).any():
                 positions[k] = np.nanmedian(local, axis=0)
     return MarkerSites(sites.names, sites.segments, positions, sites.weights)

@@ -152,7 +152,7 @@ def marker_map(
             place="MarkerSet",
         )
     every = MarkerMap.one_to_one(leg.model.path.stem, sites.names, sites.names, sites.segments)
-    found = every.found_in(labels)
+    found = _found(every, labels)
     known = sites.only([name for name in sites.names if name in found])
     on_pelvis = known.segments.count("pelvis")
     bare = [s for s in "rl" if not any(k.endswith(f"_{s}") for k in known.segments)]
@@ -183,6 +183,17 @@ def marker_map(
         notes.append(f"markers on other bodies are not used: {short(elsewhere)}")
     chosen = MarkerMap.one_to_one(every.name, known.names, known.names, known.segments)
     return chosen, known, tuple(notes)
+
+
+def _found(every: MarkerMap, labels: Sequence[str]) -> dict[str, tuple[str, ...]]:
+    """The model's markers that the recording has, by their labels: a label that is one marker's
+    very name is no other's that differs in case or punctuation.
+    """
+    found = every.found_in(labels)
+    exact = {
+        label: name for name, (label,) in found.items() if name in (label, label.rpartition(":")[2])
+    }
+    return {name: (label,) for name, (label,) in found.items() if exact.get(label, name) == name}
 
 
 def _place(sites: MarkerSites, name: str) -> tuple[str, bytes]:

@@ -323,6 +323,11 @@ def _spatial_transform(
     """The six axes of a CustomJoint, those that stay at zero left out."""
     old = element.find("TransformAxisSet")
     if old is not None:
+        if (np.abs(functions.numbers(element, "scale_factors", "its scale") - 1) > 1e-9).any():
+            raise LegsimError(
+                "it holds scale factors of its own, as of OpenSim 1; open the model in OpenSim "
+                "3.3 and save it"
+            )
         named = _numbered(old)
     else:
         axes = element.findall("SpatialTransform/TransformAxis")
@@ -359,9 +364,11 @@ def _axis(element: Element, place: str) -> JointAxis:
         raise LegsimError(f"its {place} follows {len(names)} coordinates; one is supported")
     holder = element.find("function")
     inner = [e for e in element if e.tag not in AXIS_TAGS] if holder is None else list(holder)
-    if len(inner) > 1 or (names and not inner):
+    if len(inner) > 1:
         raise LegsimError(f"its {place} holds {len(inner)} functions, expected one")
-    function = functions.read(inner[0], f"its {place}") if inner else functions.ZERO
+    # as in OpenSim, an axis without a function is its coordinate
+    alone = functions.IDENTITY if names else functions.ZERO
+    function = functions.read(inner[0], f"its {place}") if inner else alone
     direction = functions.numbers(element, "axis", f"its {place}")
     length = float(np.linalg.norm(direction)) if len(direction) == 3 else 0.0
     if length == 0 and not functions.is_zero(function):

@@ -12,7 +12,7 @@ kinematics, and the Hessian of theta is the Schur complement (variable projectio
 Pereyra 1973). OpenSim's marker placer and AddBiomechanics (Werling et al. 2023) do likewise.
 """
 
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -113,9 +113,9 @@ class Registration:
         right, left = 1e3 * self.hips_moved
         return (
             f"warning: registration moves the hip centers by {right:.0f} and {left:.0f} mm (right, "
-            "left) from the regression, which people's hips seldom are; skin that slides in deep "
-            "squats does that, and shifts the angles of hips and knees: scale from a static trial "
-            "or from shallower squats (motion.scaling_file)",
+            "left) from the regression, which people's hips seldom are; skin that slides does "
+            "that, most in deep squats, and shifts the angles of hips and knees: scale from a "
+            "static trial or from shallower squats (motion.scaling_file)",
         )
 
 
@@ -123,7 +123,6 @@ def register(
     leg: Leg,
     motion: MarkerTrajectories,
     sites: MarkerSites,
-    loose: Collection[str] = (),
     config: IkOptions | None = None,
 ) -> Registration:
     """The leg, the places of the markers and the habitual hip rotation that a recording shows.
@@ -132,7 +131,6 @@ def register(
         leg: scaled from the same person (:func:`legsim.kinematics.scaling.fit`).
         motion: markers named like ``sites``; up to 60 frames that differ in posture are used.
         sites: places on the scaled leg.
-        loose: markers whose places differ between laboratories.
         config: of inverse kinematics.
 
     Raises:
@@ -150,7 +148,7 @@ def register(
     if pegs is not None:
         sites, shown = pegs.beside(sites), pegs.beside_markers(shown)
         shown[:, measured.shape[1] :][pegs.shares[chosen] < 1] = np.nan
-    return settled(PersonModel(leg, sites, loose), config, shown, pegs=pegs)
+    return settled(PersonModel(leg, sites), config, shown, pegs=pegs)
 
 
 def settled(

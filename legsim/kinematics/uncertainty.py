@@ -44,7 +44,7 @@ def coordinate_spread(
     curvature = curvature + problem.floor()
     error = MARKER_ERROR if found is None else found.error
     own = error**2 * np.linalg.inv(curvature)
-    model: Parameters = PersonModel(leg, sites, ())
+    model: Parameters = PersonModel(leg, sites)
     if found is None:
         theta, covariance = np.zeros(model.size), np.linalg.inv(model.precision)
     else:

@@ -19,6 +19,7 @@ from legsim.mocap import files as mocap_files
 from legsim.mocap import marker_sets
 from legsim.mocap.coordinates import RawCoordinates
 from legsim.mocap.labels import MarkerMap
+from legsim.mocap.static_trial import as_static
 from legsim.mocap.trajectories import JointTrajectories, MarkerTrajectories
 
 _STILL = np.radians(5.0)
@@ -67,7 +68,11 @@ def with_zero(
         measured, _ = named(
             path,
             lambda: mocap_cleaning.clean(
-                motion, chosen, filter_hz=filter_hz, longest_gap_s=longest_gap, required=()
+                as_static(motion),
+                chosen,
+                filter_hz=filter_hz,
+                longest_gap_s=longest_gap,
+                required=(),
             ),
         )
         found = _solved(path, person, measured)

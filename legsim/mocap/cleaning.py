@@ -281,7 +281,7 @@ def _check_seen(
         )
         raise LegsimError(
             f"{', '.join(blind)} cannot be followed: {labels} is not seen in any sample; label it "
-            "and export again"
+            "and export again, or name a static trial that shows it (motion.scaling_file)"
         )
 
 

@@ -404,14 +404,21 @@ def _jumps(motion: JointTrajectories) -> tuple[str, ...]:
         limits = _SLIDING if name in _PLACES else _ROTATING
         steps = np.diff(motion.values[:, k])
         rates = (steps / dt)[:, None]
-        deviation = np.abs(rates - outliers.neighbors_median(rates))[:, 0] * dt
+        around = outliers.neighbors_median(rates)[:, 0] * dt
+        deviation = np.abs(steps - around)
         usual = outliers.SMOOTHNESS * float(np.quantile(deviation, 0.9))
         off = deviation > np.maximum(limits.floor + limits.acceleration * dt**2, usual)
         off |= (np.abs(rates[:, 0]) > limits.speed) & (np.abs(steps) > limits.floor)
         if off.any():
             worst = int(np.where(off, deviation, -1).argmax())
+            step, usually = (limits.factor * abs(x[worst]) for x in (steps, around))
+            moved = (
+                f"jumps by {step:.3g} {limits.unit}"
+                if step > usually
+                else f"halts: it moves by {step:.3g} instead of {usually:.3g} {limits.unit}"
+            )
             notes.append(
-                f"warning: {name} jumps by {limits.factor * abs(steps[worst]):.3g} {limits.unit} "
+                f"warning: {name} {moved} "
                 f"at {motion.times[worst + 1]:.4g} s, within {dt[worst]:.3g} s"
                 + (f", and {off.sum() - 1} times more" if off.sum() > 1 else "")
                 + ": no body moves so; repair the recording"

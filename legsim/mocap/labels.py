@@ -246,9 +246,14 @@ def check_covered(
         twice = sorted({name.rpartition("#")[0] for name in marker_names if "#" in name})
         if twice:
             nearest += f" (several markers are called {', '.join(twice[:5])}: none is taken)"
+        shown_elsewhere = (
+            ", or name the static trial that shows them, as in --set motion.scaling_file=static.trc"
+            if len(missing) < len(required)
+            else ""
+        )
         raise LegsimError(
             f"{nearest} among {_listed(marker_names)}; give a marker map (TOML) with [roles] and "
-            "the labels that play them"
+            f"the labels that play them{shown_elsewhere}"
         )
 
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from legsim.core import files
 from legsim.core.errors import file_error, printable
-from legsim.core.values import LARGEST
+from legsim.core.values import LARGEST, FloatArray
 from legsim.mocap._trc_times import TimeColumn, row_times
 from legsim.mocap.cells import number
 from legsim.mocap.raw import RawMarkers
@@ -23,6 +23,12 @@ _EXPORT_AGAIN = "export the trial again as TRC"
 
 _MARKS = ("\t", ";", ",")
 """between cells, in this order: semicolons where the comma is decimal"""
+
+_AXES = re.compile(r"(\S+\s+){0,2}[xyz]\d*\b")
+"""of the line below the names, whose first two cells some writers fill"""
+
+_SLOWEST_HZ, _FASTEST_HZ = 2.0, 10_000.0
+"""of a time column that is in seconds"""
 
 _HEADER_KEYS = (
     "DataRate",
@@ -38,7 +44,9 @@ _HEADER_KEYS = (
 
 @dataclass(frozen=True, slots=True)
 class _Header:
-    rate: float
+    rate: str
+    """as it stands there"""
+    rate_line: int
     frames: int | None
     units: str
     names: tuple[str, ...]
@@ -82,12 +90,15 @@ def read(path: Path | str) -> RawMarkers:
     lines = files.read(path, "TRC")
     header = _header(path, lines)
     rows = _rows(path, lines, header)
-    stated = [
-        _number(path, f"line {k}", text, "Time") if text else math.nan
-        for k, text in zip(rows.lines, rows.time_texts, strict=True)
-    ]
+    stated = np.array(
+        [
+            _number(path, f"line {k}", text, "Time") if text else math.nan
+            for k, text in zip(rows.lines, rows.time_texts, strict=True)
+        ]
+    )
+    rate, rate_notes = _rate(path, header, stated)
     times, time_notes = row_times(
-        path, header.rate, TimeColumn(rows.lines, rows.frames, rows.time_texts, np.array(stated))
+        path, rate, TimeColumn(rows.lines, rows.frames, rows.time_texts, stated)
     )
     kept = [k for k, name in enumerate(header.names) if name]
     positions = np.array(rows.values).reshape(len(times), len(header.names), 3)[:, kept]
@@ -100,7 +111,7 @@ def read(path: Path | str) -> RawMarkers:
         header.units,
         "",
         "y",
-        _notes(header, rows) + time_notes,
+        _notes(header, rows) + rate_notes + time_notes,
     )
 
 
@@ -171,17 +182,41 @@ def _header(path: Path, lines: list[str]) -> _Header:
                 place=f"line {filled[order] + 1}",
             )
     keys, numbers, names = (lines[k] for k in filled[1:4])
-    place = f"line {filled[2] + 1}"
     cells = _header_numbers(keys, numbers)
-    rate = _positive(path, place, "DataRate", cells.get("datarate", ""))
     frames = cells.get("numframes", "")
     labels = _names(path, names, f"line {filled[3] + 1}")
     first = filled[3] + 1
-    if len(filled) > 4 and re.match(r"[xyz]\d*\b", lines[filled[4]].strip(" \t,;").lower()):
+    if len(filled) > 4 and _AXES.match(lines[filled[4]].strip(" \t,;").lower()):
         first = filled[4] + 1
     return _Header(
-        rate, int(frames) if frames.isdecimal() else None, cells.get("units", ""), labels, first
+        cells.get("datarate", ""),
+        filled[2] + 1,
+        int(frames) if frames.isdecimal() else None,
+        cells.get("units", ""),
+        labels,
+        first,
     )
+
+
+def _rate(path: Path, header: _Header, stated: FloatArray) -> tuple[float, tuple[str, ...]]:
+    """Sampling rate in hertz: DataRate, or the time column's with a note where DataRate is none."""
+    try:
+        rate = float(header.rate)
+    except ValueError:
+        rate = math.nan
+    if math.isfinite(rate) and rate > 0:
+        return rate, ()
+    steps = np.diff(stated)
+    found = 1 / float(np.median(steps)) if len(steps) and (steps > 0).all() else math.nan
+    if not _SLOWEST_HZ <= found <= _FASTEST_HZ:
+        raise file_error(
+            path,
+            f"DataRate is {header.rate!r}, not a positive number",
+            "write the sampling rate in hertz under DataRate",
+            place=f"line {header.rate_line}",
+        )
+    note = f"DataRate is {header.rate!r}: the rate is the time column's, {found:.4g} Hz"
+    return found, (note,)
 
 
 def _header_numbers(keys: str, numbers: str) -> dict[str, str]:
@@ -216,21 +251,6 @@ def _trimmed(cells: list[str]) -> list[str]:
     """Cells without the blank ones at both ends."""
     filled = [k for k, cell in enumerate(cells) if cell]
     return cells[filled[0] : filled[-1] + 1] if filled else []
-
-
-def _positive(path: Path, place: str, key: str, text: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not (math.isfinite(value) and value > 0):
-        raise file_error(
-            path,
-            f"{key} is {text!r}, not a positive number",
-            f"write the sampling rate in hertz under {key}",
-            place=place,
-        )
-    return value
 
 
 def _names(path: Path, line: str, place: str) -> tuple[str, ...]:

@@ -276,6 +276,12 @@ def test_coordinates_that_are_not_a_legs_are_refused(tmp_path):
         ("knee_angle_r", "knee_flex_r"),
         ("hip_flexion_l", "hip_flex_l"),
         ("ankle_angle_r", "ankle_dorsiflexion_r"),
+        ("knee_angle_l", "LKneeAngles_X"),
+        ("knee_angle_r", "RightKneeFlexion"),
+        ("knee_angle_r", "r_knee"),
+        ("knee_angle_r", "tib_fem_r"),
+        ("hip_flexion_r", "hip_r_rx"),
+        ("pelvis_tilt", "pelvis_rx"),
     ],
 )
 def test_a_flexion_of_another_name_is_not_taken_for_a_stiff_joint(tmp_path, solved, name, other):
@@ -283,3 +289,13 @@ def test_a_flexion_of_another_name_is_not_taken_for_a_stiff_joint(tmp_path, solv
     opensim.save(tmp_path / "c.mot", JointTrajectories(solved.times, names, solved.values))
     with pytest.raises(LegsimError, match=f"has no {name}, but {other}.* by --model, or name"):
         from_recording.solve_kinematics(str(tmp_path / "c.mot"))
+
+
+@pytest.mark.parametrize("other", ["knee_moment_r", "knee_angle_l_beta", "wrist_r", "hip_force_l"])
+def test_a_column_that_is_no_such_angle_is_only_mentioned(tmp_path, solved, other):
+    kept = [k for k, n in enumerate(solved.coordinate_names) if n != "ankle_angle_r"]
+    names = (*(solved.coordinate_names[k] for k in kept), other)
+    values = np.hstack([solved.values[:, kept], np.zeros((len(solved.times), 1))])
+    opensim.save(tmp_path / "c.mot", JointTrajectories(solved.times, names, values))
+    notes = from_recording.solve_kinematics(str(tmp_path / "c.mot")).notes
+    assert any("has no ankle_angle_r: taken as 0" in note for note in notes)

@@ -332,6 +332,20 @@ def test_calibrated_markers_go_where_the_recording_shows_them():
     np.testing.assert_allclose(found.positions, moved, atol=1e-6)
 
 
+def test_markers_of_a_foot_go_where_it_stands_flat():
+    """Not where it is on the average of a jump, whose feet hang."""
+    true = sites(FULL)
+    values = np.tile(LEG.default_coordinates, (240, 1))
+    values[80:, COORDINATES.index("pelvis_ty")] += 0.25
+    for side in "rl":
+        values[80:, COORDINATES.index(f"ankle_angle_{side}")] = np.radians(-35)
+    shown = recording(values, true)
+    foot = [n for n, at in zip(true.names, true.segments, strict=True) if at.startswith("calcn")]
+    found = inverse_kinematics.calibrate(LEG, shown, true, foot)
+    rows = [true.index(name) for name in foot]
+    np.testing.assert_allclose(found.positions[rows], true.positions[rows], atol=5e-3)
+
+
 LAID_DOWN = {
     "on the back": ([0, 0, 1], 90.0),
     "on the face": ([0, 0, 1], -90.0),

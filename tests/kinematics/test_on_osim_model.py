@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from legsim.core.errors import LegsimError
-from legsim.kinematics import from_recording, osim_file
+from legsim.kinematics import from_recording, on_osim_model, osim_file
 from legsim.kinematics.leg_model import LegModel
 from legsim.kinematics.osim_leg import OsimLeg
 from legsim.mocap import opensim, trc
@@ -200,3 +200,16 @@ def test_exchanged_sides_are_refused(tmp_path, name, problem):
     for scale_model in (False, True):
         with pytest.raises(LegsimError, match=rf"m.trc: .*{problem}"):
             from_recording.solve_kinematics(path, model=model, scale_model=scale_model)
+
+
+def test_a_label_that_is_a_markers_very_name_is_no_others(tmp_path):
+    """Models that serve several laboratories hold names that differ in case alone."""
+    also = "<Marker name='tibia_r_m0'><socket_parent_frame>/bodyset/femur_r</socket_parent_frame>"
+    markers = f"{osim.MARKERS}{also}<location>0 -0.2 0</location></Marker>"
+    text = osim.version_4(osim.two_legs(), markers=markers)
+    leg = OsimLeg(osim_file.read(osim.saved(tmp_path, text)))
+    labels = [name for name in leg.marker_sites()[0].names if name != "tibia_r_m0"]
+    assert "tibia_r_M0" in labels
+    chosen, sites, notes = on_osim_model.marker_map(leg, labels)
+    assert set(chosen.roles) == set(sites.names) == set(labels)
+    assert "not there: tibia_r_m0" in notes[0]

@@ -204,3 +204,21 @@ def test_a_range_without_end_and_flags_of_numbers_are_opensims(tmp_path):
     )
     knee = osim_file.read(osim.saved(tmp_path, endless)).joints[2].coordinates[0]
     assert (knee.name, knee.low, knee.high, knee.clamped) == ("knee_angle_r", -np.inf, np.inf, True)
+
+
+def test_an_axis_without_a_function_is_its_coordinate(tmp_path):
+    axes = (("rotation1", "a", "0 0 1", ""), ("translation2", "b", "0 1 0", ""))
+    chain = custom(tmp_path, axes, {"a": FREE, "b": FREE})
+    rotations, origins = chain.poses(np.array([[0.3, -0.2]]))
+    np.testing.assert_allclose(rotations[0, 0], turn(Z, 0.3), atol=1e-14)
+    np.testing.assert_allclose(origins[0, 0], [0, -0.2, 0], atol=1e-14)
+
+
+def test_scale_factors_of_opensim_1s_joints_are_not_passed_over(tmp_path):
+    text = osim.version_3(osim.two_legs())
+    text = text.replace("<SpatialTransform>", "<TransformAxisSet><objects>", 1)
+    text = text.replace("</SpatialTransform>", "</objects></TransformAxisSet>", 1)
+    for factors, refused in (("1 1 1", False), ("1.1 1.1 1", True)):
+        scaled = f"</TransformAxisSet><scale_factors>{factors}</scale_factors>"
+        model = osim_file.read(osim.saved(tmp_path, text.replace("</TransformAxisSet>", scaled)))
+        assert ("scale factors of its own" in model.joints[0].problem) == refused

@@ -183,3 +183,23 @@ def test_what_the_legs_cannot_do_is_refused_by_name(tmp_path):
     OsimLeg(osim_file.read(osim.saved(tmp_path, osim.version_4(joints, constraints=untied))))
     arm = J("arm", "EllipsoidJoint", "pelvis", "hand_r")
     OsimLeg(osim_file.read(osim.saved(tmp_path, osim.version_4([*joints, arm]))))
+
+
+def test_a_talus_along_the_ankles_axis_is_level_with_the_calcaneus(tmp_path):
+    """Some models turn the talus' frame so that the ankle turns about one of its axes."""
+    legs = []
+    for k, turned in enumerate(("0 0 0", "0 0.8 0")):
+        joints = [
+            replace(j, child_turned=turned) if j.child.startswith("talus") else j
+            for j in osim.two_legs()
+        ]
+        joints += [
+            J(f"heel_{s}", "WeldJoint", f"talus_{s}", f"calcn_{s}", turned=turned) for s in "rl"
+        ]
+        legs.append(
+            OsimLeg(osim_file.read(osim.saved(tmp_path, osim.version_4(joints), f"{k}.osim")))
+        )
+    straight = np.zeros((1, len(legs[0].coordinate_names)))
+    ours, theirs = (leg.kinematics(straight) for leg in legs)
+    np.testing.assert_allclose(ours.rotations, theirs.rotations, atol=1e-12)
+    np.testing.assert_allclose(ours.origins, theirs.origins, atol=1e-12)

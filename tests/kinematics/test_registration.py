@@ -64,7 +64,7 @@ def moved(sites: MarkerSites, name: str, by_m: tuple[float, float, float]) -> Ma
 
 def test_the_jacobian_is_the_derivative_of_the_markers(rng: np.random.Generator):
     sites = SITES.only([*PAPER_ROLES, "heel_r", "meta1_l", "thigh_front_r"])
-    model = PersonModel(GENERIC, sites, ["heel_r"])
+    model = PersonModel(GENERIC, sites)
     theta, h = 0.02 * rng.normal(size=model.size), 1e-6
     person = model(theta)
     values = squats(5)
@@ -199,7 +199,7 @@ def test_the_sum_has_its_minimum_where_registration_ends(rng: np.random.Generato
         inverse_kinematics.Problem(leg, sites, IkOptions()), noisy.positions_world
     )
     fit = registration._Fit(
-        PersonModel(leg, sites, ()), IkOptions(), noisy.positions_world[chosen], 3e-3, 3e-4, 8
+        PersonModel(leg, sites), IkOptions(), noisy.positions_world[chosen], 3e-3, 3e-4, 8
     )
     fit.settle()
     assert 1e-3 < fit.error < 3e-3

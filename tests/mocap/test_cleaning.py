@@ -243,7 +243,7 @@ def test_a_required_marker_that_is_never_seen_is_one_clear_line():
         LegsimError,
         match=(
             r"^asis_r cannot be followed: RASI is not seen in any sample; label it and export "
-            r"again$"
+            r"again, or name a static trial that shows it \(motion.scaling_file\)$"
         ),
     ):
         cleaning.clean(with_gap(recording(), "RASI", 0, 5000), SEVEN)

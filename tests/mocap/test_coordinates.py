@@ -146,6 +146,15 @@ def test_a_step_is_reported_with_time_coordinate_and_size(name, size, stated):
     assert notes[0].startswith(f"warning: {name} jumps by {stated} at 1 s, within 0.00833 s")
 
 
+def test_somebody_who_stops_for_a_sample_halts():
+    """Two strides put together with the frame between them twice."""
+    values = squat()
+    values[:, 3] = 6 * TIMES
+    values[120:, 3] -= 6 * (TIMES[1] - TIMES[0])
+    (note,) = raw(values).to_plausible_motion()[1]
+    assert note.startswith("warning: pelvis_tx halts: it moves by 0 instead of 0.05 m at 1 s")
+
+
 @pytest.mark.parametrize("noise", [0.0, 0.002])
 def test_a_jump_of_somebody_alive_is_no_step(noise, rng):
     """3 m/s and 20 rad/s, as in sprints and kicks, seen by a pose estimator with noise."""

@@ -287,6 +287,19 @@ def test_a_time_column_that_counts_frames_becomes_seconds(write):
     )
 
 
+@pytest.mark.parametrize("rate", ["0", "", "nan"])
+def test_without_a_rate_the_time_columns_is_taken(write, rate):
+    found = trc.read(write(text(ROWS).replace("100\t100", f"{rate}\t100", 1)))
+    np.testing.assert_allclose(found.times, [0, 0.01, 0.02], atol=1e-12)
+    assert found.notes == (f"DataRate is {rate!r}: the rate is the time column's, 100 Hz",)
+
+
+def test_the_line_of_axes_may_begin_with_words(write):
+    axes = "Frame#\ts\tX1\tY1\tZ1\tX2\tY2\tZ2\n\n"
+    found = trc.read(write(text(ROWS, axes=axes)))
+    np.testing.assert_array_equal(found.positions[0], [[1, 2, 3], [4, 5, 6]])
+
+
 def test_rows_that_were_left_out_keep_their_times(write):
     rows = [f"{k}\t{(k - 1) / 100:.2f}\t1\t2\t3\t4\t5\t6" for k in range(1, 21) if k not in (7, 8)]
     np.testing.assert_allclose(
@@ -303,7 +316,7 @@ def test_a_row_without_time_gets_it_from_its_frame(write):
 @pytest.mark.parametrize(("change", "message"), [
     (lambda s: s.replace("PathFileType", "Something"), r"line 1\): the header line should start with PathFileType"),
     (lambda s: s[: s.index("Frame#")], r"line 4\): the file ends before the header line with Frame#"),
-    (lambda s: s.replace("100\t100", "zero\t100"), r"line 3\): DataRate is 'zero', not a positive number"),
+    (lambda s: re.sub(r"\t0\.0\d\t", "\t\t", s.replace("100\t100", "0\t100")), r"line 3\): DataRate is '0', not a positive number"),
     (lambda s: s.replace("A\t\t\tB", ""), r"line 4\): no marker is named"),
     (lambda s: s[: s.index("1\t0.00")], r"there is no row of data"),
     (lambda s: s.replace("2\t0.01\t1", "2\t0.01\tone"), (r"line 8\): 'one' of marker 'A' is not a number; write decimal "
