@@ -11,16 +11,11 @@ from scipy.signal import butter, sosfiltfilt
 from legsim.core.constants import STANDARD_GRAVITY
 from legsim.core.errors import LegsimError
 from legsim.core.values import FloatArray, frozen, increasing_times
+from legsim.imu.losses import gap_note, held_note
 from legsim.imu.signals import ImuSignals
 
 _FEWEST = 16
 """samples that say something"""
-
-_FEWEST_HELD = 3
-"""repeats that are no pair by chance, or across a gap"""
-
-_BEAT = 0.8
-"""share of readings that repeat equally often, where a sensor is read faster than it measures"""
 
 _PACKETS = 0.02
 """least share of steps that are between packets, where samples arrive in packets"""
@@ -51,13 +46,6 @@ _SWAY, _UNLIKE = 0.3, 10.0
 
 _CALM = 1.0
 """m/s^2 of deviation of somebody who stands"""
-
-_LONG_GAP = 0.1
-"""s; motion of 6 Hz cannot be interpolated over more"""
-
-
-_CHANCE = 1e-6
-"""by which digits of a sensor at rest may repeat as long as that"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -93,6 +81,11 @@ class ImuRecording:
             f"ImuRecording({self.name}: {len(self.times)} samples over {seconds:.4g} s, "
             f"{self.rate_hz:.4g} Hz)"
         )
+
+    @property
+    def readings(self) -> FloatArray:
+        """(n, 6) angular velocity and specific force."""
+        return np.concatenate([self.angular_velocity, self.specific_force], -1)
 
     @property
     def rate_hz(self) -> float:
@@ -189,7 +182,8 @@ def checked(recording: ImuRecording) -> ImuRecording:
         LegsimError: the line names the quantity, what it reads and the fix.
     """
     check_plausible(recording)
-    return replace(recording, notes=(*recording.notes, *held_note(recording)))
+    notes = held_note(recording.name, recording.times, recording.readings)
+    return replace(recording, notes=(*recording.notes, *notes))
 
 
 def check_steady(name: str, times: FloatArray) -> None:
@@ -398,53 +392,3 @@ def _shared_times(clocks: Sequence[FloatArray]) -> FloatArray:
 def _at(own: FloatArray, values: FloatArray, times: FloatArray) -> FloatArray:
     """Values (n, 3) at the times (n,) ``own``, by cubic splines at other times (m,)."""
     return make_interp_spline(own, values, k=3)(times)
-
-
-def gap_note(name: str, times: FloatArray) -> tuple[str, ...]:
-    """Describes gaps in a sensor's times; nothing where there is none."""
-    steps = np.diff(times)
-    step = float(np.median(steps))
-    # a sample that is late makes a long step beside a short one, and none is lost
-    around = np.convolve(np.pad(steps, 1, constant_values=step), np.ones(3), "valid")
-    lost = np.clip(np.minimum(np.rint(steps / step) - 1, np.rint(around / step) - 3), 0, None)
-    if not lost.any():
-        return ()
-    longest = int(np.argmax(steps))
-    advice = "; nothing is known of the motion within it" if steps[longest] > _LONG_GAP else ""
-    return (
-        f"Sensor {name}: {lost.sum():.0f} of {len(times) + lost.sum():.0f} samples are missing, "
-        f"the longest gap is {1e3 * steps[longest]:.0f} ms at {times[longest]:.3f} s{advice}.",
-    )
-
-
-def held_note(recording: ImuRecording) -> tuple[str, ...]:
-    """Describes readings that all repeat at a beat, or in a stretch longer than chance has it;
-    nothing where there is neither.
-    """
-    readings = np.concatenate([recording.angular_velocity, recording.specific_force], -1)
-    same = (np.diff(readings, axis=0) == 0).all(-1)
-    # indices of the steps between stretches: one before each, and one after
-    ends = np.flatnonzero(~np.concatenate([[False], same, [False]]))
-    lengths = np.diff(ends) - 1
-    usual = int(np.median(lengths))
-    if usual > 0 and len(lengths) >= _FEWEST and (lengths == usual).mean() > _BEAT:
-        return (
-            f"Sensor {recording.name}: each reading is there {usual + 1} times, as where a sensor "
-            f"of about {recording.rate_hz / (usual + 1):.3g} Hz is read at "
-            f"{recording.rate_hz:.3g} Hz; what moves faster is not in it: log it at its own rate.",
-        )
-    longest = int(lengths.argmax())
-    count = int(lengths[longest])
-    first, last = int(ends[longest]), int(ends[longest]) + count
-    seconds = float(recording.times[last] - recording.times[first])
-    # readings repeat where a sensor is at rest: chance is that of the time around
-    reach = max(10 * count, round(2 * recording.rate_hz))
-    around = same[max(first - reach, 0) : last + reach]
-    chance = (around.sum() - count) / max(len(around) - count, 1)
-    if count < _FEWEST_HELD or seconds < _LONG_GAP or len(same) * chance**count > _CHANCE:
-        return ()
-    return (
-        f"Sensor {recording.name}: all six readings repeat for {seconds:.2f} s at "
-        f"{recording.times[first]:.3f} s, as where packets were lost; nothing is known of the "
-        "motion within it.",
-    )

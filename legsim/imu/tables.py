@@ -15,7 +15,8 @@ from legsim.core.constants import STANDARD_GRAVITY
 from legsim.core.errors import LegsimError, file_error
 from legsim.core.values import FloatArray
 from legsim.imu import moments, packets, recording, units
-from legsim.imu.recording import ImuRecording, check_steady, checked, gap_note
+from legsim.imu.losses import gap_note
+from legsim.imu.recording import ImuRecording, check_steady, checked
 from legsim.imu.table_rows import Column, number_in, read_rows
 from legsim.imu.units import AccelerationUnit, AngularVelocityUnit, TimeUnit
 from legsim.mocap.c3d_analog import load_analog

@@ -16,6 +16,7 @@ from legsim.imu.recording import ImuRecording
 from legsim.imu.signals import ImuSignals
 from legsim.imu.tables import SensorColumns, TableLayout
 from legsim.kinematics.skeleton import SEGMENTS
+from legsim.mocap.c3d_analog import has_points
 
 _OF_COLUMNS = (
     "time",
@@ -87,7 +88,8 @@ def load_configured(settings: ImuFileConfig, folder: Path) -> tuple[WornSensor, 
         )
     found = _recordings(path, settings)
     offset = settings.clock_offset_s or 0.0
-    stated = settings.clock_offset_s is not None or path.suffix.lower() == ".c3d"
+    of_markers = path.suffix.lower() == ".c3d" and has_points(path)
+    stated = settings.clock_offset_s is not None or of_markers
     worn = settings.sensors or tuple(WornSensorConfig(name=one.name) for one in found)
     sensors = []
     for sensor in worn:

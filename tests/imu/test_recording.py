@@ -10,9 +10,7 @@ from legsim.imu.recording import (
     ImuRecording,
     check_plausible,
     check_steady,
-    gap_note,
     gyroscope_scale,
-    held_note,
     join,
 )
 from tests.examples.sensors import still, swaying
@@ -103,41 +101,10 @@ def test_a_recording_says_what_it_is():
         ImuRecording("a", np.zeros(2), np.zeros((2, 3)), np.zeros((2, 3)))
 
 
-def test_a_gap_of_any_length_is_counted():
-    (note,) = gap_note("shank", np.array([0.0, 0.01, 0.02, 0.03, 1e25]))
-    assert note.startswith("Sensor shank: 1000000000000000")
-    assert not gap_note("shank", 0.01 * np.arange(5))
-
-
 def test_a_recording_that_is_mostly_a_gap_says_nothing_of_the_gyroscopes_unit():
     one = swaying()
     gap = replace(one, times=np.append(one.times[:-1], 1e12))
     assert gyroscope_scale(gap) == (1.0, 0.0)
-
-
-def test_a_late_sample_is_none_lost():
-    times = np.arange(200) / 100
-    times[50] += 0.0065
-    assert gap_note("shank", times) == ()
-    assert "1 of 200 samples are missing" in gap_note("shank", np.delete(times, 120))[0]
-    assert "2 of 200 samples are missing" in gap_note("shank", np.delete(times, [120, 122]))[0]
-
-
-def test_readings_that_stand_still_are_noted_and_coarse_ones_are_not():
-    one = still(count=1000)
-    held = np.array(one.specific_force), np.array(one.angular_velocity)
-    for values in held:
-        values[300:400] = values[299]
-    (note,) = held_note(replace(one, specific_force=held[0], angular_velocity=held[1]))
-    assert note.startswith("Sensor shank: all six readings repeat for 1.00 s at 2.990 s")
-    assert held_note(one) == ()
-    # at rest a digit wider than the noise repeats often
-    coarse = replace(
-        one,
-        specific_force=np.round(one.specific_force / 0.1) * 0.1,
-        angular_velocity=np.round(one.angular_velocity / 0.01) * 0.01,
-    )
-    assert held_note(coarse) == ()
 
 
 @pytest.mark.parametrize("bias_deg", [0.0, 0.6])
@@ -187,32 +154,3 @@ def test_a_shaken_sensor_is_not_held_to_gravity_alone():
     rate[:, 0] += 5 * np.sin(stride)
     force[:, 2] += 12 * strength * np.sin(stride)
     check_plausible(replace(one, angular_velocity=rate, specific_force=force))
-
-
-def test_rest_in_coarse_digits_before_a_movement_is_not_held():
-    """Readings repeat at rest and never in the movement: chance is that of the rest."""
-    rng = np.random.default_rng(0)
-    count, at_rest = 6000, np.arange(6000) < 600
-    moving = np.where(at_rest, 0.0, 1.0)[:, None] * rng.normal(0, 1, (count, 6))
-    read = moving + np.r_[0.002 * 9.81 * np.ones(3), np.radians(0.25) * np.ones(3)] * rng.normal(
-        size=(count, 6)
-    )
-    digits = np.r_[0.01 * 9.81 * np.ones(3), np.radians(1.0) * np.ones(3)]
-    read = digits * np.round(read / digits)
-    one = ImuRecording("shank", np.arange(count) / 60, read[:, 3:], read[:, :3] + [0, 9.81, 0])
-    assert held_note(one) == ()
-
-
-@pytest.mark.parametrize("times", [2, 5])
-def test_readings_that_are_each_there_several_times_are_noted(times):
-    one = still(count=1000)
-    first = np.arange(1000) // times * times
-    (note,) = held_note(
-        replace(
-            one,
-            specific_force=one.specific_force[first],
-            angular_velocity=one.angular_velocity[first],
-        )
-    )
-    assert f"each reading is there {times} times" in note
-    assert f"of about {one.rate_hz / times:.3g} Hz" in note
