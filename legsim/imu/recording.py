@@ -11,6 +11,7 @@ from scipy.signal import butter, sosfiltfilt
 from legsim.core.constants import STANDARD_GRAVITY
 from legsim.core.errors import LegsimError
 from legsim.core.values import FloatArray, frozen, increasing_times
+from legsim.imu.bridging import bridged
 from legsim.imu.losses import gap_note, held_note
 from legsim.imu.signals import ImuSignals
 
@@ -391,4 +392,4 @@ def _shared_times(clocks: Sequence[FloatArray]) -> FloatArray:
 
 def _at(own: FloatArray, values: FloatArray, times: FloatArray) -> FloatArray:
     """Values (n, 3) at the times (n,) ``own``, by cubic splines at other times (m,)."""
-    return make_interp_spline(own, values, k=3)(times)
+    return make_interp_spline(*bridged(own, values), k=3)(times)

@@ -8,6 +8,7 @@ from scipy.signal import butter, sosfiltfilt
 
 from legsim.core.errors import LegsimError
 from legsim.core.values import FloatArray
+from legsim.imu.bridging import bridged
 from legsim.imu.recording import ImuRecording
 
 Quantity = Literal["rate", "force"]
@@ -71,7 +72,7 @@ def at(
     """Values (n, 3), or their derivative, by a cubic spline; held beyond the ends."""
     inside = np.clip(times, recording.times[0], recording.times[-1])
     values = recording.angular_velocity if quantity == "rate" else recording.specific_force
-    return make_interp_spline(recording.times, values, k=3)(inside, nu=derivative)
+    return make_interp_spline(*bridged(recording.times, values), k=3)(inside, nu=derivative)
 
 
 def in_band(
