@@ -13,8 +13,8 @@ from legsim.correction.bead_scan import BeadScan
 from legsim.correction.fiducials import Fiducials
 from legsim.correction.fused import SensorPriors
 from legsim.correction.method import Scan
+from legsim.correction.path_measurements import BeadShadows, FiducialShadows
 from legsim.correction.rough_start import EXACT, StartErrors
-from legsim.correction.smoother import BeadShadows, FiducialShadows
 from legsim.correction.triangulation import triangulated
 from legsim.imu.catalogue import CataloguedSensor, field_of, load_sensor
 from legsim.imu.errors import TERMS
