@@ -10,6 +10,7 @@ from legsim.config import measured_scan
 from legsim.config.imu_file import ImuFileConfig, StartConfig
 from legsim.config.measured_scan import JointConfig, MeasuredGridConfig, MeasuredScanConfig
 from legsim.core import transforms
+from legsim.core.constants import STANDARD_GRAVITY
 from legsim.core.errors import LegsimError, file_error
 from legsim.core.values import FloatArray
 from legsim.correction import initialization
@@ -120,9 +121,13 @@ def assemble(
     more += [folder / settings.beads.file] if settings.beads else []
     more += [folder / settings.fiducials.file] if settings.fiducials else []
     more += [described_by] if described_by else []
+    rested = settings.methods.sensor_errors.calibration != "none" and all(
+        _is_stated(sensor) for sensor in started
+    )
+    signals = _at_rest(joined.signals, starts) if rested else joined.signals
     return MeasuredScan(
         settings,
-        Scan(projections, joined.signals, starts, joints),
+        Scan(projections, signals, starts, joints),
         grid,
         {s.recording.name: s.worn.segment for s in sensors},
         tuple(s.recording.name for s in sensors if s.worn.start is None),
@@ -192,6 +197,18 @@ def _joined(sensors: Sequence[WornSensor], geometry: ConeBeamGeometry) -> Joined
             "(sensors' clock minus the views')"
         )
     return joined
+
+
+def _is_stated(sensor: WornSensor) -> bool:
+    """Whether a start is taken as its pose is given."""
+    start = sensor.worn.start
+    return start is not None and start.known == "exactly" and not start.fiducials
+
+
+def _at_rest(signals: ImuSignals, starts: Sequence[SensorStart]) -> ImuSignals:
+    """The signals after a rest, upon which the starts were leveled: upwards, as these have it."""
+    up = [start.world_from_sensor[1, :3] for start in starts]
+    return replace(signals, rest_force=STANDARD_GRAVITY * np.array(up).reshape(-1, 3))
 
 
 def _on_clock(

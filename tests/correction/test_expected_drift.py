@@ -80,20 +80,21 @@ def test_a_start_without_speed_is_off_by_the_speed_of_who_stands():
     """
     knee, squares, spreads = GEOMETRY.rotation_center()[None], [], []
     allowed = StartErrors(0.0, 0.0, 0.03, 0.0)
+    scans = []
     for seed in range(30):
         sway = Sway.standing(seed, position_mm=1.5, angle_deg=0.0)
         rate, force = sway.signals(SAMPLES)
         exact = ImuSignals(SAMPLES, ("shank_l",), rate[:, None], force[:, None])
         start = SensorStart(sway.poses(VIEWS[:1])[0], np.zeros(3))
         empty = Projections(GEOMETRY, np.zeros((len(VIEWS), 24, 31), np.float32))
-        scan = Scan(empty, exact, (start,))
-        motion = Rigid("shank_l")(scan).motion
+        scans.append(Scan(empty, exact, (start,)))
+        motion = Rigid("shank_l")(scans[-1]).motion
         assert isinstance(motion, RigidMotion)
         true = RigidMotion.from_poses(VIEWS, sway.poses(VIEWS)).carry(knee)
         squares.append(np.square(motion.carry(knee) - true).sum(-1).mean())
         spreads.append(np.square(true - true.mean(0)).mean())
     found, spread = np.sqrt(np.mean(squares)), float(np.sqrt(np.mean(spreads)))
-    expected = expected_drift(scan, "shank_l", SensorPriors(SensorErrors(), allowed, spread))
+    expected = expected_drift(scans[0], "shank_l", SensorPriors(SensorErrors(), allowed, spread))
     # people differ by a factor of two in how fast they sway
     assert 0.5 * found < expected < 2 * found
     assert expected < 0.04
