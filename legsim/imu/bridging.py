@@ -7,10 +7,11 @@ then no greater in the gap than beside it. What a movement did there alone stays
 """
 
 import numpy as np
+from numpy.typing import NDArray
 
 from legsim.core.values import FloatArray
 
-SPLINED = 2
+_SPLINED = 2
 """missing samples that a spline may bridge: it adds less noise than they had"""
 
 _BESIDE = 4
@@ -25,13 +26,12 @@ def bridged(times: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArr
 
     Returns times (m,) and values (m, ...); the given samples are among them as they are.
     """
-    steps = np.diff(times)
     if len(times) < 2 * _BESIDE:
         return times, values
-    step = float(np.median(steps))
-    wide = np.flatnonzero(steps > (SPLINED + 1.5) * step)
+    steps, wide = np.diff(times), np.flatnonzero(wide_steps(times))
     if not wide.size:
         return times, values
+    step = float(np.median(steps))
     new_times, new_values, first = [], [], 0
     for k in wide:
         missing = int(min(np.rint(steps[k] / step) - 1, _MOST))
@@ -43,6 +43,12 @@ def bridged(times: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArr
         np.concatenate([*new_times, times[first:]]),
         np.concatenate([*new_values, values[first:]]),
     )
+
+
+def wide_steps(times: FloatArray) -> NDArray[np.bool_]:
+    """Which steps (n - 1,) between samples are gaps of more than two of them."""
+    steps = np.diff(times)
+    return np.asarray(steps > (_SPLINED + 1.5) * np.median(steps))
 
 
 def _across(

@@ -4,6 +4,7 @@ import csv
 import io
 import re
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -22,7 +23,9 @@ from legsim.mocap.cells import number
 _IMU_COLUMNS = ("ax_m_s2", "ay_m_s2", "az_m_s2", "gx_rad_s", "gy_rad_s", "gz_rad_s")
 
 _XSENS = (("Acc_X", "Acc_Y", "Acc_Z"), ("Gyr_X", "Gyr_Y", "Gyr_Z"))
-_XSENS_COUNTER = "PacketCounter"
+_XSENS_COUNTERS = ("PacketCounter", "Counter")
+"""names of the packets' numbers, of MT Manager 4 and of 2"""
+
 _XSENS_PERIOD = 1 << 16
 
 _STO_FORCE = ("linear_acceleration", "linearaccelerations", "accelerometer_signal", "accel")
@@ -155,9 +158,10 @@ def load_recordings(
     names = _own_names(table_rows.cells_of(lines[0], ","))
     if names is not None:
         return tables.load(path, _own_layout(names))
-    if any(_XSENS_COUNTER in line and _XSENS[0][0] in line for line in lines[:50]):
+    counter = _xsens_counter(lines)
+    if counter is not None:
         layout = _xsens_layout(path, lines, rate_hz, acceleration_unit, angular_velocity_unit)
-        return tables.load(path, layout)
+        return tables.load(path, replace(layout, counter=counter))
     raise _unknown(path, lines[0])
 
 
@@ -181,6 +185,15 @@ def _own_layout(names: Sequence[str]) -> TableLayout:
     return TableLayout(sensors, time="time_s")
 
 
+def _xsens_counter(lines: Sequence[str]) -> str | None:
+    """Name of the counter in an export of Xsens; None for other text."""
+    for line in lines[:50]:
+        names = re.split(r"[,;\s]+", line)
+        if _XSENS[0][0] in names:
+            return next((name for name in _XSENS_COUNTERS if name in names), None)
+    return None
+
+
 def _xsens_layout(
     path: Path,
     lines: Sequence[str],
@@ -201,7 +214,6 @@ def _xsens_layout(
         acceleration_unit,
         angular_velocity_unit or ("deg/s" if dot else None),
         rate_hz=_xsens_rate(path, lines) if rate_hz is None else rate_hz,
-        counter=_XSENS_COUNTER,
         counter_period=1 << 32 if dot else _XSENS_PERIOD,
     )
 
@@ -229,7 +241,8 @@ def _is_dot(lines: Sequence[str]) -> bool:
 def _xsens_rate(path: Path, lines: Sequence[str]) -> float:
     """Samples per second, as the header says."""
     said = re.search(
-        r"(?im)^\W*(?:update|output|sample|sampling) ?rate\W*(\d+[.,]?\d*)\s*hz",
+        r"(?im)^\W*(?:update|output|sampl(?:e|ing)|acquisition) ?(?:rate|frequency)\W*"
+        r"(\d+[.,]?\d*)\s*hz",
         "\n".join(lines[:50]),
     )
     if said is None:

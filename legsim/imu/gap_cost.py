@@ -14,10 +14,9 @@ def longest_gap(times: FloatArray, views: FloatArray) -> float:
     """Seconds of the longest gap between samples (n,) s during the views (v,) s that is bridged by
     a cubic; 0 without one.
     """
-    steps = np.diff(times)
     during = (times[1:] > views[0]) & (times[:-1] < views[-1])
-    wide = during & (steps > (bridging.SPLINED + 1.5) * float(np.median(steps)))
-    return float(steps[wide].max()) if wide.any() else 0.0
+    wide = during & bridging.wide_steps(times)
+    return float(np.diff(times)[wide].max()) if wide.any() else 0.0
 
 
 def gap_cost(

@@ -11,7 +11,7 @@ from scipy.signal import butter, sosfiltfilt
 from legsim.core.constants import STANDARD_GRAVITY
 from legsim.core.errors import LegsimError
 from legsim.core.values import FloatArray, frozen, increasing_times
-from legsim.imu.bridging import bridged
+from legsim.imu.bridging import bridged, wide_steps
 from legsim.imu.losses import gap_note, held_note
 from legsim.imu.signals import ImuSignals
 
@@ -29,6 +29,15 @@ _AT_REST = (0.75 * STANDARD_GRAVITY, 1.35 * STANDARD_GRAVITY)
 
 _FASTEST = np.radians(2000.0)
 """rad/s, the widest range of common gyroscopes"""
+
+_CALM_SHARE = 0.1
+"""of the samples: those at which a sensor turns least, where it feels little but gravity"""
+
+_OFF = 0.05
+"""of gravity, by which a calm accelerometer may be off without a note"""
+
+_PUSHED, _FAST = -1.5, 2.0
+"""ratios of gravity's turn by both instruments beyond which what the sensor feels is not gravity"""
 
 _TILTING_HZ = 0.6
 """below it a leg about its ankle tilts more against gravity than it accelerates"""
@@ -139,7 +148,7 @@ def merged(
     for times, _ in seen:
         increasing_times(f"times of sensor {name!r}", times)
         check_steady(name, times)
-    notes = tuple(note for times, _ in seen for note in gap_note(name, times))
+    notes = tuple(dict.fromkeys(note for times, _ in seen for note in gap_note(name, times)))
     if not np.array_equal(seen[0][0], seen[1][0]):
         times = _shared_times([times for times, _ in seen])
         if len(times) < _FEWEST:
@@ -148,7 +157,10 @@ def merged(
                 f"accelerations and angular velocities of sensor {name!r} hardly overlap in time: "
                 f"{spans}; give files of one recording, by one clock"
             )
-        seen = [(times, _at(own, values, times)) for own, values in seen]
+        force_at, rate_at = (_at(own, values, times) for own, values in seen)
+        known = np.isfinite(force_at).all(-1) & np.isfinite(rate_at).all(-1)
+        times = times[known]
+        seen = [(times, force_at[known]), (times, rate_at[known])]
         notes += (
             f"Sensor {name}: accelerations and angular velocities have times of their own; both "
             "are put on those of the faster by cubic splines.",
@@ -183,8 +195,8 @@ def checked(recording: ImuRecording) -> ImuRecording:
         LegsimError: the line names the quantity, what it reads and the fix.
     """
     check_plausible(recording)
-    notes = held_note(recording.name, recording.times, recording.readings)
-    return replace(recording, notes=(*recording.notes, *notes))
+    held = held_note(recording.name, recording.times, recording.readings)
+    return replace(recording, notes=(*recording.notes, *held, *_doubts(recording)))
 
 
 def check_steady(name: str, times: FloatArray) -> None:
@@ -229,14 +241,56 @@ def check_plausible(recording: ImuRecording) -> None:
             f"{where} has {recording.rate_hz:.4g} samples per second, which no such sensor takes; "
             "state the unit of the times (s, ms or us) or the rate"
         )
-    _check_force(where, recording.specific_force)
+    _check_force(where, recording)
     _check_rate(where, recording)
 
 
-def _check_force(where: str, force: FloatArray) -> None:
-    magnitude = float(np.median(np.linalg.norm(force, axis=-1)))
-    if _AT_REST[0] <= magnitude <= _AT_REST[1]:
+def _doubts(recording: ImuRecording) -> tuple[str, ...]:
+    """What does not fit gravity, and may yet be so."""
+    notes, where = [], f"In doubt: sensor {recording.name}"
+    magnitudes = np.linalg.norm(recording.specific_force, axis=-1)
+    read = float(np.median(magnitudes))
+    share = read / STANDARD_GRAVITY - 1
+    if float(recording.specific_force.std(0).max()) < _CALM and abs(share) > _OFF:
+        notes.append(
+            f"{where} reads {read:.2f} m/s2 while it is calm, {100 * share:+.0f} % off gravity: "
+            "check the unit and scale of its acceleration, or calibrate it."
+        )
+    scale, correlation = gyroscope_scale(recording)
+    pushed = correlation < -_CLEARLY and scale < _PUSHED
+    if pushed or (correlation > _CLEARLY and scale > _FAST):
+        notes.append(
+            f"{where}: its accelerometer sees gravity turn {scale:.2g} times as fast as its "
+            "gyroscope does, as where the sampling rate or a scale is wrong, or where it was "
+            "pushed about rather than tilted."
+        )
+    return tuple(notes)
+
+
+def _check_force(where: str, recording: ImuRecording) -> None:
+    magnitudes = np.linalg.norm(recording.specific_force, axis=-1)
+    turning = np.linalg.norm(recording.angular_velocity, axis=-1)
+    calm = turning <= np.quantile(turning, _CALM_SHARE)
+    # of a foot that runs, only the calm part feels about gravity
+    found = [float(np.median(of)) for of in (magnitudes, magnitudes[calm])]
+    if any(_AT_REST[0] <= size <= _AT_REST[1] for size in found):
         return
+    for magnitude in found:
+        _refuse_unit(where, magnitude)
+    magnitude = found[0]
+    gone = (
+        "gravity was removed: export the calibrated acceleration with gravity in it"
+        if magnitude < 0.5 * STANDARD_GRAVITY
+        else "check unit and columns of the acceleration"
+    )
+    raise LegsimError(
+        f"{where}: the acceleration's magnitude is {magnitude:.4g} in the median, not about 9.81 "
+        f"m/s2; {gone}"
+    )
+
+
+def _refuse_unit(where: str, magnitude: float) -> None:
+    """Refuses a magnitude that is that of gravity in another unit."""
     guesses = (
         ("g", 1.0, "state its unit as g"),
         ("mg", 1e3, "state its unit as mg"),
@@ -249,15 +303,6 @@ def _check_force(where: str, force: FloatArray) -> None:
                 f"{where}: the acceleration's magnitude is {magnitude:.4g} in the median, not "
                 f"about 9.81 m/s2: it is {unit}; {fix}"
             )
-    gone = (
-        "gravity was removed: export the calibrated acceleration with gravity in it"
-        if magnitude < 0.5 * STANDARD_GRAVITY
-        else "check unit and columns of the acceleration"
-    )
-    raise LegsimError(
-        f"{where}: the acceleration's magnitude is {magnitude:.4g} in the median, not about 9.81 "
-        f"m/s2; {gone}"
-    )
 
 
 def _check_rate(where: str, recording: ImuRecording) -> None:
@@ -271,7 +316,7 @@ def _check_rate(where: str, recording: ImuRecording) -> None:
             "2000 deg/s of such sensors; state its unit as deg/s, or check its columns"
         )
     scale, correlation = gyroscope_scale(recording)
-    if correlation < -_CLEARLY:
+    if correlation < -_CLEARLY and scale >= _PUSHED:
         raise LegsimError(
             f"{where}: gravity turns the other way in the accelerometer than by the gyroscope; "
             "turn the sign of one of them: at rest the acceleration points upwards"
@@ -280,7 +325,8 @@ def _check_rate(where: str, recording: ImuRecording) -> None:
         unit = "rad/s" if scale > 10 else "deg/s"
         raise LegsimError(
             f"{where}: the accelerometer sees gravity turn {scale:.3g} times as fast as the "
-            f"gyroscope does; state the unit of the angular velocity as {unit}"
+            f"gyroscope does; state the unit of the angular velocity as {unit}, or check its "
+            "columns"
         )
     _check_still(where, recording)
 
@@ -350,7 +396,8 @@ class JoinedSignals:
 def join(recordings: Sequence[ImuRecording]) -> JoinedSignals:
     """Joins recordings of one clock; samples are kept as they are where all have the same times.
 
-    Otherwise all are put on the times of the fastest, within what all cover, by cubic splines.
+    Otherwise all are put on the times of the fastest, within what all cover, by cubic splines; a
+    longer gap of a sensor is marked as lost (NaN).
 
     Raises:
         LegsimError: no recording, names that repeat, recordings that do not overlap.
@@ -391,5 +438,10 @@ def _shared_times(clocks: Sequence[FloatArray]) -> FloatArray:
 
 
 def _at(own: FloatArray, values: FloatArray, times: FloatArray) -> FloatArray:
-    """Values (n, 3) at the times (n,) ``own``, by cubic splines at other times (m,)."""
-    return make_interp_spline(*bridged(own, values), k=3)(times)
+    """Values (n, 3) at the times (n,) ``own``, by cubic splines at other times (m,); NaN in longer
+    gaps, of which nothing is known.
+    """
+    found = make_interp_spline(*bridged(own, values), k=3)(times)
+    after = np.clip(np.searchsorted(own, times), 1, len(own) - 1)
+    inside = (times > own[after - 1]) & (times < own[after]) & wide_steps(own)[after - 1]
+    return np.where(inside[:, None], np.nan, found)

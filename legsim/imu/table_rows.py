@@ -29,6 +29,8 @@ class Rows:
     """line number, and a cell per column"""
     units: tuple[str | None, ...]
     """unit that the file states per column, in its name or in the line below; None where none"""
+    hints: tuple[str | None, ...]
+    """unit at the end of a column's name, without brackets; None where none"""
 
 
 def read_rows(path: Path, wanted: Sequence[Column]) -> Rows:
@@ -71,7 +73,7 @@ def read_rows(path: Path, wanted: Sequence[Column]) -> Rows:
         rows.append((number, tuple(cells[k] for k in at)))
     if len(rows) < 2:
         raise file_error(path, "holds no samples below its names", "export it again")
-    return Rows(tuple(rows), tuple(stated))
+    return Rows(tuple(rows), tuple(stated), tuple(units.hinted(titles[k]) for k in at))
 
 
 def cells_of(line: str, delimiter: str) -> list[str]:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from legsim.core.constants import STANDARD_GRAVITY
 from legsim.core.errors import LegsimError, file_error
 from legsim.core.values import FloatArray
-from legsim.imu import moments, packets, recording, units
+from legsim.imu import moments, packets, recording, same_times, units
 from legsim.imu.losses import gap_note
 from legsim.imu.recording import ImuRecording, check_steady, checked
 from legsim.imu.table_rows import Column, number_in, read_rows
@@ -153,8 +153,8 @@ def _read(
     try:
         found = find(path, layout, [*of_force, *of_rate])
         scale = {
-            **dict.fromkeys(of_force, _force_scale(layout, found.stated, of_force)),
-            **dict.fromkeys(of_rate, _rate_scale(layout, found.stated, of_rate)),
+            **dict.fromkeys(of_force, _force_scale(layout, found, of_force)),
+            **dict.fromkeys(of_rate, _rate_scale(layout, found, of_rate)),
         }
     except LegsimError as error:
         raise _in_file(path, error) from error
@@ -174,6 +174,8 @@ class _Found:
     """(n,) each, in its own unit"""
     stated: Mapping[Column, str | None]
     """unit that the file states"""
+    hints: Mapping[Column, str | None]
+    """unit at the end of its name, where nothing is stated"""
     notes: tuple[str, ...] = ()
     """oddities of the file"""
 
@@ -184,6 +186,7 @@ def _of_text(path: Path, layout: TableLayout, wanted: Sequence[Column]) -> _Foun
     asked = [*(c for c in (layout.time, layout.counter) if c is not None), *wanted]
     found = read_rows(path, asked)
     stated = dict(zip(asked, found.units, strict=True))
+    hints = dict(zip(asked, found.hints, strict=True))
     cells = list(zip(*(row for _, row in found.rows), strict=True))
     lines = [number for number, _ in found.rows]
     columns = {
@@ -192,12 +195,22 @@ def _of_text(path: Path, layout: TableLayout, wanted: Sequence[Column]) -> _Foun
         if c != layout.time
     }
     if layout.time is not None:
-        unit = layout.time_unit or _time_unit(stated[layout.time], cells[0])
+        unit = layout.time_unit or _time_unit(stated[layout.time], hints[layout.time], cells[0])
         columns[layout.time] = units.SECONDS[unit] * _moments(
             path, lines, cells[0], layout.time, unit
         )
-    times, present = _times(columns, layout, len(lines))
-    return _Found(times, {c: columns[c][present] for c in wanted}, stated)
+    ticks, present = _ticks(columns, layout, len(lines))
+    rows = np.stack([columns[c][present] for c in wanted], -1)
+    ticks, rows, said = same_times.joined(ticks, rows)
+    if layout.time is not None:
+        _check_order(ticks)
+        times, more = same_times.spread(ticks)
+        said += more
+    else:
+        sent = ticks if layout.counter is None else packets.unwrapped(ticks, layout.counter_period)
+        times = sent / (layout.rate_hz or 1.0)
+    notes = tuple(f"{path.name}: {one}." for one in said)
+    return _Found(times, {c: rows[:, k] for k, c in enumerate(wanted)}, stated, hints, notes)
 
 
 def _of_channels(path: Path, layout: TableLayout, wanted: Sequence[Column]) -> _Found:
@@ -210,6 +223,7 @@ def _of_channels(path: Path, layout: TableLayout, wanted: Sequence[Column]) -> _
         found.times,
         {column: found.values[:, k] for column, k in at.items()},
         {column: units.stated(found.units[k]) for column, k in at.items()},
+        dict.fromkeys(at),
         tuple(f"{path.name}: {note}" for note in found.notes),
     )
 
@@ -236,24 +250,32 @@ def some_channels(labels: Sequence[str]) -> str:
     return ", ".join(shown) + f" and {others} others" * (others > 0)
 
 
-def _force_scale(
-    layout: TableLayout, stated: Mapping[Column, str | None], columns: Sequence[Column]
-) -> float:
+def _force_scale(layout: TableLayout, found: _Found, columns: Sequence[Column]) -> float:
     """m/s^2 per number."""
     if layout.counts_per_g is not None:
         return STANDARD_GRAVITY / layout.counts_per_g
-    unit = _unit("acceleration_unit", layout.acceleration_unit, "m/s2", stated, columns)
+    usual = _hint(found.hints, columns, units.ACCELERATION) or "m/s2"
+    unit = _unit("acceleration_unit", layout.acceleration_unit, usual, found.stated, columns)
     return _factor(unit, units.ACCELERATION, "acceleration")
 
 
-def _rate_scale(
-    layout: TableLayout, stated: Mapping[Column, str | None], columns: Sequence[Column]
-) -> float:
+def _rate_scale(layout: TableLayout, found: _Found, columns: Sequence[Column]) -> float:
     """rad/s per number."""
     if layout.counts_per_deg_per_s is not None:
         return units.ANGULAR_VELOCITY["deg/s"] / layout.counts_per_deg_per_s
-    unit = _unit("angular_velocity_unit", layout.angular_velocity_unit, "rad/s", stated, columns)
+    usual = _hint(found.hints, columns, units.ANGULAR_VELOCITY) or "rad/s"
+    given = layout.angular_velocity_unit
+    unit = _unit("angular_velocity_unit", given, usual, found.stated, columns)
     return _factor(unit, units.ANGULAR_VELOCITY, "angular velocity")
+
+
+def _hint(
+    hints: Mapping[Column, str | None], columns: Sequence[Column], known: Mapping[Any, float]
+) -> str | None:
+    """The unit of one quantity at the end of all names; None where they have none, or several."""
+    found = {hints[column] for column in columns}
+    unit = found.pop() if len(found) == 1 else None
+    return unit if unit in known else None
 
 
 def _unit(
@@ -339,12 +361,12 @@ def _own_rates(a: FloatArray, b: FloatArray) -> bool:
     return step > 1.5 * float(np.median(faster)) and float((slower < 0.75 * step).mean()) < 0.1
 
 
-def _time_unit(stated: str | None, cells: Sequence[str]) -> TimeUnit:
+def _time_unit(stated: str | None, hint: str | None, cells: Sequence[str]) -> TimeUnit:
     """Unit of a column of times that nobody gave."""
     if any(":" in cell for cell in cells[:1]):
         return "date-time"
     for unit in units.SECONDS:
-        if unit == stated:
+        if unit == (stated or hint):
             return unit
     if stated is not None:
         raise LegsimError(
@@ -362,29 +384,26 @@ def _moments(
     return np.array([number_in(path, n, t, column) for n, t in zip(lines, cells, strict=True)])
 
 
-def _times(
+def _ticks(
     table: Mapping[Column, FloatArray], layout: TableLayout, count: int
 ) -> tuple[FloatArray, NDArray[np.bool_]]:
-    """Times (m,) s of the rows that have one, and which rows (n,) these are."""
-    if layout.time is not None:
-        times = table[layout.time]
-        present = np.isfinite(times)
-        _check_order(times[present])
-        return times[present], present
-    if layout.counter is None:
-        return np.arange(count) / (layout.rate_hz or 1.0), np.ones(count, bool)
-    present = np.isfinite(table[layout.counter])
-    sent = packets.unwrapped(table[layout.counter][present], layout.counter_period)
-    return sent / (layout.rate_hz or 1.0), present
+    """Times (m,) in s, numbers of packets, or numbers of rows, of the rows that have one, and which
+    rows (n,) these are.
+    """
+    column = layout.time if layout.time is not None else layout.counter
+    if column is None:
+        return np.arange(count, dtype=float), np.ones(count, bool)
+    present = np.isfinite(table[column])
+    return table[column][present], present
 
 
 def _check_order(times: FloatArray) -> None:
-    late = np.flatnonzero(np.diff(times) <= 0)
+    late = np.flatnonzero(np.diff(times) < 0)
     if late.size:
         k = late[0]
-        kind = "is there twice" if times[k + 1] == times[k] else f"comes after {times[k]:g} s"
         raise LegsimError(
-            f"time {times[k + 1]:g} s {kind} (sample {k + 1}); keep one sample a time, in order"
+            f"time {times[k + 1]:.13g} s comes after {times[k]:.13g} s (sample {k + 1}); sort the "
+            "samples, or leave the column of times out and give rate_hz"
         )
 
 

@@ -244,3 +244,15 @@ def test_a_dot_of_xsens_has_degrees_per_second_and_a_counter_of_32_bits(tmp_path
     np.testing.assert_allclose(read.times, one.times, atol=1e-12)
     np.testing.assert_allclose(read.angular_velocity, one.angular_velocity, rtol=1e-12)
     np.testing.assert_array_equal(read.specific_force, one.specific_force)
+
+
+@pytest.mark.parametrize("line", ["// Sample rate: 100.0Hz", "Acquisition frequency: 100 Hz"])
+def test_an_older_export_of_xsens_names_its_counter_and_rate_otherwise(tmp_path, line):
+    one = still(count=60)
+    path = xsens(tmp_path / "shank.txt", one, np.arange(60) + 37328)
+    names = path.read_text().replace("PacketCounter", "Counter").splitlines()
+    first = next(k for k, text in enumerate(names) if "Acc_X" in text)
+    path.write_text("\n".join([line, *names[first:]]) + "\n")
+    (read,) = load_recordings(path)
+    np.testing.assert_allclose(read.times, one.times, atol=1e-12)
+    np.testing.assert_allclose(read.specific_force, one.specific_force, atol=1e-5)

@@ -10,8 +10,10 @@ from legsim.imu.recording import (
     ImuRecording,
     check_plausible,
     check_steady,
+    checked,
     gyroscope_scale,
     join,
+    merged,
 )
 from tests.examples.sensors import still, swaying
 
@@ -154,3 +156,68 @@ def test_a_shaken_sensor_is_not_held_to_gravity_alone():
     rate[:, 0] += 5 * np.sin(stride)
     force[:, 2] += 12 * strength * np.sin(stride)
     check_plausible(replace(one, angular_velocity=rate, specific_force=force))
+
+
+def test_of_a_foot_that_runs_only_the_calm_part_feels_gravity():
+    """The median of its specific force is 2 g, which is no unit."""
+    one = still(count=1000)
+    running = np.arange(1000) % 100 >= 20
+    rate, force = np.array(one.angular_velocity), np.array(one.specific_force)
+    rate[running] += np.radians(400) * np.sin(np.arange(running.sum()))[:, None]
+    force[running] *= 2.2
+    foot = replace(one, angular_velocity=rate, specific_force=force)
+    check_plausible(foot)
+    with pytest.raises(LegsimError, match="it is g; state its unit as g"):
+        check_plausible(replace(foot, specific_force=force / 9.80665))
+
+
+def test_a_sensor_that_is_pushed_about_is_in_doubt_and_not_refused():
+    """On a cart that rolls against its small tilts, gravity seems to turn the other way."""
+    one = swaying(lean=0.03)
+    mean = one.specific_force.mean(0)
+    pushed = replace(one, specific_force=mean - 3 * (one.specific_force - mean))
+    assert gyroscope_scale(pushed)[0] == pytest.approx(-3, abs=0.3)
+    (note,) = checked(pushed).notes
+    assert note.startswith("In doubt: sensor shank: its accelerometer sees gravity turn -3 times")
+    assert checked(one).notes == ()
+
+
+def test_a_wrong_sampling_rate_is_in_doubt():
+    one = swaying()
+    (note,) = checked(replace(one, times=one.times / 3)).notes
+    assert "sees gravity turn 3 times as fast" in note
+
+
+def test_a_calm_accelerometer_that_is_far_off_gravity_is_in_doubt():
+    one = still()
+    (note,) = checked(replace(one, specific_force=0.86 * one.specific_force)).notes
+    assert note.startswith("In doubt: sensor shank reads 8.43 m/s2 while it is calm, -14 % off")
+    assert checked(replace(one, specific_force=1.03 * one.specific_force)).notes == ()
+
+
+def test_what_an_instrument_lost_for_long_is_in_no_recording_of_both():
+    """Readings of the other one there would stand beside a spline through nothing."""
+    one = swaying()
+    times = one.times + 0.003
+    there = (times < 4) | (times > 6)
+    both = merged(
+        "shank", (one.times, one.specific_force), (times[there], one.angular_velocity[there])
+    )
+    assert not ((both.times > 4.01) & (both.times < 6)).any()
+    assert both.times[-1] > 11
+
+
+def test_what_one_of_several_sensors_lost_for_long_is_marked():
+    one, other = swaying(), swaying().named("thigh").shifted(0.004)
+    kept = (one.times < 4) | (one.times > 6)
+    gappy = replace(
+        one,
+        times=one.times[kept],
+        angular_velocity=one.angular_velocity[kept],
+        specific_force=one.specific_force[kept],
+    )
+    signals = join([gappy, other]).signals
+    lost = np.isnan(signals.sensor("shank")[0]).all(-1)
+    np.testing.assert_array_equal(lost, (signals.times > 4) & (signals.times < 6))
+    assert np.isfinite(signals.sensor("thigh")[0]).all()
+    assert len(signals.samples("shank")[0]) == (~lost).sum()
