@@ -61,4 +61,5 @@ def _across(
     half = float(np.abs(times[about] - middle).max())
     powers = np.vander((times[about] - middle) / half, 4)
     by_power, *_ = np.linalg.lstsq(powers, values[about].reshape(len(powers), -1), rcond=None)
-    return (np.vander((at - middle) / half, 4) @ by_power).reshape(len(at), *values.shape[1:])
+    filled = np.vander((at - middle) / half, 4) @ by_power
+    return np.asarray(filled, float).reshape(len(at), *values.shape[1:])

@@ -22,6 +22,9 @@ from legsim.mocap.cells import number
 
 _IMU_COLUMNS = ("ax_m_s2", "ay_m_s2", "az_m_s2", "gx_rad_s", "gy_rad_s", "gz_rad_s")
 
+_TITLE = 40
+"""characters of a line that announces a block, at most"""
+
 _XSENS = (("Acc_X", "Acc_Y", "Acc_Z"), ("Gyr_X", "Gyr_Y", "Gyr_Z"))
 _XSENS_COUNTERS = ("PacketCounter", "Counter")
 """names of the packets' numbers, of MT Manager 4 and of 2"""
@@ -154,7 +157,7 @@ def load_recordings(
         return _load_sto(path, (acceleration_unit or "m/s2", angular_velocity_unit or "rad/s"))
     if ending == ".c3d":
         raise _names_wanted(path)
-    lines = files.read(path, "table")
+    lines = table_rows.table_lines(path)
     names = _own_names(table_rows.cells_of(lines[0], ","))
     if names is not None:
         return tables.load(path, _own_layout(names))
@@ -162,7 +165,7 @@ def load_recordings(
     if counter is not None:
         layout = _xsens_layout(path, lines, rate_hz, acceleration_unit, angular_velocity_unit)
         return tables.load(path, replace(layout, counter=counter))
-    raise _unknown(path, lines[0])
+    raise _unknown(path, lines)
 
 
 def _names_wanted(path: Path) -> LegsimError:
@@ -218,15 +221,24 @@ def _xsens_layout(
     )
 
 
-def _unknown(path: Path, first_line: str) -> LegsimError:
-    """The refusal of a file of another kind."""
-    if first_line.lstrip().startswith("<"):
-        problem = "is XML, not a table"
-        cure = "export the sensors' accelerations and angular velocities as text or CSV"
-    else:
-        problem = "is no imu.csv of legsim, no text export of Xsens and no .sto"
-        cure = "describe its columns in a small TOML and give that (docs/formats.md, Sensors)"
+def _unknown(path: Path, lines: Sequence[str]) -> LegsimError:
+    """The refusal of a table that does not say itself what it holds."""
+    cure = "describe its columns in a small TOML and give that (docs/formats.md, Sensors)"
+    if _has_blocks(lines):
+        cure = (
+            "its instruments are in blocks, one below the other: split the file, and give both "
+            "parts in a small TOML (file, angular_velocity_file; docs/formats.md, Sensors)"
+        )
+    problem = "is no imu.csv of legsim, no text export of Xsens and no .sto"
     return file_error(path, problem, cure, place="line 1")
+
+
+def _has_blocks(lines: Sequence[str]) -> bool:
+    """Whether lines of text announce accelerations and, apart from these, angular velocities."""
+    titles = [line.strip().lower() for line in lines if not any(c.isdigit() for c in line)]
+    short = [title for title in titles if len(title) < _TITLE]
+    force = any(title.startswith("accel") for title in short)
+    return force and any(title.startswith(("gyro", "angular", "rotation")) for title in short)
 
 
 def _is_dot(lines: Sequence[str]) -> bool:

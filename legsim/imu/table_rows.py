@@ -17,8 +17,20 @@ Column = str | int
 
 _DELIMITERS = (",", ";", "\t", " ")
 
+_FEW = 12
+"""texts of a column in an error"""
+
 _HEADER_WITHIN = 200
 """lines among which the names, or the first numbers, are searched"""
+
+
+@dataclass(frozen=True, slots=True)
+class RowsOf:
+    """Which rows are taken of a table whose instruments or sensors take turns."""
+
+    column: Column
+    text: str
+    """what that column holds in them"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,24 +45,63 @@ class Rows:
     """unit at the end of a column's name, without brackets; None where none"""
 
 
-def read_rows(path: Path, wanted: Sequence[Column]) -> Rows:
+_OTHERS = {
+    "<": "XML",
+    "{": "JSON",
+    "[{": "JSON",
+    "PK\x03\x04": "a spreadsheet or another archive",
+    "MATLAB ": "MATLAB's",
+    "\x89HDF": "HDF5",
+    "\ufffdHDF": "HDF5",
+}
+"""first characters of files that are no tables of text, and what they are"""
+
+
+def table_lines(path: Path) -> list[str]:
+    """Lines of a table.
+
+    Raises:
+        LegsimError: a file that cannot be read, or one of another kind.
+    """
+    lines = files.read(path, "table")
+    first = lines[0].lstrip() if lines else ""
+    for begin, kind in _OTHERS.items():
+        if first.startswith(begin):
+            raise file_error(
+                path,
+                f"is {kind}, not a table of text",
+                "export the sensors' accelerations (with gravity) and angular velocities as text "
+                "or CSV",
+                place="line 1",
+            )
+    return lines
+
+
+def read_rows(path: Path, wanted: Sequence[Column], only: RowsOf | None = None) -> Rows:
     """Reads the columns ``wanted`` (n,) of each row of a table.
 
     Columns are parted by comma, semicolon, tab or blanks. Lines above their names are passed over,
     and so is a line of units below them. Where all columns are asked for by number, the first line
-    with a number in each of them is the first row.
+    with a number in each of them is the first row. All rows but those of ``only`` are passed over.
 
     Raises:
         LegsimError: a file that cannot be read, missing columns, rows that break off.
     """
-    lines = files.read(path, "table")
+    lines = table_lines(path)
     named = [column for column in wanted if isinstance(column, str)]
+    # the second of several blocks has its names far below
+    within = len(lines) if only else _HEADER_WITHIN
+    keys = [] if only is None or isinstance(only.column, int) else [only.column]
     start, delimiter, names = (
-        _names(path, lines, named) if named else _numbered(path, lines, wanted)
+        _names(path, lines, [*named, *keys], within)
+        if named or keys
+        else _numbered(path, lines, wanted, within)
     )
-    at = [c - 1 if isinstance(c, int) else names.index(c) for c in wanted]
+    at = [_place(c, names) for c in wanted]
     if min(at) < 0:
         raise file_error(path, "has no column 0", "count columns from 1")
+    key = None if only is None else _place(only.column, names)
+    seen: set[str] = set()
     titles = names + [""] * (1 + max(at) - len(names))
     stated = [units.in_name(titles[k]) for k in at]
     rows: list[tuple[int, tuple[str, ...]]] = []
@@ -61,7 +112,20 @@ def read_rows(path: Path, wanted: Sequence[Column]) -> Rows:
         if not rows and named and (below := _unit_line(cells, at)):
             stated = [unit or own for unit, own in zip(below, stated, strict=True)]
             continue
+        if only is not None and key is not None:
+            own_key = cells[key] if key < len(cells) else ""
+            seen.add(own_key)
+            if own_key != only.text:
+                continue
         if len(cells) <= max(at):
+            if re.search(r"[A-Za-z]", line) and not any(_is_value(cell) for cell in cells):
+                raise file_error(
+                    path,
+                    f"{line.strip()[:40]!r} is no row of numbers: another table begins there",
+                    "split the file, and give accelerations and angular velocities as file and "
+                    "angular_velocity_file",
+                    place=f"line {number}",
+                )
             raise file_error(
                 path,
                 f"the row has {len(cells)} cells, the header {len(names)}"
@@ -71,9 +135,20 @@ def read_rows(path: Path, wanted: Sequence[Column]) -> Rows:
                 place=f"line {number}",
             )
         rows.append((number, tuple(cells[k] for k in at)))
+    if only is not None and not rows:
+        raise file_error(
+            path,
+            f"no row has {only.text!r} in column {only.column!r}",
+            f"give one of {', '.join(sorted(repr(text) for text in seen if text)[:_FEW])}",
+        )
     if len(rows) < 2:
         raise file_error(path, "holds no samples below its names", "export it again")
     return Rows(tuple(rows), tuple(stated), tuple(units.hinted(titles[k]) for k in at))
+
+
+def _place(column: Column, names: Sequence[str]) -> int:
+    """Index of a column."""
+    return column - 1 if isinstance(column, int) else names.index(column)
 
 
 def cells_of(line: str, delimiter: str) -> list[str]:
@@ -108,9 +183,11 @@ def _number(text: str) -> float | None:
     return number_of(text.replace(",", ".")) if text else math.nan
 
 
-def _names(path: Path, lines: Sequence[str], wanted: Sequence[str]) -> tuple[int, str, list[str]]:
+def _names(
+    path: Path, lines: Sequence[str], wanted: Sequence[str], within: int
+) -> tuple[int, str, list[str]]:
     """Number of lines down to the names, delimiter, and all names."""
-    for k, line in enumerate(lines[:_HEADER_WITHIN]):
+    for k, line in enumerate(lines[:within]):
         for delimiter in _DELIMITERS:
             names = cells_of(line, delimiter)
             if set(wanted) <= set(names):
@@ -127,11 +204,11 @@ def _names(path: Path, lines: Sequence[str], wanted: Sequence[str]) -> tuple[int
 
 
 def _numbered(
-    path: Path, lines: Sequence[str], wanted: Sequence[Column]
+    path: Path, lines: Sequence[str], wanted: Sequence[Column], within: int
 ) -> tuple[int, str, list[str]]:
     """Number of lines above the first numbers, delimiter, and the names in the line above."""
     last = max(int(column) for column in wanted)
-    for k, line in enumerate(lines[:_HEADER_WITHIN]):
+    for k, line in enumerate(lines[:within]):
         for delimiter in _DELIMITERS:
             cells = cells_of(line, delimiter)
             asked = [cells[int(c) - 1] for c in wanted] if len(cells) >= last else [""]
@@ -142,7 +219,7 @@ def _numbered(
         path,
         f"has no line with numbers in columns {', '.join(map(str, wanted))}",
         "correct the numbers of the columns (the first is 1)",
-        place=f"first {_HEADER_WITHIN} lines",
+        place=f"first {within} lines",
     )
 
 

@@ -17,7 +17,7 @@ from legsim.core.values import FloatArray
 from legsim.imu import moments, packets, recording, same_times, units
 from legsim.imu.losses import gap_note
 from legsim.imu.recording import ImuRecording, check_steady, checked
-from legsim.imu.table_rows import Column, number_in, read_rows
+from legsim.imu.table_rows import Column, RowsOf, number_in, read_rows
 from legsim.imu.units import AccelerationUnit, AngularVelocityUnit, TimeUnit
 from legsim.mocap.c3d_analog import load_analog
 
@@ -36,6 +36,9 @@ class SensorColumns:
     acceleration: tuple[Column, Column, Column]
     """columns of x, y, z"""
     angular_velocity: tuple[Column, Column, Column]
+    acceleration_rows: str = ""
+    """what the layout's ``rows_by`` holds in rows of its accelerations"""
+    angular_velocity_rows: str = ""
 
 
 _ONE_CLOCK = (
@@ -65,6 +68,8 @@ class TableLayout:
     """of accelerations in counts, as the sensor's data sheet has it"""
     counts_per_deg_per_s: float | None = None
     """of angular velocities in counts"""
+    rows_by: Column | None = None
+    """column that says whose each row is, where sensors or instruments take turns"""
 
     def __post_init__(self) -> None:
         if self.time is not None and self.rate_hz is not None:
@@ -113,7 +118,11 @@ def load(
     path = Path(path)
     forces = [s.acceleration for s in layout.sensors]
     rates = [s.angular_velocity for s in layout.sensors]
+    if layout.rows_by is not None:
+        notes, made = zip(*(_in_turn(path, layout, s) for s in layout.sensors), strict=True)
+        return _noted(made, tuple(dict.fromkeys(note for own in notes for note in own)))
     if angular_velocity_file is None:
+        _check_apart(path, layout)
         both = _read(path, layout, forces, rates)
         count = len(forces)
         made = [
@@ -135,6 +144,39 @@ def load(
     return _noted(made, (*force.notes, *rate.notes))
 
 
+def _in_turn(
+    path: Path, layout: TableLayout, sensor: SensorColumns
+) -> tuple[tuple[str, ...], ImuRecording]:
+    """A sensor of a table in which sensors or instruments take turns, and notes on the file."""
+    force_rows, rate_rows = (
+        RowsOf(layout.rows_by or 1, text)
+        for text in (sensor.acceleration_rows, sensor.angular_velocity_rows)
+    )
+    if force_rows == rate_rows:
+        both = _read(path, layout, [sensor.acceleration], [sensor.angular_velocity], force_rows)
+        force, rate = both.values
+        return both.notes, recording_of(path, sensor.name, both.times, rate, force)
+    force = _read(path, layout, [sensor.acceleration], [], force_rows)
+    rate = _read(path, layout, [], [sensor.angular_velocity], rate_rows)
+    pair = (force.times, force.values[0]), (rate.times, rate.values[0])
+    try:
+        return (*force.notes, *rate.notes), checked(recording.merged(sensor.name, *pair))
+    except LegsimError as error:
+        raise _in_file(path, error) from error
+
+
+def _check_apart(path: Path, layout: TableLayout) -> None:
+    """Refuses columns that hold both quantities, row by row."""
+    for sensor in layout.sensors:
+        if set(sensor.acceleration) & set(sensor.angular_velocity):
+            raise file_error(
+                path,
+                f"sensor {sensor.name!r} has columns that are accelerations and angular velocities",
+                "name others, or give the column that says which each row is (rows_by, with "
+                "acceleration_rows and angular_velocity_rows of each sensor)",
+            )
+
+
 def _noted(made: Sequence[ImuRecording], notes: tuple[str, ...]) -> tuple[ImuRecording, ...]:
     """The same sensors, the first with the notes of the file."""
     first, *others = made
@@ -146,12 +188,15 @@ def _read(
     layout: TableLayout,
     forces: Sequence[tuple[Column, Column, Column]],
     rates: Sequence[tuple[Column, Column, Column]],
+    only: RowsOf | None = None,
 ) -> _Vectors:
-    """Accelerations, then angular velocities."""
+    """Accelerations, then angular velocities; of some rows alone where ``only`` says which."""
     of_force, of_rate = ([c for three in kind for c in three] for kind in (forces, rates))
-    find = _of_channels if path.suffix.lower() == ".c3d" else _of_text
     try:
-        found = find(path, layout, [*of_force, *of_rate])
+        if path.suffix.lower() == ".c3d":
+            found = _of_channels(path, layout, [*of_force, *of_rate])
+        else:
+            found = _of_text(path, layout, [*of_force, *of_rate], only)
         scale = {
             **dict.fromkeys(of_force, _force_scale(layout, found, of_force)),
             **dict.fromkeys(of_rate, _rate_scale(layout, found, of_rate)),
@@ -180,11 +225,13 @@ class _Found:
     """oddities of the file"""
 
 
-def _of_text(path: Path, layout: TableLayout, wanted: Sequence[Column]) -> _Found:
+def _of_text(
+    path: Path, layout: TableLayout, wanted: Sequence[Column], only: RowsOf | None
+) -> _Found:
     if layout.time is None and layout.rate_hz is None:
         raise LegsimError(_ONE_CLOCK)
     asked = [*(c for c in (layout.time, layout.counter) if c is not None), *wanted]
-    found = read_rows(path, asked)
+    found = read_rows(path, asked, only)
     stated = dict(zip(asked, found.units, strict=True))
     hints = dict(zip(asked, found.hints, strict=True))
     cells = list(zip(*(row for _, row in found.rows), strict=True))
@@ -214,7 +261,7 @@ def _of_text(path: Path, layout: TableLayout, wanted: Sequence[Column]) -> _Foun
 
 
 def _of_channels(path: Path, layout: TableLayout, wanted: Sequence[Column]) -> _Found:
-    for name in ("time", "rate_hz", "counter"):
+    for name in ("time", "rate_hz", "counter", "rows_by"):
         if getattr(layout, name) is not None:
             raise LegsimError(f"the channels of a C3D file have its clock; leave {name} out")
     found = load_analog(path)

@@ -26,6 +26,7 @@ _OF_COLUMNS = (
     "counts_per_g",
     "counts_per_deg_per_s",
     "angular_velocity_file",
+    "rows_by",
 )
 """settings of tables whose columns are named"""
 
@@ -134,7 +135,13 @@ def _recordings(path: Path, settings: ImuFileConfig) -> tuple[ImuRecording, ...]
             angular_velocity_unit=settings.angular_velocity_unit,
         )
     columns = tuple(
-        SensorColumns(s.recorded_as or s.name, s.acceleration, s.angular_velocity)
+        SensorColumns(
+            s.recorded_as or s.name,
+            s.acceleration,
+            s.angular_velocity,
+            s.acceleration_rows,
+            s.angular_velocity_rows or s.acceleration_rows,
+        )
         for s in settings.sensors
         if s.acceleration is not None and s.angular_velocity is not None
     )
@@ -150,6 +157,7 @@ def _recordings(path: Path, settings: ImuFileConfig) -> tuple[ImuRecording, ...]
             counter_period=settings.counter_period,
             counts_per_g=settings.counts_per_g,
             counts_per_deg_per_s=settings.counts_per_deg_per_s,
+            rows_by=settings.rows_by,
         )
     except LegsimError as error:
         raise LegsimError(f"{path}: {error}") from error

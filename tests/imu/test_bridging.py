@@ -58,7 +58,7 @@ def test_noise_adds_little_to_what_a_third_of_a_second_costs(rng):
         )
         start = SensorStart(sway.poses(views[:1])[0], sway.velocities(views[:1])[0])
         ends = [
-            strapdown.integrate(times[kept], *(v[kept] for v in read), start, views)[-1, :3, 3]
+            strapdown.integrate(times[kept], read[0][kept], read[1][kept], start, views)[-1, :3, 3]
             for read in (exact, noisy)
             for kept in (np.ones(len(times), bool), there)
         ]
