@@ -102,6 +102,7 @@ def read_rows(path: Path, wanted: Sequence[Column], only: RowsOf | None = None) 
         raise file_error(path, "has no column 0", "count columns from 1")
     key = None if only is None else _place(only.column, names)
     seen: set[str] = set()
+    width = 0
     titles = names + [""] * (1 + max(at) - len(names))
     stated = [units.in_name(titles[k]) for k in at]
     rows: list[tuple[int, tuple[str, ...]]] = []
@@ -109,6 +110,10 @@ def read_rows(path: Path, wanted: Sequence[Column], only: RowsOf | None = None) 
         if not line.strip():
             continue
         cells = cells_of(line, delimiter)
+        if delimiter == " ":
+            width = width or (len(names) if named or keys else len(cells))
+            if len(cells) != width and only is None:
+                cells = _between_single_blanks(path, number, line, width)
         if not rows and named and (below := _unit_line(cells, at)):
             stated = [unit or own for unit, own in zip(below, stated, strict=True)]
             continue
@@ -144,6 +149,25 @@ def read_rows(path: Path, wanted: Sequence[Column], only: RowsOf | None = None) 
     if len(rows) < 2:
         raise file_error(path, "holds no samples below its names", "export it again")
     return Rows(tuple(rows), tuple(stated), tuple(units.hinted(titles[k]) for k in at))
+
+
+def _between_single_blanks(path: Path, number: int, line: str, count: int) -> list[str]:
+    """Cells of a line with single blanks between them, some of which are empty.
+
+    Raises:
+        LegsimError: there are not as many as names: blanks do not say which cells are empty.
+    """
+    cells = line.split(" ")
+    while len(cells) > count and not cells[-1]:
+        cells.pop()
+    if len(cells) != count:
+        raise file_error(
+            path,
+            f"the row has {len(line.split())} cells, the header {count}",
+            "complete the row, or export the table with commas or tabs: blanks hide empty cells",
+            place=f"line {number}",
+        )
+    return cells
 
 
 def _place(column: Column, names: Sequence[str]) -> int:

@@ -52,3 +52,13 @@ def test_a_cell_longer_than_any_number_is_refused_with_the_file(tmp_path):
         read_rows(table(tmp_path, "x" * 200_000), ("A",))
     with pytest.raises(LegsimError, match=r"a.csv \(line 3\): the row has 1 cells"):
         read_rows(table(tmp_path, "A,B\n1,2\n" + "1" * 200_000 + ",2\n"), ("A", "B"))
+
+
+def test_empty_cells_between_single_blanks_are_cells(tmp_path):
+    """Text parted wherever there is a blank would take the next column's number."""
+    read = read_rows(table(tmp_path, "N Y A B\n1  5 6\n2 0 7 8\n"), ("A", "B"))
+    assert [cells for _, cells in read.rows] == [("5", "6"), ("7", "8")]
+    with pytest.raises(LegsimError, match=r"line 3.*3 cells, the header 4.* blanks hide empty"):
+        read_rows(table(tmp_path, "N   Y   A   B\n1   2   5   6\n2       7   8\n"), ("A", "B"))
+    with pytest.raises(LegsimError, match=r"line 2.*3 cells, the header 4"):
+        read_rows(table(tmp_path, "1   2   5   6\n2       7   8\n"), (3, 1))
