@@ -19,6 +19,10 @@ _CHANCE = 1e-6
 _FEWEST, _SLOWER = 16, 0.05
 """repeats, and least share of them, of a sensor that is read faster than it measures"""
 
+_CLIPPED, _JUMP = 3, 4.0
+"""samples in a row at an extreme, and digits by which readings that are cut off jump to it: those
+of a smooth peak come near it first"""
+
 _QUANTITIES, _ALL = ("angular velocities", "accelerations"), "readings"
 
 _TOGETHER, _WINDOW, _EVENLY = 8, 16, 0.8
@@ -114,3 +118,40 @@ def _beyond_chance(same: NDArray[np.bool_], first: int, count: int, rate_hz: flo
     around = same[max(first - reach, 0) : first + count + reach]
     chance = (float(around.sum()) - count) / max(len(around) - count, 1)
     return count > 1 and len(same) * chance**count < _CHANCE
+
+
+def clipped_note(name: str, readings: FloatArray) -> tuple[str, ...]:
+    """Describes angular velocities and specific forces (n, 6) that stay at their extreme while
+    other readings change, and leave it by more than a digit or two; nothing where none do.
+    """
+    moves = (np.diff(readings, axis=0) != 0).any(-1)
+    notes = []
+    for what, factor, unit, columns in (
+        ("angular velocity", float(np.degrees(1.0)), "deg/s", slice(0, 3)),
+        ("acceleration", 1.0, "m/s2", slice(3, 6)),
+    ):
+        signed = [sign * v for v in readings[:, columns].T for sign in (1.0, -1.0)]
+        cut = [(_clipped(values, moves), float(values.max())) for values in signed]
+        count, extreme = max(cut)
+        if count:
+            notes.append(
+                f"In doubt: sensor {name} stays at {factor * extreme:.4g} {unit} of {what} in "
+                f"{count} samples of an axis, as where its range ends; what is beyond is cut off."
+            )
+    return tuple(notes)
+
+
+def _clipped(values: FloatArray, moves: NDArray[np.bool_]) -> int:
+    """Samples (of n) in runs at the greatest value, into which it jumps."""
+    at_most = values == values.max()
+    stays = at_most[1:] & at_most[:-1] & moves
+    first, count = _stretches(stays)
+    long = count >= _CLIPPED - 1
+    first, last = first[long], (first + count)[long]
+    if not first.size:
+        return 0
+    beside = np.concatenate([values[np.maximum(first - 1, 0)],
+                             values[np.minimum(last + 1, len(values) - 1)]])  # fmt: skip
+    digit = float(np.diff(np.unique(values)).min(initial=np.inf))
+    jumps = values.max() - beside
+    return int(count[long].sum() + len(first)) if np.median(jumps) > _JUMP * digit else 0

@@ -12,7 +12,7 @@ from legsim.core.constants import STANDARD_GRAVITY
 from legsim.core.errors import LegsimError
 from legsim.core.values import FloatArray, frozen, increasing_times
 from legsim.imu.bridging import bridged, wide_steps
-from legsim.imu.losses import gap_note, held_note
+from legsim.imu.losses import clipped_note, gap_note, held_note
 from legsim.imu.signals import ImuSignals
 
 _FEWEST = 16
@@ -196,7 +196,8 @@ def checked(recording: ImuRecording) -> ImuRecording:
     """
     check_plausible(recording)
     held = held_note(recording.name, recording.times, recording.readings)
-    return replace(recording, notes=(*recording.notes, *held, *_doubts(recording)))
+    cut = clipped_note(recording.name, recording.readings)
+    return replace(recording, notes=(*recording.notes, *held, *cut, *_doubts(recording)))
 
 
 def check_steady(name: str, times: FloatArray) -> None:

@@ -100,3 +100,19 @@ def test_left_out_and_held_samples_are_described_alike():
     assert held.startswith("Sensor shank: 50 of 1000 samples repeat")
     assert left_out.endswith("410 ms at 4.990 s; nothing is known of the motion within it.")
     assert held.endswith("410 ms at 4.990 s; nothing is known of the motion within it.")
+
+
+def test_readings_at_the_end_of_the_range_are_in_doubt(rng):
+    one = still(count=2000)
+    swing = 10 * np.sin(2 * np.pi * 0.7 * one.times)[:, None] * [1.0, 0.3, 0.1]
+    digit = np.radians(0.06)
+    read = np.round((one.angular_velocity + swing) / digit) * digit
+    cut = np.clip(read, -np.radians(500), np.radians(500))
+    (note,) = losses.clipped_note("shank", replace(one, angular_velocity=cut).readings)
+    assert note.startswith("In doubt: sensor shank stays at 500 deg/s of angular velocity in ")
+    assert losses.clipped_note("shank", replace(one, angular_velocity=read).readings) == ()
+    # coarse digits at rest, and a smooth peak that stays within a digit, are no end of a range
+    coarse = replace(one, specific_force=np.round(one.specific_force / 0.05) * 0.05)
+    assert losses.clipped_note("shank", coarse.readings) == ()
+    slow = np.round(np.sin(0.02 * np.arange(2000))[:, None] * [5.0, 1.0, 1.0] / 0.1) * 0.1
+    assert losses.clipped_note("shank", replace(one, angular_velocity=slow).readings) == ()
