@@ -58,7 +58,7 @@ def short(markers: ImuRecording, sensor: ImuRecording, wanted: float) -> LegsimE
     offset = "clock_offset_s (the sensor's clock minus the markers') in a TOML about its file"
     if min(a[-1] - a[0], b[-1] - b[0]) >= wanted:
         return LegsimError(f"{problem}; give {offset}")
-    if wanted == SHORTEST_KNOWN:
+    if wanted == SHORTEST_KNOWN or min(a[-1] - a[0], b[-1] - b[0]) < SHORTEST_KNOWN:
         return LegsimError(f"{problem}, too little for any comparison; record a longer trial")
     return LegsimError(
         f"{problem}, too little to find the lag of its clock; record a longer trial, or state "

@@ -61,7 +61,8 @@ class ComparedSensor:
         """Sentences for the terminal and the report."""
         found, at = self.found, ", ".join(f"{v:.1f}" for v in self.rotation_deg())
         bias = ", ".join(f"{v:.2f}" for v in np.degrees(found.mean_rate))
-        known = "given" if self.mounting_given else "by gravity, and by the rates about it"
+        turn = f"by the rates about it to {np.degrees(found.turn_spread):.0f} deg"
+        known = "given" if self.mounting_given else f"by gravity, and {turn}"
         clock = f"its clock reads {1e3 * found.lag:.0f} ms more than the markers'"
         if found.lag_source == "stated":
             clock = "its clock is taken as stated"
@@ -221,7 +222,8 @@ def _compared(
     )
     elsewhere = None
     if found.lag_source != "stated" and sensor.segment in [one.name for one in segments]:
-        elsewhere = better_segment(measured.recording.shifted(-found.lag), sensor.segment, segments)
+        on_time = measured.recording.shifted(-found.lag)
+        elsewhere = better_segment(on_time, sensor.segment, found.correlation, segments)
     return ComparedSensor(sensor, found, given is not None, elsewhere=elsewhere)
 
 
