@@ -15,7 +15,10 @@ from legsim.mocap.cells import number as number_of
 Column = str | int
 """its name, or its number from 1 on"""
 
-_DELIMITERS = (",", ";", "\t", " ")
+_DELIMITERS = (",", ";", "\t", "|", " ")
+
+_COMMENT = ("#", "//", "%")
+"""what begins a line that is no row; before names it is passed over"""
 
 _FEW = 12
 """texts of a column in an error"""
@@ -80,9 +83,10 @@ def table_lines(path: Path) -> list[str]:
 def read_rows(path: Path, wanted: Sequence[Column], only: RowsOf | None = None) -> Rows:
     """Reads the columns ``wanted`` (n,) of each row of a table.
 
-    Columns are parted by comma, semicolon, tab or blanks. Lines above their names are passed over,
-    and so is a line of units below them. Where all columns are asked for by number, the first line
-    with a number in each of them is the first row. All rows but those of ``only`` are passed over.
+    Columns are parted by comma, semicolon, tab, bar or blanks. Lines above their names are passed
+    over, and so are a line of units below them, and comments. Where all columns are asked for by
+    number, the first line with a number in each of them is the first row. All rows but those of
+    ``only`` are passed over.
 
     Raises:
         LegsimError: a file that cannot be read, missing columns, rows that break off.
@@ -107,7 +111,7 @@ def read_rows(path: Path, wanted: Sequence[Column], only: RowsOf | None = None) 
     stated = [units.in_name(titles[k]) for k in at]
     rows: list[tuple[int, tuple[str, ...]]] = []
     for number, line in enumerate(lines[start:], start + 1):
-        if not line.strip():
+        if not line.strip() or line.lstrip().startswith(_COMMENT):
             continue
         cells = cells_of(line, delimiter)
         if delimiter == " ":
@@ -139,6 +143,22 @@ def read_rows(path: Path, wanted: Sequence[Column], only: RowsOf | None = None) 
                 "complete the row, or delete it where the recording broke off",
                 place=f"line {number}",
             )
+        if named and (more := _beyond(cells, len(names))):
+            raise file_error(
+                path,
+                f"the row has {len(names) + more} cells, the header {len(names)}: names and "
+                "numbers do not belong together",
+                "give the numbers of the columns instead of names (the first is 1); decimal commas "
+                "need another separator of columns",
+                place=f"line {number}",
+            )
+        if named and [cells[k] for k in at] == [names[k] for k in at]:
+            raise file_error(
+                path,
+                "the names are there again: another recording begins",
+                "split the file",
+                place=f"line {number}",
+            )
         rows.append((number, tuple(cells[k] for k in at)))
     if only is not None and not rows:
         raise file_error(
@@ -168,6 +188,11 @@ def _between_single_blanks(path: Path, number: int, line: str, count: int) -> li
             place=f"line {number}",
         )
     return cells
+
+
+def _beyond(cells: Sequence[str], count: int) -> int:
+    """Cells of a row beyond ``count`` up to the last that is not empty."""
+    return max((k + 1 - count for k, cell in enumerate(cells) if cell and k >= count), default=0)
 
 
 def _place(column: Column, names: Sequence[str]) -> int:
@@ -213,7 +238,7 @@ def _names(
     """Number of lines down to the names, delimiter, and all names."""
     for k, line in enumerate(lines[:within]):
         for delimiter in _DELIMITERS:
-            names = cells_of(line, delimiter)
+            names = _names_of(line, delimiter)
             if set(wanted) <= set(names):
                 doubled = [name for name in wanted if names.count(name) > 1]
                 if doubled:
@@ -225,6 +250,16 @@ def _names(
                     )
                 return k + 1, delimiter, names
     raise _missing(path, lines, wanted)
+
+
+def _names_of(line: str, delimiter: str) -> list[str]:
+    """Names in a line, which may be a comment."""
+    names = cells_of(line, delimiter)
+    for mark in _COMMENT:
+        if names and names[0].startswith(mark):
+            names[0] = names[0].lstrip(mark).strip()
+            return names[1:] if not names[0] and delimiter == " " else names
+    return names
 
 
 def _numbered(
@@ -266,7 +301,7 @@ def _missing(path: Path, lines: Sequence[str], wanted: Sequence[str]) -> LegsimE
     place, names = 0, [""]
     for k, line in enumerate(lines[:_HEADER_WITHIN]):
         for delimiter in _DELIMITERS:
-            cells = cells_of(line, delimiter)
+            cells = _names_of(line, delimiter)
             if len(set(wanted) & set(cells)) > len(best):
                 best, place, names = set(wanted) & set(cells), k, cells
     missing = ", ".join(repr(name) for name in wanted if name not in best)
