@@ -11,6 +11,7 @@ from scipy.signal import butter, sosfiltfilt
 from legsim.core.constants import STANDARD_GRAVITY
 from legsim.core.errors import LegsimError
 from legsim.core.values import FloatArray, frozen, increasing_times
+from legsim.imu.axes_order import axes_doubt
 from legsim.imu.bridging import bridged, wide_steps
 from legsim.imu.losses import clipped_note, gap_note, held_note
 from legsim.imu.signals import ImuSignals
@@ -38,6 +39,9 @@ _OFF = 0.05
 
 _PUSHED, _FAST = -1.5, 2.0
 """ratios of gravity's turn by both instruments beyond which what the sensor feels is not gravity"""
+
+_TURNS_S = 10.0
+"""s of a recording in which 48 orders of axes do not fit by chance"""
 
 _TILTING_HZ = 0.6
 """below it a leg about its ankle tilts more against gravity than it accelerates"""
@@ -265,6 +269,9 @@ def _doubts(recording: ImuRecording) -> tuple[str, ...]:
             "gyroscope does, as where the sampling rate or a scale is wrong, or where it was "
             "pushed about rather than tilted."
         )
+    even = _evenly(recording)
+    if even is not None and recording.times[-1] - recording.times[0] >= _TURNS_S:
+        notes += axes_doubt(recording.name, recording.rate_hz, *even)
     return tuple(notes)
 
 
@@ -320,7 +327,8 @@ def _check_rate(where: str, recording: ImuRecording) -> None:
     if correlation < -_CLEARLY and scale >= _PUSHED:
         raise LegsimError(
             f"{where}: gravity turns the other way in the accelerometer than by the gyroscope; "
-            "turn the sign of one of them: at rest the acceleration points upwards"
+            "turn the sign of one of them: at rest the acceleration points upwards; or the columns "
+            "of both are not in the order x, y, z"
         )
     if correlation > _CLEARLY and not 0.1 < scale < 10:
         unit = "rad/s" if scale > 10 else "deg/s"
@@ -371,19 +379,30 @@ def _gravity_turns(recording: ImuRecording) -> tuple[FloatArray, FloatArray]:
 
     Slow turns of a leg tilt it more than they accelerate it: f' = -w x f.
     """
+    even = _evenly(recording)
+    if even is None:
+        return np.zeros((1, 3)), np.zeros((1, 3))
+    rate, force, low = even
+    turned = -np.cumsum(np.cross(rate, force), axis=0) / recording.rate_hz
+    return sosfiltfilt(low, turned, axis=0), sosfiltfilt(low, force, axis=0)
+
+
+def _evenly(recording: ImuRecording) -> tuple[FloatArray, FloatArray, FloatArray] | None:
+    """Angular velocity and specific force (n, 3) at even times, and the filter of slow turns; None
+    where the recording does not show them.
+    """
     rate_hz = recording.rate_hz
     count = rate_hz * (recording.times[-1] - recording.times[0])
     # of a recording that is mostly gaps nothing is known between its samples
     if count <= 63 or recording.is_mostly_gaps or rate_hz < 4 * _TILTING_HZ:
-        return np.zeros((1, 3)), np.zeros((1, 3))
+        return None
     times = np.arange(recording.times[0], recording.times[-1], 1 / rate_hz)
     low = butter(2, [0.1, _TILTING_HZ], "bandpass", fs=rate_hz, output="sos")
     rate, force = (
         np.stack([np.interp(times, recording.times, values[:, k]) for k in range(3)], -1)
         for values in (recording.angular_velocity, recording.specific_force)
     )
-    gyroscope = sosfiltfilt(low, -np.cumsum(np.cross(rate, force), axis=0) / rate_hz, axis=0)
-    return gyroscope, sosfiltfilt(low, force, axis=0)
+    return rate, force, low
 
 
 @dataclass(frozen=True, slots=True, eq=False)
