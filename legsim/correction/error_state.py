@@ -245,7 +245,7 @@ def error_state(
     times, rate, force = signals.samples(sensor)
     margin = max(_MARGIN, CLOCK_REACH * clock + _SPLINES)
     near = (times >= views[0] - margin) & (times <= views[-1] + margin)
-    times, both = bridged(times[near], np.stack([rate[near], force[near]], 1))
+    times, both = bridged(times[near], np.stack([rate[near], force[near]], 1), views)
     rate, force = both[:, 0], both[:, 1]
     of_both = (
         _triad_errors(errors.accelerometer, times, views, force),

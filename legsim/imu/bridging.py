@@ -21,14 +21,17 @@ _MOST = 4096
 """samples in one gap"""
 
 
-def bridged(times: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArray]:
+def bridged(times: FloatArray, values: FloatArray, at: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Fills gaps of more than two samples in values (n, ...) at times (n,), at the usual step.
 
-    Returns times (m,) and values (m, ...); the given samples are among them as they are.
+    Only gaps between the first and the last of the times ``at`` (k,) are filled, at which values
+    are wanted. Returns times (m,) and values (m, ...); the given samples are among them as they
+    are.
     """
-    if len(times) < 2 * _BESIDE:
+    if len(times) < 2 * _BESIDE or not len(at):
         return times, values
-    steps, wide = np.diff(times), np.flatnonzero(wide_steps(times))
+    during = (times[1:] > at[0]) & (times[:-1] < at[-1])
+    steps, wide = np.diff(times), np.flatnonzero(wide_steps(times) & during)
     if not wide.size:
         return times, values
     step = float(np.median(steps))

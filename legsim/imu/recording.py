@@ -461,7 +461,7 @@ def _at(own: FloatArray, values: FloatArray, times: FloatArray) -> FloatArray:
     """Values (n, 3) at the times (n,) ``own``, by cubic splines at other times (m,); NaN in longer
     gaps, of which nothing is known.
     """
-    found = make_interp_spline(*bridged(own, values), k=3)(times)
+    found = make_interp_spline(*bridged(own, values, times), k=3)(times)
     after = np.clip(np.searchsorted(own, times), 1, len(own) - 1)
     inside = (times > own[after - 1]) & (times < own[after]) & wide_steps(own)[after - 1]
     return np.where(inside[:, None], np.nan, found)

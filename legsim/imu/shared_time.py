@@ -72,7 +72,7 @@ def at(
     """Values (n, 3), or their derivative, by a cubic spline; held beyond the ends."""
     inside = np.clip(times, recording.times[0], recording.times[-1])
     values = recording.angular_velocity if quantity == "rate" else recording.specific_force
-    return make_interp_spline(*bridged(recording.times, values), k=3)(inside, nu=derivative)
+    return make_interp_spline(*bridged(recording.times, values, inside), k=3)(inside, nu=derivative)
 
 
 def in_band(

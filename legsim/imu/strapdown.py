@@ -69,7 +69,7 @@ def integrate(
     force = frozen("specific_force", specific_force, (len(times), 3))
     _check(times, rate, force, at)
     if scheme == "accurate":
-        times, both = bridged(times, np.stack([rate, force], 1))
+        times, both = bridged(times, np.stack([rate, force], 1), at)
         return _accurate(times, both[:, 0], both[:, 1], start, at)
     if scheme == "paper":
         return _published(times, rate, force, start, at)

@@ -54,7 +54,8 @@ class WornSensor:
 def read_imu(path: Path | str) -> ImuSignals:
     """Reads real sensors in SI: imu.csv, text exports of Xsens, .sto, or a TOML about another file.
 
-    Sensors of different times are put on one clock's. Lost packets and the like are warnings.
+    Sensors of different times are put on one clock's, with NaN in longer gaps of one of them. Lost
+    packets and the like are warnings.
 
     Raises:
         LegsimError: a file that is not understood, units that cannot be.

@@ -22,7 +22,7 @@ def with_gap(count: int, first: int = 200, total: int = 500) -> tuple[np.ndarray
 def test_a_cubic_is_bridged_exactly_and_samples_are_kept(count):
     times, there = with_gap(count)
     values = np.polynomial.Polynomial([1.0, -2.0, 0.5, 0.3])(times - 2.5)[:, None] * [1.0, 3.0]
-    new, filled = bridged(times[there], values[there])
+    new, filled = bridged(times[there], values[there], times)
     np.testing.assert_allclose(new, times, atol=1e-12)
     np.testing.assert_allclose(filled, values, atol=1e-9)
     np.testing.assert_array_equal(filled[there], values[there])
@@ -31,14 +31,19 @@ def test_a_cubic_is_bridged_exactly_and_samples_are_kept(count):
 def test_short_gaps_and_none_are_left_to_the_spline():
     for count in (0, 1, 2):
         times, there = with_gap(count)
-        assert bridged(times[there], times[there])[0] is not None
-        np.testing.assert_array_equal(bridged(times[there], times[there])[0], times[there])
+        np.testing.assert_array_equal(bridged(times[there], times[there], times)[0], times[there])
+
+
+def test_gaps_apart_from_what_is_wanted_are_left():
+    times, there = with_gap(30)
+    for at, filled in ((times[:190], 0), (times[240:], 0), (times[100:210], 30)):
+        assert len(bridged(times[there], times[there], at)[0]) == there.sum() + filled
 
 
 @pytest.mark.parametrize("count", [3, 10, 30])
 def test_noise_does_not_grow_in_a_gap(rng, count):
     times, there = with_gap(count)
-    filled = bridged(times[there], rng.normal(size=(there.sum(), 400)))[1]
+    filled = bridged(times[there], rng.normal(size=(there.sum(), 400)), times)[1]
     # a cubic of 8 samples or more has at most their noise between them
     assert filled[~there].std() < 1.0
 
