@@ -63,12 +63,12 @@ def _turns(
     accelerometer sees it (m, 3).
     """
     every = max(1, int(rate_hz / _STRIDE_HZ))
-
-    def slow(column: FloatArray, axis: FloatArray) -> FloatArray:
-        turned = -np.cumsum(np.cross(column[:, None] * axis, force), axis=0) / rate_hz
-        return sosfiltfilt(low, turned, axis=0)[::every]
-
-    by_axis = np.array([[slow(column, axis) for column in rate.T] for axis in np.eye(3)])
+    # the cross product with an axis may come last: filter and sum are linear
+    summed = [
+        sosfiltfilt(low, np.cumsum(column[:, None] * force, axis=0) / rate_hz, axis=0)[::every]
+        for column in rate.T
+    ]
+    by_axis = np.array([[-np.cross(axis, one) for one in summed] for axis in np.eye(3)])
     return by_axis, sosfiltfilt(low, force, axis=0)[::every]
 
 
