@@ -23,6 +23,9 @@ _CLIPPED, _JUMP = 3, 4.0
 """samples in a row at an extreme, and digits by which readings that are cut off jump to it: those
 of a smooth peak come near it first"""
 
+_LEAST_RATE, _LEAST_FORCE = float(np.radians(100.0)), 15.0
+"""rad/s and m/s^2 that the least ranges of such sensors hold (125 deg/s, 2 g)"""
+
 _QUANTITIES, _ALL = ("angular velocities", "accelerations"), "readings"
 
 _TOGETHER, _WINDOW, _EVENLY = 8, 16, 0.8
@@ -126,14 +129,14 @@ def clipped_note(name: str, readings: FloatArray) -> tuple[str, ...]:
     """
     moves = (np.diff(readings, axis=0) != 0).any(-1)
     notes = []
-    for what, factor, unit, columns in (
-        ("angular velocity", float(np.degrees(1.0)), "deg/s", slice(0, 3)),
-        ("acceleration", 1.0, "m/s2", slice(3, 6)),
+    for what, factor, unit, columns, least in (
+        ("angular velocity", float(np.degrees(1.0)), "deg/s", slice(0, 3), _LEAST_RATE),
+        ("acceleration", 1.0, "m/s2", slice(3, 6), _LEAST_FORCE),
     ):
         signed = [sign * v for v in readings[:, columns].T for sign in (1.0, -1.0)]
         cut = [(_clipped(values, moves), float(values.max())) for values in signed]
         count, extreme = max(cut)
-        if count:
+        if count and extreme > least:
             notes.append(
                 f"In doubt: sensor {name} stays at {factor * extreme:.4g} {unit} of {what} in "
                 f"{count} samples of an axis, as where its range ends; what is beyond is cut off."
