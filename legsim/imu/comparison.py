@@ -84,6 +84,11 @@ class SensorComparison:
     """rad, one standard deviation of the mounting's turn about the vertical; 0 where it is given"""
 
     @property
+    def misfit(self) -> float:
+        """By how much the rates agree less in the mounting than in the rotation that fits best."""
+        return self.correlation - self.bands[0].correlation
+
+    @property
     def trusted(self) -> bool:
         """Whether the rates agree enough for lag and turn to be known."""
         return self.correlation >= _TRUSTED
