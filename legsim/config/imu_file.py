@@ -66,6 +66,10 @@ class WornSensorConfig(ConfigSection):
     acceleration: tuple[Column, Column, Column] | None = None
     """columns of x, y, z; only for tables that do not say themselves what they hold"""
     angular_velocity: tuple[Column, Column, Column] | None = None
+    acceleration_rows: str = ""
+    """what the file's rows_by holds in rows of its accelerations"""
+    angular_velocity_rows: str = ""
+    """the same of its angular velocities; empty: those of the accelerations"""
     angular_velocity_bias_deg_per_s: Vector = (0.0, 0.0, 0.0)
     """what its gyroscope reads at rest, in its own axes; taken off"""
     acceleration_bias_mg: Vector = (0.0, 0.0, 0.0)
@@ -102,6 +106,8 @@ class ImuFileConfig(ConfigSection):
     """of accelerations in an instrument's counts, instead of a unit"""
     counts_per_deg_per_s: Positive | None = None
     """of angular velocities in counts"""
+    rows_by: Column | None = None
+    """column that says whose each row is, where sensors or instruments take turns in a table"""
     angular_velocity_file: str = ""
     """table of the angular velocities, where ``file`` has the accelerations alone"""
     sensors: tuple[WornSensorConfig, ...] = ()
@@ -113,6 +119,14 @@ class ImuFileConfig(ConfigSection):
             raise ValueError(
                 "name the columns acceleration and angular_velocity of every sensor, or of none"
             )
+        turns = [bool(s.acceleration_rows) for s in self.sensors]
+        if (self.rows_by is not None) != any(turns) or (any(turns) and not all(turns)):
+            raise ValueError(
+                "rows_by needs acceleration_rows (and angular_velocity_rows, where they are other "
+                "rows) of every sensor, and these need rows_by"
+            )
+        if self.rows_by is not None and self.angular_velocity_file:
+            raise ValueError("give rows_by or angular_velocity_file, not both")
         return self
 
     @property

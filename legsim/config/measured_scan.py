@@ -9,6 +9,7 @@ from typing import Literal
 import tomli_w
 from pydantic import Field
 
+from legsim.config.imu import AccelerometerConfig, GyroscopeConfig
 from legsim.config.imu_file import ImuFileConfig, Vector
 from legsim.config.reconstruction import ReconstructionConfig
 from legsim.config.tree import ConfigSection, validated
@@ -76,6 +77,21 @@ class MeasuredFiducialsConfig(ConfigSection):
     """standard deviation along u and v"""
 
 
+class ExpectedErrorsConfig(ConfigSection):
+    """What differs from sensor_model: single numbers, as in imu.noise of a run, and calibration."""
+
+    accelerometer: AccelerometerConfig = AccelerometerConfig()
+    gyroscope: GyroscopeConfig = GyroscopeConfig()
+    off: tuple[str, ...] = ()
+    """names of error terms that it does not have, such as "temperature\""""
+    calibration: Literal["none", "rest", "six-positions"] = "none"
+    """what was recorded before the scan, and the signals and starts corrected by"""
+    rest_s: float = Field(default=10.0, gt=0)
+    """duration of each rest of the calibration"""
+    warms: bool = False
+    """whether its temperature changes after the calibration"""
+
+
 class MeasuredMethodsConfig(ConfigSection):
     """Options of the methods, as in a run."""
 
@@ -84,7 +100,10 @@ class MeasuredMethodsConfig(ConfigSection):
     scheme: Literal["accurate", "paper"] = "accurate"
     node_mm: float = Field(default=8.0, gt=0)
     sensor_model: str = "bmi160"
-    """whose errors standing and fused-beads expect: of the catalogue, or a TOML file of a sensor"""
+    """whose errors standing and fused-beads expect: of the catalogue, or a TOML file of a sensor;
+    custom: none but those of sensor_errors
+    """
+    sensor_errors: ExpectedErrorsConfig = ExpectedErrorsConfig()
     spread_mm: float = Field(default=2.0, gt=0)
     """RMS of each coordinate by which a knee is expected to move in a scan"""
     clock_ms: float = Field(default=10.0, ge=0)

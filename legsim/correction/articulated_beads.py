@@ -24,7 +24,9 @@ from legsim.correction.fused import (
 )
 from legsim.correction.limb_motion import Limb
 from legsim.correction.method import Correction, Scan
-from legsim.correction.smoother import BeadShadows, DivergedError, SmoothedPath, StandingPrior
+from legsim.correction.path_measurements import BeadShadows, StandingPrior
+from legsim.correction.path_problem import DivergedError
+from legsim.correction.smoother import SmoothedPath
 from legsim.correction.tied_sensors import LegTie, TiedPaths, tied_paths
 from legsim.deformation.models import RigidMotion
 from legsim.geometry.volume import VolumeGrid

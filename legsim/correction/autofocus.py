@@ -12,7 +12,7 @@ from legsim.correction import image_motion
 from legsim.correction.image_fit import SplinePath
 from legsim.correction.image_motion import FocusPlan
 from legsim.correction.method import Correction, Scan
-from legsim.correction.smoother import StandingPrior
+from legsim.correction.path_measurements import StandingPrior
 from legsim.opencl.device import Device, open_device
 
 

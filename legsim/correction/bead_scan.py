@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from legsim.core.values import FloatArray, frozen, positive, whole_counts
-from legsim.correction.smoother import SHADOW_ERROR_PX
+from legsim.correction.path_measurements import SHADOW_ERROR_PX
 from legsim.geometry.cone_beam import Projections
 from legsim.kinematics.skeleton import SEGMENTS, SegmentPoses
 from legsim.opencl.device import Device

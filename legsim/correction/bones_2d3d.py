@@ -34,7 +34,9 @@ from legsim.correction.fused import SensorPriors, discerned, sensor_state
 from legsim.correction.leg_axes import find_axes
 from legsim.correction.limb_motion import Limb, articulated_motion
 from legsim.correction.method import Correction, Scan
-from legsim.correction.smoother import SmoothedPath, StandingPrior, smooth
+from legsim.correction.path_measurements import StandingPrior
+from legsim.correction.path_problem import DivergedError
+from legsim.correction.smoother import SmoothedPath, smooth
 from legsim.deformation.models import FieldMotion, RigidMotion
 from legsim.evaluation import image_gauge
 from legsim.geometry.cone_beam import ConeBeamGeometry, Projections
@@ -136,7 +138,10 @@ def _by_sensors(scan: Scan, priors: SensorPriors) -> tuple[Limb | None, tuple[st
     hip, knee, ankle = scanned_leg(scan)[:3]
     paths: list[SmoothedPath] = []
     for name in (hip.sensor, knee.sensor):
-        path = smooth(sensor_state(scan, name, priors, clock=0.0), standing=prior)
+        try:
+            path = smooth(sensor_state(scan, name, priors, clock=0.0), standing=prior)
+        except DivergedError as error:
+            return None, (f"In doubt: bones-2d3d: sensor {name}: {error}; bones start at rest.",)
         motion_px, error_px = path.seen_motion(geometry, prior.points)
         if not path.settled or not discerned(motion_px, error_px):
             return None, (

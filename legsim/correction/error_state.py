@@ -25,6 +25,7 @@ from legsim.core.errors import LegsimError
 from legsim.core.values import FloatArray, frozen_owned, increasing_times
 from legsim.correction.rough_start import StartErrors, turned
 from legsim.imu import strapdown
+from legsim.imu.bridging import bridged
 from legsim.imu.errors import SensorErrors, TriadErrors
 from legsim.imu.signals import ImuSignals, SensorStart
 
@@ -244,7 +245,8 @@ def error_state(
     times, rate, force = signals.samples(sensor)
     margin = max(_MARGIN, CLOCK_REACH * clock + _SPLINES)
     near = (times >= views[0] - margin) & (times <= views[-1] + margin)
-    times, rate, force = times[near], rate[near], force[near]
+    times, both = bridged(times[near], np.stack([rate[near], force[near]], 1), views)
+    rate, force = both[:, 0], both[:, 1]
     of_both = (
         _triad_errors(errors.accelerometer, times, views, force),
         _triad_errors(errors.gyroscope, times, views, rate),

@@ -15,6 +15,10 @@ from legsim.correction.error_state import ErrorState
 from legsim.correction.fused import SensorPriors, sensor_state
 from legsim.correction.method import Scan
 
+_SPEED = 2.5
+"""1/s, RMS speed of markers over their RMS displacement in 8 s: 1.6 to 3.5 of people who stand or
+hold a squat (docs/fusion.md)"""
+
 _TILTS, _LASTING = [0, 2], slice(9, 21)
 """numbers of an ErrorState: tilts of the start; bias, scale and cross-talk of the accelerometer"""
 
@@ -23,12 +27,16 @@ def expected_drift(scan: Scan, sensor: str, priors: SensorPriors) -> float:
     """Standard deviation (m) of where the sensor alone carries the knee, RMS over the views.
 
     A start that was leveled at rest is tilted by what its accelerometer reads wrongly, and the two
-    nearly cancel. The noise of the rest's mean is left out: it is small beside the scan's.
+    nearly cancel. The noise of the rest's mean is left out: it is small beside the scan's. A start
+    without speed is off by the speed of somebody who stands, not by what an estimate allows for.
 
     Raises:
         LegsimError: an unknown sensor, fewer than three views, or a recording that does not cover
             them.
     """
+    if not scan.start(scan.sensor(sensor)).velocity.any():
+        speed = min(priors.start.velocity, _SPEED * priors.spread)
+        priors = replace(priors, start=replace(priors.start, velocity=speed))
     leveled = scan.signals.rest_force is not None
     if leveled:
         # per radian, for what the accelerometer's errors make of it

@@ -16,15 +16,10 @@ from legsim.correction.bead_scan import BeadScan
 from legsim.correction.bead_tracking import track
 from legsim.correction.error_state import CLOCK_REACH, ErrorState, error_state
 from legsim.correction.method import Correction, Scan
+from legsim.correction.path_measurements import BeadShadows, FiducialShadows, StandingPrior
+from legsim.correction.path_problem import DivergedError
 from legsim.correction.rough_start import StartErrors
-from legsim.correction.smoother import (
-    BeadShadows,
-    DivergedError,
-    FiducialShadows,
-    SmoothedPath,
-    StandingPrior,
-    smooth,
-)
+from legsim.correction.smoother import SmoothedPath, smooth
 from legsim.deformation.models import RigidMotion
 from legsim.imu.catalogue import load_sensor
 from legsim.imu.errors import SensorErrors

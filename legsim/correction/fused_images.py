@@ -7,13 +7,13 @@ as it is.
 
 from dataclasses import dataclass, field
 
-from legsim.core.errors import LegsimError
 from legsim.correction import image_motion
-from legsim.correction.error_state import error_state
-from legsim.correction.fused import SensorPriors
+from legsim.correction.fused import SensorPriors, left_as_it_is, sensor_state
 from legsim.correction.image_motion import FocusPlan
 from legsim.correction.method import Correction, Scan
-from legsim.correction.smoother import StandingPrior, smooth
+from legsim.correction.path_measurements import StandingPrior
+from legsim.correction.path_problem import DivergedError
+from legsim.correction.smoother import smooth
 from legsim.opencl.device import Device, open_device
 
 
@@ -32,21 +32,20 @@ class FusedImages:
     plan: FocusPlan | None = None
 
     def __call__(self, scan: Scan, /) -> Correction:
-        if not scan.signals.sensor_names:
-            raise LegsimError("fused follows a sensor, and the scan has none; take autofocus")
-        name = self.sensor or scan.signals.sensor_names[0]
+        name = scan.sensor(self.sensor)
         start, knee = scan.start(name), scan.projections.geometry.rotation_center()
-        priors = self.priors
         # sharpness says too little of the clocks to find their offset
-        state = error_state(
-            scan.signals, name, start, scan.times, priors.errors, priors.start, clock=0.0
-        )
-        standing = StandingPrior.at(knee, priors.spread)
+        state = sensor_state(scan, name, self.priors, clock=0.0)
+        standing = StandingPrior.at(knee, self.priors.spread)
+        try:
+            begun = smooth(state, standing=standing).errors
+        except DivergedError as error:
+            return left_as_it_is("fused", scan, error)
         return image_motion.followed(
             "fused",
             scan,
             state,
-            smooth(state, standing=standing).errors,
+            begun,
             standing,
             self.device or open_device(),
             # the part of the leg that carries the sensor

@@ -22,7 +22,7 @@ from legsim.core.errors import LegsimError
 from legsim.core.values import FloatArray, whole_counts
 from legsim.correction.error_state import SensorPath
 from legsim.correction.image_criterion import Focus
-from legsim.correction.smoother import StandingPrior
+from legsim.correction.path_measurements import StandingPrior
 from legsim.geometry.cone_beam import ConeBeamGeometry
 from legsim.reconstruction.field_of_view import pixel_at_isocenter
 

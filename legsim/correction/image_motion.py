@@ -20,7 +20,8 @@ from legsim.correction.fused import discerned
 from legsim.correction.image_criterion import COARSE, FINE, FocusScale
 from legsim.correction.image_fit import ImageProblem, PathModel, fitted, sharpened, similarity_part
 from legsim.correction.method import Correction, Scan
-from legsim.correction.smoother import SmoothedPath, StandingPrior
+from legsim.correction.path_measurements import StandingPrior
+from legsim.correction.smoother import SmoothedPath
 from legsim.deformation.models import RigidMotion
 from legsim.geometry.cone_beam import Projections
 from legsim.opencl.device import Device

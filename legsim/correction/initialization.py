@@ -26,7 +26,7 @@ from legsim.correction.fiducials import (
     project_fiducials,
     velocity_from_views,
 )
-from legsim.correction.smoother import SHADOW_ERROR_PX, FiducialShadows
+from legsim.correction.path_measurements import SHADOW_ERROR_PX, FiducialShadows
 from legsim.geometry.cone_beam import ConeBeamGeometry
 from legsim.imu import calibration, simulation, strapdown
 from legsim.imu.sensors import Sensor

@@ -3,8 +3,8 @@
 Each sensor alone has a gauge of its own: M(0) = I puts the error of the first view into a constant
 displacement of thigh against shank, which no registration of the volume as a whole takes away. The
 knee's center is known in both sensors, and both must carry it to the same place; on demand the feet
-stand on the ground, and the hip stays about where it is. These ties join the two problems of
-:mod:`legsim.correction.smoother` into one, by Gauss-Newton steps over the errors of both sensors.
+stand on the ground, and the hip stays about where it is. These ties join two problems of
+:mod:`legsim.correction.path_problem` into one, by Gauss-Newton steps over the errors of both.
 
 The thigh's and the shank's lengths are in the places of the joints: a sensor carries both ends of
 its segment rigidly. The angle between the two is left free, as the knee's is.
@@ -23,22 +23,19 @@ from legsim.core.values import FloatArray, frozen
 from legsim.correction.error_state import ErrorState, SensorPath
 from legsim.correction.fused import SensorPriors, sensor_state
 from legsim.correction.method import Scan
-from legsim.correction.smoother import (
-    _ROUNDS,
-    _SETTLED,
-    BeadShadows,
-    FiducialShadows,
-    SmoothedPath,
-    StandingPrior,
-    _add,
-    _believed,
-    _descended,
-    _Normal,
-    _prepared,
-    _Problem,
-    _smoothed,
+from legsim.correction.path_measurements import BeadShadows, FiducialShadows, StandingPrior
+from legsim.correction.path_problem import (
+    ROUNDS,
+    SETTLED,
+    Normal,
+    PathProblem,
+    add_measurements,
+    believed,
+    descended,
+    prepared,
     solved,
 )
+from legsim.correction.smoother import SmoothedPath, smoothed
 from legsim.deformation.models import RigidMotion
 from legsim.geometry.cone_beam import ConeBeamGeometry
 
@@ -87,7 +84,7 @@ class LegTie:
     little. A hold on one of them alone sets it right there and the other not, and parts the two.
     """
     samples: float = 8.0
-    """independent samples in a scan, as of :class:`legsim.correction.smoother.StandingPrior`"""
+    """independent samples in a scan, as of a StandingPrior"""
 
     def __post_init__(self) -> None:
         for name in ("knee_in_thigh", "knee_in_shank", "ankle_in_shank", "hip_in_thigh"):
@@ -165,7 +162,7 @@ class TiedPaths:
 class _Joint(NamedTuple):
     """Both sensors' problems, where they stand, and the tie."""
 
-    problems: tuple[_Problem, _Problem]
+    problems: tuple[PathProblem, PathProblem]
     """thigh, shank"""
     tie: LegTie
     still: tuple[StandingPrior | None, StandingPrior | None]
@@ -186,10 +183,10 @@ class _Joint(NamedTuple):
         by_knee = np.broadcast_to(thigh.poses[:, None, :3, :3], (*at[0].shape, 3))
         ends = [p.of_attached(k) for p, k in zip(paths, places, strict=True)]
         rows = np.concatenate([ends[0], -ends[1], by_knee], -1)
-        _add(matrix, right, weight * (at[0] - at[1]), weight * rows)
+        add_measurements(matrix, right, weight * (at[0] - at[1]), weight * rows)
         known = np.zeros((_KNEE, count))
         known[:, -_KNEE:] = np.eye(_KNEE)
-        _add(matrix, right, knee_off / self.tie.placement, known / self.tie.placement)
+        add_measurements(matrix, right, knee_off / self.tie.placement, known / self.tie.placement)
         first = 0
         for path, still, size in zip(paths, self.still, sizes, strict=True):
             own = slice(first, first + size)
@@ -198,7 +195,9 @@ class _Joint(NamedTuple):
                 continue
             moved = transforms.apply(path.motion(), still.points) - still.points
             firm = still.weight(len(path.poses))
-            _add(matrix[own, own], right[own], firm * moved, firm * path.of_points(still.points))
+            add_measurements(
+                matrix[own, own], right[own], firm * moved, firm * path.of_points(still.points)
+            )
         return matrix, right
 
 
@@ -220,14 +219,14 @@ def smooth_tied(
     if not np.array_equal(thigh.state.views, shank.state.views):
         raise LegsimError("tied sensors are of one scan; give both states the same views")
     starts = [
-        _prepared(one.state, one.standing, geometry, one.beads, one.fiducials)
+        prepared(one.state, one.standing, geometry, one.beads, one.fiducials)
         for one in (thigh, shank)
     ]
     problems = (starts[0][0], starts[1][0])
     # each alone first, so that the ties are linear in what is left of the errors
     errors, places = [], []
     for problem, begun, at in starts:
-        own, own_places, _ = _descended(problem, begun, at)
+        own, own_places, _ = descended(problem, begun, at)
         errors.append(own)
         places.append(own_places)
     still = (
@@ -237,7 +236,7 @@ def smooth_tied(
     joint = _Joint(problems, tie, still)
     found = _descended_together(joint, errors, places)
     first, second = (
-        _believed(problem, one.path, one.bead_places)
+        believed(problem, one.path, one.bead_places)
         for problem, one in zip(problems, (found.thigh, found.shank), strict=True)
     )
     if first is problems[0] and second is problems[1]:
@@ -287,14 +286,14 @@ def _descended_together(
     joint: _Joint, errors: list[FloatArray], places: list[FloatArray]
 ) -> TiedPaths:
     knee_off, settled = np.zeros(_KNEE), False
-    for _ in range(_ROUNDS):
+    for _ in range(ROUNDS):
         normals, matrix, right, _ = _linearized(joint, errors, places, knee_off)
         step = -solved(matrix, right)
         parts = np.split(step, np.cumsum([len(one) for one in errors]))
         places = [at + n.of_beads(by) for at, n, by in zip(places, normals, parts[:2], strict=True)]
         errors = [one + by for one, by in zip(errors, parts[:2], strict=True)]
         knee_off = knee_off + parts[2]
-        if max(np.abs(parts[0]).max(), np.abs(parts[1]).max()) < _SETTLED:
+        if max(np.abs(parts[0]).max(), np.abs(parts[1]).max()) < SETTLED:
             settled = True
             break
     _, matrix, _, paths = _linearized(joint, errors, places, knee_off)
@@ -302,14 +301,14 @@ def _descended_together(
     found, first = [], 0
     for problem, path, own, at in zip(joint.problems, paths, errors, places, strict=True):
         block = slice(first, first + len(own))
-        found.append(_smoothed(problem, path, own, covariance[block, block], at, settled))
+        found.append(smoothed(problem, path, own, covariance[block, block], at, settled))
         first += len(own)
     return TiedPaths(found[0], found[1], covariance, knee_off, settled)
 
 
 def _linearized(
     joint: _Joint, errors: list[FloatArray], places: list[FloatArray], knee_off: FloatArray
-) -> tuple[list[_Normal], FloatArray, FloatArray, list[SensorPath]]:
+) -> tuple[list[Normal], FloatArray, FloatArray, list[SensorPath]]:
     """Normal equations of both sensors, of all with the ties, and the paths."""
     made = [p.linearized(*at) for p, *at in zip(joint.problems, errors, places, strict=True)]
     normals, paths = [normal for normal, _ in made], [path for _, path in made]

@@ -80,6 +80,13 @@ class SensorComparison:
     """where on the segment the accelerometer fits better"""
     shared_s: float
     """s that both recorded, at that lag"""
+    turn_spread: float
+    """rad, one standard deviation of the mounting's turn about the vertical; 0 where it is given"""
+
+    @property
+    def misfit(self) -> float:
+        """By how much the rates agree less in the mounting than in the rotation that fits best."""
+        return self.correlation - self.bands[0].correlation
 
     @property
     def trusted(self) -> bool:
@@ -108,9 +115,10 @@ def compare(
     """
     step = 1 / min(predicted.rate_hz, measured.rate_hz)
     lag, correlation, source = _lag(predicted, measured, step, clock_stated=clock_stated)
-    on_time = measured.shifted(-lag)
+    on_time, spread = measured.shifted(-lag), 0.0
     if rotation is None:
-        rotation = find_mounting(predicted, on_time, step=step)
+        mounting = find_mounting(predicted, on_time, step=step)
+        rotation, spread = mounting.predicted_from_measured, mounting.spread
     turned = ImuRecording(
         measured.name,
         on_time.times,
@@ -130,7 +138,7 @@ def compare(
     place = find_place(predicted, turned, step=step)
     return SensorComparison(
         predicted, turned, lag, rotation, correlation, bands, bias, source, place,
-        shared_s(predicted, turned),
+        shared_s(predicted, turned), spread,
     )  # fmt: skip
 
 
@@ -156,8 +164,23 @@ def _lag(
     return lag, correlation, "nearby"
 
 
-def find_mounting(predicted: ImuRecording, measured: ImuRecording, *, step: float) -> FloatArray:
-    """Rotation (3, 3) predicted_from_measured by gravity, and by the rates about it.
+@dataclass(frozen=True, slots=True, eq=False)
+class Mounting:
+    """How a measured sensor is turned against the predicted one."""
+
+    predicted_from_measured: FloatArray
+    """(3, 3)"""
+    spread: float
+    """rad of its turn about the vertical, one standard deviation, by leaving out each eighth of
+    the recording; its tilt is by gravity
+    """
+
+
+_BLOCKS = 8
+
+
+def find_mounting(predicted: ImuRecording, measured: ImuRecording, *, step: float) -> Mounting:
+    """Finds the mounting by gravity, and by the rates about it.
 
     Raises:
         LegsimError: an overlap of less than 0.5 s.
@@ -168,10 +191,14 @@ def find_mounting(predicted: ImuRecording, measured: ImuRecording, *, step: floa
     ours, theirs = (in_band(r, times, MOVEMENT_HZ, "rate") for r in (predicted, measured))
     theirs = theirs @ level.T
     flat_ours, flat_theirs = (v - np.outer(v @ up, up) for v in (ours, theirs))
-    angle = np.arctan2(
-        (np.cross(flat_theirs, flat_ours) @ up).sum(), (flat_theirs * flat_ours).sum()
-    )
-    return transforms.axis_rotation(up, np.array(angle)) @ level
+    both = np.stack([np.cross(flat_theirs, flat_ours) @ up, (flat_theirs * flat_ours).sum(-1)], -1)
+    angle = np.arctan2(*both.sum(0))
+    parts = np.array_split(both, _BLOCKS)
+    left_out = np.array([np.arctan2(*(both.sum(0) - part.sum(0))) for part in parts]) - angle
+    # the jackknife's variance, of turns by the shorter way
+    left_out = np.arctan2(np.sin(left_out), np.cos(left_out))
+    spread = float(np.sqrt((_BLOCKS - 1) * left_out.var()))
+    return Mounting(transforms.axis_rotation(up, np.array(angle)) @ level, spread)
 
 
 def _smallest_turn(start: FloatArray, end: FloatArray) -> FloatArray:

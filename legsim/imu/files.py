@@ -4,6 +4,7 @@ import csv
 import io
 import re
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -21,8 +22,13 @@ from legsim.mocap.cells import number
 
 _IMU_COLUMNS = ("ax_m_s2", "ay_m_s2", "az_m_s2", "gx_rad_s", "gy_rad_s", "gz_rad_s")
 
+_TITLE = 40
+"""characters of a line that announces a block, at most"""
+
 _XSENS = (("Acc_X", "Acc_Y", "Acc_Z"), ("Gyr_X", "Gyr_Y", "Gyr_Z"))
-_XSENS_COUNTER = "PacketCounter"
+_XSENS_COUNTERS = ("PacketCounter", "Counter")
+"""names of the packets' numbers, of MT Manager 4 and of 2"""
+
 _XSENS_PERIOD = 1 << 16
 
 _STO_FORCE = ("linear_acceleration", "linearaccelerations", "accelerometer_signal", "accel")
@@ -151,14 +157,15 @@ def load_recordings(
         return _load_sto(path, (acceleration_unit or "m/s2", angular_velocity_unit or "rad/s"))
     if ending == ".c3d":
         raise _names_wanted(path)
-    lines = files.read(path, "table")
+    lines = table_rows.table_lines(path)
     names = _own_names(table_rows.cells_of(lines[0], ","))
     if names is not None:
         return tables.load(path, _own_layout(names))
-    if any(_XSENS_COUNTER in line and _XSENS[0][0] in line for line in lines[:50]):
+    counter = _xsens_counter(lines)
+    if counter is not None:
         layout = _xsens_layout(path, lines, rate_hz, acceleration_unit, angular_velocity_unit)
-        return tables.load(path, layout)
-    raise _unknown(path, lines[0])
+        return tables.load(path, replace(layout, counter=counter))
+    raise _unknown(path, lines)
 
 
 def _names_wanted(path: Path) -> LegsimError:
@@ -181,6 +188,15 @@ def _own_layout(names: Sequence[str]) -> TableLayout:
     return TableLayout(sensors, time="time_s")
 
 
+def _xsens_counter(lines: Sequence[str]) -> str | None:
+    """Name of the counter in an export of Xsens; None for other text."""
+    for line in lines[:50]:
+        names = re.split(r"[,;\s]+", line)
+        if _XSENS[0][0] in names:
+            return next((name for name in _XSENS_COUNTERS if name in names), None)
+    return None
+
+
 def _xsens_layout(
     path: Path,
     lines: Sequence[str],
@@ -201,20 +217,28 @@ def _xsens_layout(
         acceleration_unit,
         angular_velocity_unit or ("deg/s" if dot else None),
         rate_hz=_xsens_rate(path, lines) if rate_hz is None else rate_hz,
-        counter=_XSENS_COUNTER,
         counter_period=1 << 32 if dot else _XSENS_PERIOD,
     )
 
 
-def _unknown(path: Path, first_line: str) -> LegsimError:
-    """The refusal of a file of another kind."""
-    if first_line.lstrip().startswith("<"):
-        problem = "is XML, not a table"
-        cure = "export the sensors' accelerations and angular velocities as text or CSV"
-    else:
-        problem = "is no imu.csv of legsim, no text export of Xsens and no .sto"
-        cure = "describe its columns in a small TOML and give that (docs/formats.md, Sensors)"
+def _unknown(path: Path, lines: Sequence[str]) -> LegsimError:
+    """The refusal of a table that does not say itself what it holds."""
+    cure = "describe its columns in a small TOML and give that (docs/formats.md, Sensors)"
+    if _has_blocks(lines):
+        cure = (
+            "its instruments are in blocks, one below the other: split the file, and give both "
+            "parts in a small TOML (file, angular_velocity_file; docs/formats.md, Sensors)"
+        )
+    problem = "is no imu.csv of legsim, no text export of Xsens and no .sto"
     return file_error(path, problem, cure, place="line 1")
+
+
+def _has_blocks(lines: Sequence[str]) -> bool:
+    """Whether lines of text announce accelerations and, apart from these, angular velocities."""
+    titles = [line.strip().lower() for line in lines if not any(c.isdigit() for c in line)]
+    short = [title for title in titles if len(title) < _TITLE]
+    force = any(title.startswith("accel") for title in short)
+    return force and any(title.startswith(("gyro", "angular", "rotation")) for title in short)
 
 
 def _is_dot(lines: Sequence[str]) -> bool:
@@ -229,7 +253,8 @@ def _is_dot(lines: Sequence[str]) -> bool:
 def _xsens_rate(path: Path, lines: Sequence[str]) -> float:
     """Samples per second, as the header says."""
     said = re.search(
-        r"(?im)^\W*(?:update|output|sample|sampling) ?rate\W*(\d+[.,]?\d*)\s*hz",
+        r"(?im)^\W*(?:update|output|sampl(?:e|ing)|acquisition) ?(?:rate|frequency)\W*"
+        r"(\d+[.,]?\d*)\s*hz",
         "\n".join(lines[:50]),
     )
     if said is None:

@@ -13,6 +13,8 @@ from legsim.core.values import FloatArray
 _CLOCK = re.compile(r"(?:(\d{1,3}):)?(\d{1,2}):(\d{1,2}(?:[.,]\d*)?)(?:Z|[+-]\d\d:?\d\d)?")
 """hours, minutes and seconds; minutes and seconds where there is one colon"""
 
+_MILLISECONDS = re.compile(r"(\d{1,2}:\d{2}:\d{2}):(\d{3})$")
+
 _MOST = 0.9
 """of a day or an hour: a clock that falls by more has begun anew"""
 
@@ -31,7 +33,7 @@ def seconds(
     """
     times = np.array([_moment(path, n, t, column) for n, t in zip(lines, cells, strict=True)])
     there = np.isfinite(times)
-    clocks = [_CLOCK.fullmatch(cell) for cell in cells if cell]
+    clocks = [_CLOCK.fullmatch(_MILLISECONDS.sub(r"\1.\2", cell)) for cell in cells if cell]
     if clocks and all(clocks):
         period = 86400.0 if any(clock and clock[1] for clock in clocks) else 3600.0
         anew = np.diff(times[there], prepend=times[there][:1]) < -_MOST * period
@@ -42,6 +44,8 @@ def seconds(
 def _moment(path: Path, line: int, text: str, column: str | int) -> float:
     if not text:
         return np.nan
+    # milliseconds behind a third colon
+    text = _MILLISECONDS.sub(r"\1.\2", text)
     try:
         clock = _CLOCK.fullmatch(text)
         if clock is not None:

@@ -11,16 +11,13 @@ from scipy.signal import butter, sosfiltfilt
 from legsim.core.constants import STANDARD_GRAVITY
 from legsim.core.errors import LegsimError
 from legsim.core.values import FloatArray, frozen, increasing_times
+from legsim.imu.axes_order import axes_doubt
+from legsim.imu.bridging import bridged, wide_steps
+from legsim.imu.losses import clipped_note, gap_note, held_note
 from legsim.imu.signals import ImuSignals
 
 _FEWEST = 16
 """samples that say something"""
-
-_FEWEST_HELD = 3
-"""repeats that are no pair by chance, or across a gap"""
-
-_BEAT = 0.8
-"""share of readings that repeat equally often, where a sensor is read faster than it measures"""
 
 _PACKETS = 0.02
 """least share of steps that are between packets, where samples arrive in packets"""
@@ -33,6 +30,18 @@ _AT_REST = (0.75 * STANDARD_GRAVITY, 1.35 * STANDARD_GRAVITY)
 
 _FASTEST = np.radians(2000.0)
 """rad/s, the widest range of common gyroscopes"""
+
+_CALM_SHARE = 0.1
+"""of the samples: those at which a sensor turns least, where it feels little but gravity"""
+
+_OFF = 0.05
+"""of gravity, by which a calm accelerometer may be off without a note"""
+
+_PUSHED, _FAST = -1.5, 2.0
+"""ratios of gravity's turn by both instruments beyond which what the sensor feels is not gravity"""
+
+_TURNS_S = 10.0
+"""s of a recording in which 48 orders of axes do not fit by chance"""
 
 _TILTING_HZ = 0.6
 """below it a leg about its ankle tilts more against gravity than it accelerates"""
@@ -51,13 +60,6 @@ _SWAY, _UNLIKE = 0.3, 10.0
 
 _CALM = 1.0
 """m/s^2 of deviation of somebody who stands"""
-
-_LONG_GAP = 0.1
-"""s; motion of 6 Hz cannot be interpolated over more"""
-
-
-_CHANCE = 1e-6
-"""by which digits of a sensor at rest may repeat as long as that"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -93,6 +95,11 @@ class ImuRecording:
             f"ImuRecording({self.name}: {len(self.times)} samples over {seconds:.4g} s, "
             f"{self.rate_hz:.4g} Hz)"
         )
+
+    @property
+    def readings(self) -> FloatArray:
+        """(n, 6) angular velocity and specific force."""
+        return np.concatenate([self.angular_velocity, self.specific_force], -1)
 
     @property
     def rate_hz(self) -> float:
@@ -145,7 +152,7 @@ def merged(
     for times, _ in seen:
         increasing_times(f"times of sensor {name!r}", times)
         check_steady(name, times)
-    notes = tuple(note for times, _ in seen for note in gap_note(name, times))
+    notes = tuple(dict.fromkeys(note for times, _ in seen for note in gap_note(name, times)))
     if not np.array_equal(seen[0][0], seen[1][0]):
         times = _shared_times([times for times, _ in seen])
         if len(times) < _FEWEST:
@@ -154,7 +161,10 @@ def merged(
                 f"accelerations and angular velocities of sensor {name!r} hardly overlap in time: "
                 f"{spans}; give files of one recording, by one clock"
             )
-        seen = [(times, _at(own, values, times)) for own, values in seen]
+        force_at, rate_at = (_at(own, values, times) for own, values in seen)
+        known = np.isfinite(force_at).all(-1) & np.isfinite(rate_at).all(-1)
+        times = times[known]
+        seen = [(times, force_at[known]), (times, rate_at[known])]
         notes += (
             f"Sensor {name}: accelerations and angular velocities have times of their own; both "
             "are put on those of the faster by cubic splines.",
@@ -189,7 +199,9 @@ def checked(recording: ImuRecording) -> ImuRecording:
         LegsimError: the line names the quantity, what it reads and the fix.
     """
     check_plausible(recording)
-    return replace(recording, notes=(*recording.notes, *held_note(recording)))
+    held = held_note(recording.name, recording.times, recording.readings)
+    cut = clipped_note(recording.name, recording.readings)
+    return replace(recording, notes=(*recording.notes, *held, *cut, *_doubts(recording)))
 
 
 def check_steady(name: str, times: FloatArray) -> None:
@@ -234,14 +246,59 @@ def check_plausible(recording: ImuRecording) -> None:
             f"{where} has {recording.rate_hz:.4g} samples per second, which no such sensor takes; "
             "state the unit of the times (s, ms or us) or the rate"
         )
-    _check_force(where, recording.specific_force)
+    _check_force(where, recording)
     _check_rate(where, recording)
 
 
-def _check_force(where: str, force: FloatArray) -> None:
-    magnitude = float(np.median(np.linalg.norm(force, axis=-1)))
-    if _AT_REST[0] <= magnitude <= _AT_REST[1]:
+def _doubts(recording: ImuRecording) -> tuple[str, ...]:
+    """What does not fit gravity, and may yet be so."""
+    notes, where = [], f"In doubt: sensor {recording.name}"
+    magnitudes = np.linalg.norm(recording.specific_force, axis=-1)
+    read = float(np.median(magnitudes))
+    share = read / STANDARD_GRAVITY - 1
+    if float(recording.specific_force.std(0).max()) < _CALM and abs(share) > _OFF:
+        notes.append(
+            f"{where} reads {read:.2f} m/s2 while it is calm, {100 * share:+.0f} % off gravity: "
+            "check the unit and scale of its acceleration, or calibrate it."
+        )
+    scale, correlation = gyroscope_scale(recording)
+    pushed = correlation < -_CLEARLY and scale < _PUSHED
+    if pushed or (correlation > _CLEARLY and scale > _FAST):
+        notes.append(
+            f"{where}: its accelerometer sees gravity turn {scale:.2g} times as fast as its "
+            "gyroscope does, as where the sampling rate or a scale is wrong, or where it was "
+            "pushed about rather than tilted."
+        )
+    even = _evenly(recording)
+    if even is not None and recording.times[-1] - recording.times[0] >= _TURNS_S:
+        notes += axes_doubt(recording.name, recording.rate_hz, *even)
+    return tuple(notes)
+
+
+def _check_force(where: str, recording: ImuRecording) -> None:
+    magnitudes = np.linalg.norm(recording.specific_force, axis=-1)
+    turning = np.linalg.norm(recording.angular_velocity, axis=-1)
+    calm = turning <= np.quantile(turning, _CALM_SHARE)
+    # of a foot that runs, only the calm part feels about gravity
+    found = [float(np.median(of)) for of in (magnitudes, magnitudes[calm])]
+    if any(_AT_REST[0] <= size <= _AT_REST[1] for size in found):
         return
+    for magnitude in found:
+        _refuse_unit(where, magnitude)
+    magnitude = found[0]
+    gone = (
+        "gravity was removed: export the calibrated acceleration with gravity in it"
+        if magnitude < 0.5 * STANDARD_GRAVITY
+        else "check unit and columns of the acceleration"
+    )
+    raise LegsimError(
+        f"{where}: the acceleration's magnitude is {magnitude:.4g} in the median, not about 9.81 "
+        f"m/s2; {gone}"
+    )
+
+
+def _refuse_unit(where: str, magnitude: float) -> None:
+    """Refuses a magnitude that is that of gravity in another unit."""
     guesses = (
         ("g", 1.0, "state its unit as g"),
         ("mg", 1e3, "state its unit as mg"),
@@ -254,15 +311,6 @@ def _check_force(where: str, force: FloatArray) -> None:
                 f"{where}: the acceleration's magnitude is {magnitude:.4g} in the median, not "
                 f"about 9.81 m/s2: it is {unit}; {fix}"
             )
-    gone = (
-        "gravity was removed: export the calibrated acceleration with gravity in it"
-        if magnitude < 0.5 * STANDARD_GRAVITY
-        else "check unit and columns of the acceleration"
-    )
-    raise LegsimError(
-        f"{where}: the acceleration's magnitude is {magnitude:.4g} in the median, not about 9.81 "
-        f"m/s2; {gone}"
-    )
 
 
 def _check_rate(where: str, recording: ImuRecording) -> None:
@@ -276,16 +324,18 @@ def _check_rate(where: str, recording: ImuRecording) -> None:
             "2000 deg/s of such sensors; state its unit as deg/s, or check its columns"
         )
     scale, correlation = gyroscope_scale(recording)
-    if correlation < -_CLEARLY:
+    if correlation < -_CLEARLY and scale >= _PUSHED:
         raise LegsimError(
             f"{where}: gravity turns the other way in the accelerometer than by the gyroscope; "
-            "turn the sign of one of them: at rest the acceleration points upwards"
+            "turn the sign of one of them: at rest the acceleration points upwards; or the columns "
+            "of both are not in the order x, y, z"
         )
     if correlation > _CLEARLY and not 0.1 < scale < 10:
         unit = "rad/s" if scale > 10 else "deg/s"
         raise LegsimError(
             f"{where}: the accelerometer sees gravity turn {scale:.3g} times as fast as the "
-            f"gyroscope does; state the unit of the angular velocity as {unit}"
+            f"gyroscope does; state the unit of the angular velocity as {unit}, or check its "
+            "columns"
         )
     _check_still(where, recording)
 
@@ -329,19 +379,30 @@ def _gravity_turns(recording: ImuRecording) -> tuple[FloatArray, FloatArray]:
 
     Slow turns of a leg tilt it more than they accelerate it: f' = -w x f.
     """
+    even = _evenly(recording)
+    if even is None:
+        return np.zeros((1, 3)), np.zeros((1, 3))
+    rate, force, low = even
+    turned = -np.cumsum(np.cross(rate, force), axis=0) / recording.rate_hz
+    return sosfiltfilt(low, turned, axis=0), sosfiltfilt(low, force, axis=0)
+
+
+def _evenly(recording: ImuRecording) -> tuple[FloatArray, FloatArray, FloatArray] | None:
+    """Angular velocity and specific force (n, 3) at even times, and the filter of slow turns; None
+    where the recording does not show them.
+    """
     rate_hz = recording.rate_hz
     count = rate_hz * (recording.times[-1] - recording.times[0])
     # of a recording that is mostly gaps nothing is known between its samples
     if count <= 63 or recording.is_mostly_gaps or rate_hz < 4 * _TILTING_HZ:
-        return np.zeros((1, 3)), np.zeros((1, 3))
+        return None
     times = np.arange(recording.times[0], recording.times[-1], 1 / rate_hz)
     low = butter(2, [0.1, _TILTING_HZ], "bandpass", fs=rate_hz, output="sos")
     rate, force = (
         np.stack([np.interp(times, recording.times, values[:, k]) for k in range(3)], -1)
         for values in (recording.angular_velocity, recording.specific_force)
     )
-    gyroscope = sosfiltfilt(low, -np.cumsum(np.cross(rate, force), axis=0) / rate_hz, axis=0)
-    return gyroscope, sosfiltfilt(low, force, axis=0)
+    return rate, force, low
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -355,7 +416,8 @@ class JoinedSignals:
 def join(recordings: Sequence[ImuRecording]) -> JoinedSignals:
     """Joins recordings of one clock; samples are kept as they are where all have the same times.
 
-    Otherwise all are put on the times of the fastest, within what all cover, by cubic splines.
+    Otherwise all are put on the times of the fastest, within what all cover, by cubic splines; a
+    longer gap of a sensor is marked as lost (NaN).
 
     Raises:
         LegsimError: no recording, names that repeat, recordings that do not overlap.
@@ -396,55 +458,10 @@ def _shared_times(clocks: Sequence[FloatArray]) -> FloatArray:
 
 
 def _at(own: FloatArray, values: FloatArray, times: FloatArray) -> FloatArray:
-    """Values (n, 3) at the times (n,) ``own``, by cubic splines at other times (m,)."""
-    return make_interp_spline(own, values, k=3)(times)
-
-
-def gap_note(name: str, times: FloatArray) -> tuple[str, ...]:
-    """Describes gaps in a sensor's times; nothing where there is none."""
-    steps = np.diff(times)
-    step = float(np.median(steps))
-    # a sample that is late makes a long step beside a short one, and none is lost
-    around = np.convolve(np.pad(steps, 1, constant_values=step), np.ones(3), "valid")
-    lost = np.clip(np.minimum(np.rint(steps / step) - 1, np.rint(around / step) - 3), 0, None)
-    if not lost.any():
-        return ()
-    longest = int(np.argmax(steps))
-    advice = "; nothing is known of the motion within it" if steps[longest] > _LONG_GAP else ""
-    return (
-        f"Sensor {name}: {lost.sum():.0f} of {len(times) + lost.sum():.0f} samples are missing, "
-        f"the longest gap is {1e3 * steps[longest]:.0f} ms at {times[longest]:.3f} s{advice}.",
-    )
-
-
-def held_note(recording: ImuRecording) -> tuple[str, ...]:
-    """Describes readings that all repeat at a beat, or in a stretch longer than chance has it;
-    nothing where there is neither.
+    """Values (n, 3) at the times (n,) ``own``, by cubic splines at other times (m,); NaN in longer
+    gaps, of which nothing is known.
     """
-    readings = np.concatenate([recording.angular_velocity, recording.specific_force], -1)
-    same = (np.diff(readings, axis=0) == 0).all(-1)
-    # indices of the steps between stretches: one before each, and one after
-    ends = np.flatnonzero(~np.concatenate([[False], same, [False]]))
-    lengths = np.diff(ends) - 1
-    usual = int(np.median(lengths))
-    if usual > 0 and len(lengths) >= _FEWEST and (lengths == usual).mean() > _BEAT:
-        return (
-            f"Sensor {recording.name}: each reading is there {usual + 1} times, as where a sensor "
-            f"of about {recording.rate_hz / (usual + 1):.3g} Hz is read at "
-            f"{recording.rate_hz:.3g} Hz; what moves faster is not in it: log it at its own rate.",
-        )
-    longest = int(lengths.argmax())
-    count = int(lengths[longest])
-    first, last = int(ends[longest]), int(ends[longest]) + count
-    seconds = float(recording.times[last] - recording.times[first])
-    # readings repeat where a sensor is at rest: chance is that of the time around
-    reach = max(10 * count, round(2 * recording.rate_hz))
-    around = same[max(first - reach, 0) : last + reach]
-    chance = (around.sum() - count) / max(len(around) - count, 1)
-    if count < _FEWEST_HELD or seconds < _LONG_GAP or len(same) * chance**count > _CHANCE:
-        return ()
-    return (
-        f"Sensor {recording.name}: all six readings repeat for {seconds:.2f} s at "
-        f"{recording.times[first]:.3f} s, as where packets were lost; nothing is known of the "
-        "motion within it.",
-    )
+    found = make_interp_spline(*bridged(own, values, times), k=3)(times)
+    after = np.clip(np.searchsorted(own, times), 1, len(own) - 1)
+    inside = (times > own[after - 1]) & (times < own[after]) & wide_steps(own)[after - 1]
+    return np.where(inside[:, None], np.nan, found)

@@ -8,6 +8,7 @@ from scipy.signal import butter, sosfiltfilt
 
 from legsim.core.errors import LegsimError
 from legsim.core.values import FloatArray
+from legsim.imu.bridging import bridged
 from legsim.imu.recording import ImuRecording
 
 Quantity = Literal["rate", "force"]
@@ -57,7 +58,7 @@ def short(markers: ImuRecording, sensor: ImuRecording, wanted: float) -> LegsimE
     offset = "clock_offset_s (the sensor's clock minus the markers') in a TOML about its file"
     if min(a[-1] - a[0], b[-1] - b[0]) >= wanted:
         return LegsimError(f"{problem}; give {offset}")
-    if wanted == SHORTEST_KNOWN:
+    if wanted == SHORTEST_KNOWN or min(a[-1] - a[0], b[-1] - b[0]) < SHORTEST_KNOWN:
         return LegsimError(f"{problem}, too little for any comparison; record a longer trial")
     return LegsimError(
         f"{problem}, too little to find the lag of its clock; record a longer trial, or state "
@@ -71,7 +72,7 @@ def at(
     """Values (n, 3), or their derivative, by a cubic spline; held beyond the ends."""
     inside = np.clip(times, recording.times[0], recording.times[-1])
     values = recording.angular_velocity if quantity == "rate" else recording.specific_force
-    return make_interp_spline(recording.times, values, k=3)(inside, nu=derivative)
+    return make_interp_spline(*bridged(recording.times, values, inside), k=3)(inside, nu=derivative)
 
 
 def in_band(

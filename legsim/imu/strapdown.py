@@ -1,7 +1,8 @@
 """Poses of one strapped-down sensor from its signals, from a known pose and velocity.
 
 The accurate scheme integrates at the sensor's own rate, with splines through the samples and a
-fourth-order rotation, and ends exactly on the wanted times. The paper's scheme is the recursion of
+fourth-order rotation, and ends exactly on the wanted times; longer gaps are bridged first
+(:mod:`legsim.imu.bridging`). The paper's scheme is the recursion of
 Maier et al. (2020; 2022, section 2.3) as published: signals resampled to the wanted times,
 everything counted per sample, the acceleration one sample late. It is kept to show the difference.
 """
@@ -17,6 +18,7 @@ from legsim.core import transforms
 from legsim.core.constants import GRAVITY_WORLD
 from legsim.core.errors import LegsimError
 from legsim.core.values import FloatArray, frozen, increasing_times
+from legsim.imu.bridging import bridged
 from legsim.imu.signals import SensorStart
 
 Scheme = Literal["accurate", "paper"]
@@ -67,7 +69,8 @@ def integrate(
     force = frozen("specific_force", specific_force, (len(times), 3))
     _check(times, rate, force, at)
     if scheme == "accurate":
-        return _accurate(times, rate, force, start, at)
+        times, both = bridged(times, np.stack([rate, force], 1), at)
+        return _accurate(times, both[:, 0], both[:, 1], start, at)
     if scheme == "paper":
         return _published(times, rate, force, start, at)
     raise LegsimError(f"unknown pose estimation scheme {scheme!r}; known: accurate, paper")

@@ -15,10 +15,25 @@ from legsim.mocap.cells import number as number_of
 Column = str | int
 """its name, or its number from 1 on"""
 
-_DELIMITERS = (",", ";", "\t", " ")
+_DELIMITERS = (",", ";", "\t", "|", " ")
+
+_COMMENT = ("#", "//", "%")
+"""what begins a line that is no row; before names it is passed over"""
+
+_FEW = 12
+"""texts of a column in an error"""
 
 _HEADER_WITHIN = 200
 """lines among which the names, or the first numbers, are searched"""
+
+
+@dataclass(frozen=True, slots=True)
+class RowsOf:
+    """Which rows are taken of a table whose instruments or sensors take turns."""
+
+    column: Column
+    text: str
+    """what that column holds in them"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,37 +44,97 @@ class Rows:
     """line number, and a cell per column"""
     units: tuple[str | None, ...]
     """unit that the file states per column, in its name or in the line below; None where none"""
+    hints: tuple[str | None, ...]
+    """unit at the end of a column's name, without brackets; None where none"""
 
 
-def read_rows(path: Path, wanted: Sequence[Column]) -> Rows:
+_OTHERS = {
+    "<": "XML",
+    "{": "JSON",
+    "[{": "JSON",
+    "PK\x03\x04": "a spreadsheet or another archive",
+    "MATLAB ": "MATLAB's",
+    "\x89HDF": "HDF5",
+    "\ufffdHDF": "HDF5",
+}
+"""first characters of files that are no tables of text, and what they are"""
+
+
+def table_lines(path: Path) -> list[str]:
+    """Lines of a table.
+
+    Raises:
+        LegsimError: a file that cannot be read, or one of another kind.
+    """
+    lines = files.read(path, "table")
+    first = lines[0].lstrip() if lines else ""
+    for begin, kind in _OTHERS.items():
+        if first.startswith(begin):
+            raise file_error(
+                path,
+                f"is {kind}, not a table of text",
+                "export the sensors' accelerations (with gravity) and angular velocities as text "
+                "or CSV",
+                place="line 1",
+            )
+    return lines
+
+
+def read_rows(path: Path, wanted: Sequence[Column], only: RowsOf | None = None) -> Rows:
     """Reads the columns ``wanted`` (n,) of each row of a table.
 
-    Columns are parted by comma, semicolon, tab or blanks. Lines above their names are passed over,
-    and so is a line of units below them. Where all columns are asked for by number, the first line
-    with a number in each of them is the first row.
+    Columns are parted by comma, semicolon, tab, bar or blanks. Lines above their names are passed
+    over, and so are a line of units below them, and comments. Where all columns are asked for by
+    number, the first line with a number in each of them is the first row. All rows but those of
+    ``only`` are passed over.
 
     Raises:
         LegsimError: a file that cannot be read, missing columns, rows that break off.
     """
-    lines = files.read(path, "table")
+    lines = table_lines(path)
     named = [column for column in wanted if isinstance(column, str)]
+    # the second of several blocks has its names far below
+    within = len(lines) if only else _HEADER_WITHIN
+    keys = [] if only is None or isinstance(only.column, int) else [only.column]
     start, delimiter, names = (
-        _names(path, lines, named) if named else _numbered(path, lines, wanted)
+        _names(path, lines, [*named, *keys], within)
+        if named or keys
+        else _numbered(path, lines, wanted, within)
     )
-    at = [c - 1 if isinstance(c, int) else names.index(c) for c in wanted]
+    at = [_place(c, names) for c in wanted]
     if min(at) < 0:
         raise file_error(path, "has no column 0", "count columns from 1")
+    key = None if only is None else _place(only.column, names)
+    seen: set[str] = set()
+    width = 0
     titles = names + [""] * (1 + max(at) - len(names))
     stated = [units.in_name(titles[k]) for k in at]
     rows: list[tuple[int, tuple[str, ...]]] = []
     for number, line in enumerate(lines[start:], start + 1):
-        if not line.strip():
+        if not line.strip() or line.lstrip().startswith(_COMMENT):
             continue
         cells = cells_of(line, delimiter)
+        if delimiter == " ":
+            width = width or (len(names) if named or keys else len(cells))
+            if len(cells) != width and only is None:
+                cells = _between_single_blanks(path, number, line, width)
         if not rows and named and (below := _unit_line(cells, at)):
             stated = [unit or own for unit, own in zip(below, stated, strict=True)]
             continue
+        if only is not None and key is not None:
+            own_key = cells[key] if key < len(cells) else ""
+            seen.add(own_key)
+            if own_key != only.text:
+                continue
         if len(cells) <= max(at):
+            if re.search(r"[A-Za-z]", line) and not any(_is_value(cell) for cell in cells):
+                raise file_error(
+                    path,
+                    f"{line.strip()[:40]!r} is no row of numbers: another table begins there",
+                    "split the file, and give accelerations and angular velocities as file and "
+                    "angular_velocity_file",
+                    place=f"line {number}",
+                )
             raise file_error(
                 path,
                 f"the row has {len(cells)} cells, the header {len(names)}"
@@ -68,10 +143,61 @@ def read_rows(path: Path, wanted: Sequence[Column]) -> Rows:
                 "complete the row, or delete it where the recording broke off",
                 place=f"line {number}",
             )
+        if named and (more := _beyond(cells, len(names))):
+            raise file_error(
+                path,
+                f"the row has {len(names) + more} cells, the header {len(names)}: names and "
+                "numbers do not belong together",
+                "give the numbers of the columns instead of names (the first is 1); decimal commas "
+                "need another separator of columns",
+                place=f"line {number}",
+            )
+        if named and [cells[k] for k in at] == [names[k] for k in at]:
+            raise file_error(
+                path,
+                "the names are there again: another recording begins",
+                "split the file",
+                place=f"line {number}",
+            )
         rows.append((number, tuple(cells[k] for k in at)))
+    if only is not None and not rows:
+        raise file_error(
+            path,
+            f"no row has {only.text!r} in column {only.column!r}",
+            f"give one of {', '.join(sorted(repr(text) for text in seen if text)[:_FEW])}",
+        )
     if len(rows) < 2:
         raise file_error(path, "holds no samples below its names", "export it again")
-    return Rows(tuple(rows), tuple(stated))
+    return Rows(tuple(rows), tuple(stated), tuple(units.hinted(titles[k]) for k in at))
+
+
+def _between_single_blanks(path: Path, number: int, line: str, count: int) -> list[str]:
+    """Cells of a line with single blanks between them, some of which are empty.
+
+    Raises:
+        LegsimError: there are not as many as names: blanks do not say which cells are empty.
+    """
+    cells = line.split(" ")
+    while len(cells) > count and not cells[-1]:
+        cells.pop()
+    if len(cells) != count:
+        raise file_error(
+            path,
+            f"the row has {len(line.split())} cells, the header {count}",
+            "complete the row, or export the table with commas or tabs: blanks hide empty cells",
+            place=f"line {number}",
+        )
+    return cells
+
+
+def _beyond(cells: Sequence[str], count: int) -> int:
+    """Cells of a row beyond ``count`` up to the last that is not empty."""
+    return max((k + 1 - count for k, cell in enumerate(cells) if cell and k >= count), default=0)
+
+
+def _place(column: Column, names: Sequence[str]) -> int:
+    """Index of a column."""
+    return column - 1 if isinstance(column, int) else names.index(column)
 
 
 def cells_of(line: str, delimiter: str) -> list[str]:
@@ -106,11 +232,13 @@ def _number(text: str) -> float | None:
     return number_of(text.replace(",", ".")) if text else math.nan
 
 
-def _names(path: Path, lines: Sequence[str], wanted: Sequence[str]) -> tuple[int, str, list[str]]:
+def _names(
+    path: Path, lines: Sequence[str], wanted: Sequence[str], within: int
+) -> tuple[int, str, list[str]]:
     """Number of lines down to the names, delimiter, and all names."""
-    for k, line in enumerate(lines[:_HEADER_WITHIN]):
+    for k, line in enumerate(lines[:within]):
         for delimiter in _DELIMITERS:
-            names = cells_of(line, delimiter)
+            names = _names_of(line, delimiter)
             if set(wanted) <= set(names):
                 doubled = [name for name in wanted if names.count(name) > 1]
                 if doubled:
@@ -124,12 +252,22 @@ def _names(path: Path, lines: Sequence[str], wanted: Sequence[str]) -> tuple[int
     raise _missing(path, lines, wanted)
 
 
+def _names_of(line: str, delimiter: str) -> list[str]:
+    """Names in a line, which may be a comment."""
+    names = cells_of(line, delimiter)
+    for mark in _COMMENT:
+        if names and names[0].startswith(mark):
+            names[0] = names[0].lstrip(mark).strip()
+            return names[1:] if not names[0] and delimiter == " " else names
+    return names
+
+
 def _numbered(
-    path: Path, lines: Sequence[str], wanted: Sequence[Column]
+    path: Path, lines: Sequence[str], wanted: Sequence[Column], within: int
 ) -> tuple[int, str, list[str]]:
     """Number of lines above the first numbers, delimiter, and the names in the line above."""
     last = max(int(column) for column in wanted)
-    for k, line in enumerate(lines[:_HEADER_WITHIN]):
+    for k, line in enumerate(lines[:within]):
         for delimiter in _DELIMITERS:
             cells = cells_of(line, delimiter)
             asked = [cells[int(c) - 1] for c in wanted] if len(cells) >= last else [""]
@@ -140,7 +278,7 @@ def _numbered(
         path,
         f"has no line with numbers in columns {', '.join(map(str, wanted))}",
         "correct the numbers of the columns (the first is 1)",
-        place=f"first {_HEADER_WITHIN} lines",
+        place=f"first {within} lines",
     )
 
 
@@ -163,7 +301,7 @@ def _missing(path: Path, lines: Sequence[str], wanted: Sequence[str]) -> LegsimE
     place, names = 0, [""]
     for k, line in enumerate(lines[:_HEADER_WITHIN]):
         for delimiter in _DELIMITERS:
-            cells = cells_of(line, delimiter)
+            cells = _names_of(line, delimiter)
             if len(set(wanted) & set(cells)) > len(best):
                 best, place, names = set(wanted) & set(cells), k, cells
     missing = ", ".join(repr(name) for name in wanted if name not in best)

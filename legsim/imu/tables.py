@@ -14,9 +14,10 @@ from numpy.typing import NDArray
 from legsim.core.constants import STANDARD_GRAVITY
 from legsim.core.errors import LegsimError, file_error
 from legsim.core.values import FloatArray
-from legsim.imu import moments, packets, recording, units
-from legsim.imu.recording import ImuRecording, check_steady, checked, gap_note
-from legsim.imu.table_rows import Column, number_in, read_rows
+from legsim.imu import moments, packets, recording, same_times, units
+from legsim.imu.losses import gap_note
+from legsim.imu.recording import ImuRecording, check_steady, checked
+from legsim.imu.table_rows import Column, RowsOf, number_in, read_rows
 from legsim.imu.units import AccelerationUnit, AngularVelocityUnit, TimeUnit
 from legsim.mocap.c3d_analog import load_analog
 
@@ -35,6 +36,9 @@ class SensorColumns:
     acceleration: tuple[Column, Column, Column]
     """columns of x, y, z"""
     angular_velocity: tuple[Column, Column, Column]
+    acceleration_rows: str = ""
+    """what the layout's ``rows_by`` holds in rows of its accelerations"""
+    angular_velocity_rows: str = ""
 
 
 _ONE_CLOCK = (
@@ -64,6 +68,8 @@ class TableLayout:
     """of accelerations in counts, as the sensor's data sheet has it"""
     counts_per_deg_per_s: float | None = None
     """of angular velocities in counts"""
+    rows_by: Column | None = None
+    """column that says whose each row is, where sensors or instruments take turns"""
 
     def __post_init__(self) -> None:
         if self.time is not None and self.rate_hz is not None:
@@ -112,7 +118,11 @@ def load(
     path = Path(path)
     forces = [s.acceleration for s in layout.sensors]
     rates = [s.angular_velocity for s in layout.sensors]
+    if layout.rows_by is not None:
+        notes, made = zip(*(_in_turn(path, layout, s) for s in layout.sensors), strict=True)
+        return _noted(made, tuple(dict.fromkeys(note for own in notes for note in own)))
     if angular_velocity_file is None:
+        _check_apart(path, layout)
         both = _read(path, layout, forces, rates)
         count = len(forces)
         made = [
@@ -134,6 +144,39 @@ def load(
     return _noted(made, (*force.notes, *rate.notes))
 
 
+def _in_turn(
+    path: Path, layout: TableLayout, sensor: SensorColumns
+) -> tuple[tuple[str, ...], ImuRecording]:
+    """A sensor of a table in which sensors or instruments take turns, and notes on the file."""
+    force_rows, rate_rows = (
+        RowsOf(layout.rows_by or 1, text)
+        for text in (sensor.acceleration_rows, sensor.angular_velocity_rows)
+    )
+    if force_rows == rate_rows:
+        both = _read(path, layout, [sensor.acceleration], [sensor.angular_velocity], force_rows)
+        force, rate = both.values
+        return both.notes, recording_of(path, sensor.name, both.times, rate, force)
+    force = _read(path, layout, [sensor.acceleration], [], force_rows)
+    rate = _read(path, layout, [], [sensor.angular_velocity], rate_rows)
+    pair = (force.times, force.values[0]), (rate.times, rate.values[0])
+    try:
+        return (*force.notes, *rate.notes), checked(recording.merged(sensor.name, *pair))
+    except LegsimError as error:
+        raise _in_file(path, error) from error
+
+
+def _check_apart(path: Path, layout: TableLayout) -> None:
+    """Refuses columns that hold both quantities, row by row."""
+    for sensor in layout.sensors:
+        if set(sensor.acceleration) & set(sensor.angular_velocity):
+            raise file_error(
+                path,
+                f"sensor {sensor.name!r} has columns that are accelerations and angular velocities",
+                "name others, or give the column that says which each row is (rows_by, with "
+                "acceleration_rows and angular_velocity_rows of each sensor)",
+            )
+
+
 def _noted(made: Sequence[ImuRecording], notes: tuple[str, ...]) -> tuple[ImuRecording, ...]:
     """The same sensors, the first with the notes of the file."""
     first, *others = made
@@ -145,15 +188,18 @@ def _read(
     layout: TableLayout,
     forces: Sequence[tuple[Column, Column, Column]],
     rates: Sequence[tuple[Column, Column, Column]],
+    only: RowsOf | None = None,
 ) -> _Vectors:
-    """Accelerations, then angular velocities."""
+    """Accelerations, then angular velocities; of some rows alone where ``only`` says which."""
     of_force, of_rate = ([c for three in kind for c in three] for kind in (forces, rates))
-    find = _of_channels if path.suffix.lower() == ".c3d" else _of_text
     try:
-        found = find(path, layout, [*of_force, *of_rate])
+        if path.suffix.lower() == ".c3d":
+            found = _of_channels(path, layout, [*of_force, *of_rate])
+        else:
+            found = _of_text(path, layout, [*of_force, *of_rate], only)
         scale = {
-            **dict.fromkeys(of_force, _force_scale(layout, found.stated, of_force)),
-            **dict.fromkeys(of_rate, _rate_scale(layout, found.stated, of_rate)),
+            **dict.fromkeys(of_force, _force_scale(layout, found, of_force)),
+            **dict.fromkeys(of_rate, _rate_scale(layout, found, of_rate)),
         }
     except LegsimError as error:
         raise _in_file(path, error) from error
@@ -173,16 +219,21 @@ class _Found:
     """(n,) each, in its own unit"""
     stated: Mapping[Column, str | None]
     """unit that the file states"""
+    hints: Mapping[Column, str | None]
+    """unit at the end of its name, where nothing is stated"""
     notes: tuple[str, ...] = ()
     """oddities of the file"""
 
 
-def _of_text(path: Path, layout: TableLayout, wanted: Sequence[Column]) -> _Found:
+def _of_text(
+    path: Path, layout: TableLayout, wanted: Sequence[Column], only: RowsOf | None
+) -> _Found:
     if layout.time is None and layout.rate_hz is None:
         raise LegsimError(_ONE_CLOCK)
     asked = [*(c for c in (layout.time, layout.counter) if c is not None), *wanted]
-    found = read_rows(path, asked)
+    found = read_rows(path, asked, only)
     stated = dict(zip(asked, found.units, strict=True))
+    hints = dict(zip(asked, found.hints, strict=True))
     cells = list(zip(*(row for _, row in found.rows), strict=True))
     lines = [number for number, _ in found.rows]
     columns = {
@@ -191,16 +242,26 @@ def _of_text(path: Path, layout: TableLayout, wanted: Sequence[Column]) -> _Foun
         if c != layout.time
     }
     if layout.time is not None:
-        unit = layout.time_unit or _time_unit(stated[layout.time], cells[0])
+        unit = layout.time_unit or _time_unit(stated[layout.time], hints[layout.time], cells[0])
         columns[layout.time] = units.SECONDS[unit] * _moments(
             path, lines, cells[0], layout.time, unit
         )
-    times, present = _times(columns, layout, len(lines))
-    return _Found(times, {c: columns[c][present] for c in wanted}, stated)
+    ticks, present = _ticks(columns, layout, len(lines))
+    rows = np.stack([columns[c][present] for c in wanted], -1)
+    ticks, rows, said = same_times.joined(ticks, rows)
+    if layout.time is not None:
+        _check_order(ticks)
+        times, more = same_times.spread(ticks)
+        said += more
+    else:
+        sent = ticks if layout.counter is None else packets.unwrapped(ticks, layout.counter_period)
+        times = sent / (layout.rate_hz or 1.0)
+    notes = tuple(f"{path.name}: {one}." for one in said)
+    return _Found(times, {c: rows[:, k] for k, c in enumerate(wanted)}, stated, hints, notes)
 
 
 def _of_channels(path: Path, layout: TableLayout, wanted: Sequence[Column]) -> _Found:
-    for name in ("time", "rate_hz", "counter"):
+    for name in ("time", "rate_hz", "counter", "rows_by"):
         if getattr(layout, name) is not None:
             raise LegsimError(f"the channels of a C3D file have its clock; leave {name} out")
     found = load_analog(path)
@@ -209,6 +270,7 @@ def _of_channels(path: Path, layout: TableLayout, wanted: Sequence[Column]) -> _
         found.times,
         {column: found.values[:, k] for column, k in at.items()},
         {column: units.stated(found.units[k]) for column, k in at.items()},
+        dict.fromkeys(at),
         tuple(f"{path.name}: {note}" for note in found.notes),
     )
 
@@ -235,24 +297,32 @@ def some_channels(labels: Sequence[str]) -> str:
     return ", ".join(shown) + f" and {others} others" * (others > 0)
 
 
-def _force_scale(
-    layout: TableLayout, stated: Mapping[Column, str | None], columns: Sequence[Column]
-) -> float:
+def _force_scale(layout: TableLayout, found: _Found, columns: Sequence[Column]) -> float:
     """m/s^2 per number."""
     if layout.counts_per_g is not None:
         return STANDARD_GRAVITY / layout.counts_per_g
-    unit = _unit("acceleration_unit", layout.acceleration_unit, "m/s2", stated, columns)
+    usual = _hint(found.hints, columns, units.ACCELERATION) or "m/s2"
+    unit = _unit("acceleration_unit", layout.acceleration_unit, usual, found.stated, columns)
     return _factor(unit, units.ACCELERATION, "acceleration")
 
 
-def _rate_scale(
-    layout: TableLayout, stated: Mapping[Column, str | None], columns: Sequence[Column]
-) -> float:
+def _rate_scale(layout: TableLayout, found: _Found, columns: Sequence[Column]) -> float:
     """rad/s per number."""
     if layout.counts_per_deg_per_s is not None:
         return units.ANGULAR_VELOCITY["deg/s"] / layout.counts_per_deg_per_s
-    unit = _unit("angular_velocity_unit", layout.angular_velocity_unit, "rad/s", stated, columns)
+    usual = _hint(found.hints, columns, units.ANGULAR_VELOCITY) or "rad/s"
+    given = layout.angular_velocity_unit
+    unit = _unit("angular_velocity_unit", given, usual, found.stated, columns)
     return _factor(unit, units.ANGULAR_VELOCITY, "angular velocity")
+
+
+def _hint(
+    hints: Mapping[Column, str | None], columns: Sequence[Column], known: Mapping[Any, float]
+) -> str | None:
+    """The unit of one quantity at the end of all names; None where they have none, or several."""
+    found = {hints[column] for column in columns}
+    unit = found.pop() if len(found) == 1 else None
+    return unit if unit in known else None
 
 
 def _unit(
@@ -338,12 +408,12 @@ def _own_rates(a: FloatArray, b: FloatArray) -> bool:
     return step > 1.5 * float(np.median(faster)) and float((slower < 0.75 * step).mean()) < 0.1
 
 
-def _time_unit(stated: str | None, cells: Sequence[str]) -> TimeUnit:
+def _time_unit(stated: str | None, hint: str | None, cells: Sequence[str]) -> TimeUnit:
     """Unit of a column of times that nobody gave."""
     if any(":" in cell for cell in cells[:1]):
         return "date-time"
     for unit in units.SECONDS:
-        if unit == stated:
+        if unit == (stated or hint):
             return unit
     if stated is not None:
         raise LegsimError(
@@ -361,29 +431,26 @@ def _moments(
     return np.array([number_in(path, n, t, column) for n, t in zip(lines, cells, strict=True)])
 
 
-def _times(
+def _ticks(
     table: Mapping[Column, FloatArray], layout: TableLayout, count: int
 ) -> tuple[FloatArray, NDArray[np.bool_]]:
-    """Times (m,) s of the rows that have one, and which rows (n,) these are."""
-    if layout.time is not None:
-        times = table[layout.time]
-        present = np.isfinite(times)
-        _check_order(times[present])
-        return times[present], present
-    if layout.counter is None:
-        return np.arange(count) / (layout.rate_hz or 1.0), np.ones(count, bool)
-    present = np.isfinite(table[layout.counter])
-    sent = packets.unwrapped(table[layout.counter][present], layout.counter_period)
-    return sent / (layout.rate_hz or 1.0), present
+    """Times (m,) in s, numbers of packets, or numbers of rows, of the rows that have one, and which
+    rows (n,) these are.
+    """
+    column = layout.time if layout.time is not None else layout.counter
+    if column is None:
+        return np.arange(count, dtype=float), np.ones(count, bool)
+    present = np.isfinite(table[column])
+    return table[column][present], present
 
 
 def _check_order(times: FloatArray) -> None:
-    late = np.flatnonzero(np.diff(times) <= 0)
+    late = np.flatnonzero(np.diff(times) < 0)
     if late.size:
         k = late[0]
-        kind = "is there twice" if times[k + 1] == times[k] else f"comes after {times[k]:g} s"
         raise LegsimError(
-            f"time {times[k + 1]:g} s {kind} (sample {k + 1}); keep one sample a time, in order"
+            f"time {times[k + 1]:.13g} s comes after {times[k]:.13g} s (sample {k + 1}); sort the "
+            "samples, or leave the column of times out and give rate_hz"
         )
 
 

@@ -53,7 +53,7 @@ _SPELLED: Mapping[str, tuple[str, ...]] = {
     "mdeg/s": ("mdps",),
     "s": _SECOND,
     "ms": ("ms", "msec", "millisecond", "milliseconds"),
-    "us": ("us", "µs", "μs", "usec", "microsecond", "microseconds"),
+    "us": ("us", "µs", "μs", "usec", "microsec", "microsecond", "microseconds"),
     "ns": ("ns", "nsec", "nanosecond", "nanoseconds"),
 }
 
@@ -105,6 +105,30 @@ def stated(text: str) -> str | None:
 def is_known(unit: str) -> bool:
     """Whether :func:`stated` gave one of the units that are read."""
     return unit in ACCELERATION or unit in ANGULAR_VELOCITY or unit in SECONDS
+
+
+_RUN_TOGETHER: Mapping[str, str] = {
+    "ms2": "m/s2", "mss": "m/s2", "mps2": "m/s2", "mpss": "m/s2",
+    "rads": "rad/s", "radps": "rad/s", "degs": "deg/s", "degps": "deg/s",
+}  # fmt: skip
+"""units in names, in which no sign parts what is counted from by what it is divided"""
+
+_LONGEST = 4
+"""words of a unit at the end of a name, as in Gyro_X_deg_per_s"""
+
+
+def hinted(column: str) -> str | None:
+    """The known unit that the last words of a name are, as in "gyro_x_dps" or "ax_m/s/s".
+
+    A name is weaker evidence than brackets: "acc_g" may be of any unit.
+    """
+    words = re.split(r"[_\s]+", column.strip())
+    for count in range(min(_LONGEST, len(words) - 1), 0, -1):
+        last = words[-count:]
+        run = "".join(last).lower()
+        if unit := known("/".join(last)) or known(run) or _RUN_TOGETHER.get(run):
+            return unit
+    return None
 
 
 def in_name(column: str) -> str | None:

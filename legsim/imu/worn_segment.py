@@ -18,13 +18,14 @@ _MARGIN = 0.1
 
 
 def better_segment(
-    measured: ImuRecording, named: str, segments: Sequence[ImuRecording]
+    measured: ImuRecording, named: str, correlation: float, segments: Sequence[ImuRecording]
 ) -> tuple[str, float, float] | None:
     """Finds a segment that the sensor follows clearly better than the named one.
 
     Args:
-        measured: by its own clock.
+        measured: by the clock of the segments, as the named one has it.
         named: the segment on which it is said to be.
+        correlation: of the rates there.
         segments: predicted angular velocity of each segment, by its name; ``named`` among them.
 
     Returns:
@@ -34,8 +35,10 @@ def better_segment(
         LegsimError: recordings that overlap by less than 3 s.
     """
     step = 1 / min(measured.rate_hz, segments[0].rate_hz)
-    lags, alike = {}, {}
+    lags, alike = {named: 0.0}, {named: correlation}
     for one in segments:
+        if one.name == named:
+            continue
         lags[one.name], alike[one.name] = find_lag(one, measured, step=step)
     best = max(alike, key=lambda name: alike[name])
     times = overlap(next(one for one in segments if one.name == named), measured, step)

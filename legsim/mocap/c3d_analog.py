@@ -54,6 +54,16 @@ def load_analog(path: Path | str) -> AnalogChannels:
     return AnalogChannels(times, named, units, _scaled(header, raw), tuple(notes))
 
 
+def has_points(path: Path | str) -> bool:
+    """Whether a C3D file holds markers beside its channels, so that both are of one clock.
+
+    Raises:
+        LegsimError: a file that is no C3D or is damaged.
+    """
+    path = Path(path)
+    return read_header(path, files.content(path)).points > 0
+
+
 def _samples(header: C3dHeader) -> tuple[int, int]:
     """(channels, samples of each per frame)."""
     used = _one(header, "USED", 0.0)

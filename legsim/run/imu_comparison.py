@@ -28,6 +28,9 @@ from legsim.run.imu_files import WornSensor
 
 FILE = "imu_comparison.csv"
 
+_MISFIT = 0.15
+"""of the correlation of the rates, that the mounting may cost: of sensors that fit it costs 0.03"""
+
 _COLUMNS = (
     *("sensor", "quantity", "unit", "band_low_hz", "band_high_hz"),
     *("measured_rms", "predicted_rms", "difference_rms", "correlation"),
@@ -61,7 +64,8 @@ class ComparedSensor:
         """Sentences for the terminal and the report."""
         found, at = self.found, ", ".join(f"{v:.1f}" for v in self.rotation_deg())
         bias = ", ".join(f"{v:.2f}" for v in np.degrees(found.mean_rate))
-        known = "given" if self.mounting_given else "by gravity, and by the rates about it"
+        turn = f"by the rates about it to {np.degrees(found.turn_spread):.0f} deg"
+        known = "given" if self.mounting_given else f"by gravity, and {turn}"
         clock = f"its clock reads {1e3 * found.lag:.0f} ms more than the markers'"
         if found.lag_source == "stated":
             clock = "its clock is taken as stated"
@@ -100,9 +104,17 @@ class ComparedSensor:
         return (*found.measured.notes, *lines, *self._doubts())
 
     def _doubts(self) -> Iterator[str]:
+        name, place = f"In doubt: sensor {self.found.measured.name}", self.found.place
+        if self.found.trusted and self.found.misfit > _MISFIT:
+            mounted = f"in the mounting {'given' if self.mounting_given else 'that gravity wants'}"
+            yield (
+                f"{name}: its rates agree by {self.found.correlation:.2f} in the mounting that "
+                f"fits them best, and by {self.found.correlation - self.found.misfit:.2f} "
+                f"{mounted}: check the order and the signs of the columns of accelerometer and "
+                "gyroscope, or record longer."
+            )
         if self.found.lag_source == "stated":
             return
-        name, place = f"In doubt: sensor {self.found.measured.name}", self.found.place
         if self.elsewhere is not None:
             segment, correlation, more = self.elsewhere
             lag = self.found.lag + more
@@ -221,7 +233,8 @@ def _compared(
     )
     elsewhere = None
     if found.lag_source != "stated" and sensor.segment in [one.name for one in segments]:
-        elsewhere = better_segment(measured.recording.shifted(-found.lag), sensor.segment, segments)
+        on_time = measured.recording.shifted(-found.lag)
+        elsewhere = better_segment(on_time, sensor.segment, found.correlation, segments)
     return ComparedSensor(sensor, found, given is not None, elsewhere=elsewhere)
 
 

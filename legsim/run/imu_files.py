@@ -16,6 +16,7 @@ from legsim.imu.recording import ImuRecording
 from legsim.imu.signals import ImuSignals
 from legsim.imu.tables import SensorColumns, TableLayout
 from legsim.kinematics.skeleton import SEGMENTS
+from legsim.mocap.c3d_analog import has_points
 
 _OF_COLUMNS = (
     "time",
@@ -25,6 +26,7 @@ _OF_COLUMNS = (
     "counts_per_g",
     "counts_per_deg_per_s",
     "angular_velocity_file",
+    "rows_by",
 )
 """settings of tables whose columns are named"""
 
@@ -52,7 +54,8 @@ class WornSensor:
 def read_imu(path: Path | str) -> ImuSignals:
     """Reads real sensors in SI: imu.csv, text exports of Xsens, .sto, or a TOML about another file.
 
-    Sensors of different times are put on one clock's. Lost packets and the like are warnings.
+    Sensors of different times are put on one clock's, with NaN in longer gaps of one of them. Lost
+    packets and the like are warnings.
 
     Raises:
         LegsimError: a file that is not understood, units that cannot be.
@@ -87,7 +90,8 @@ def load_configured(settings: ImuFileConfig, folder: Path) -> tuple[WornSensor, 
         )
     found = _recordings(path, settings)
     offset = settings.clock_offset_s or 0.0
-    stated = settings.clock_offset_s is not None or path.suffix.lower() == ".c3d"
+    of_markers = path.suffix.lower() == ".c3d" and has_points(path)
+    stated = settings.clock_offset_s is not None or of_markers
     worn = settings.sensors or tuple(WornSensorConfig(name=one.name) for one in found)
     sensors = []
     for sensor in worn:
@@ -132,7 +136,13 @@ def _recordings(path: Path, settings: ImuFileConfig) -> tuple[ImuRecording, ...]
             angular_velocity_unit=settings.angular_velocity_unit,
         )
     columns = tuple(
-        SensorColumns(s.recorded_as or s.name, s.acceleration, s.angular_velocity)
+        SensorColumns(
+            s.recorded_as or s.name,
+            s.acceleration,
+            s.angular_velocity,
+            s.acceleration_rows,
+            s.angular_velocity_rows or s.acceleration_rows,
+        )
         for s in settings.sensors
         if s.acceleration is not None and s.angular_velocity is not None
     )
@@ -148,6 +158,7 @@ def _recordings(path: Path, settings: ImuFileConfig) -> tuple[ImuRecording, ...]
             counter_period=settings.counter_period,
             counts_per_g=settings.counts_per_g,
             counts_per_deg_per_s=settings.counts_per_deg_per_s,
+            rows_by=settings.rows_by,
         )
     except LegsimError as error:
         raise LegsimError(f"{path}: {error}") from error

@@ -10,7 +10,9 @@ from legsim.config import measured_scan
 from legsim.config.imu_file import ImuFileConfig, StartConfig
 from legsim.config.measured_scan import JointConfig, MeasuredGridConfig, MeasuredScanConfig
 from legsim.core import transforms
+from legsim.core.constants import STANDARD_GRAVITY
 from legsim.core.errors import LegsimError, file_error
+from legsim.core.values import FloatArray
 from legsim.correction import initialization
 from legsim.correction.control_points import AttachedPoint
 from legsim.correction.fiducials import Fiducials
@@ -19,6 +21,7 @@ from legsim.correction.standing_start import standing_start
 from legsim.geometry.cone_beam import ConeBeamGeometry, Projections
 from legsim.geometry.volume import VolumeGrid
 from legsim.imu import plausibility, recording, strapdown
+from legsim.imu.gap_cost import gap_cost, longest_gap
 from legsim.imu.recording import JoinedSignals
 from legsim.imu.signals import ImuSignals, SensorStart
 from legsim.imu.strapdown import Scheme
@@ -102,6 +105,11 @@ def assemble(
         _on_clock(sensor, joined.signals, start, geometry, settings.methods.scheme)
         for sensor, start in zip(started, starts, strict=True)
     ]
+    gaps = [
+        note
+        for sensor, start in zip(started, starts, strict=True)
+        for note in _on_gap(sensor, joined.signals, start, geometry.times)
+    ]
     joints = _joints(settings.joints, joined.signals.sensor_names, where)
     grid, chosen = _wanted(settings.grid, folder, where).of(geometry)
     more = [folder / name for name in (settings.view_times, settings.grid.like) if name]
@@ -113,9 +121,13 @@ def assemble(
     more += [folder / settings.beads.file] if settings.beads else []
     more += [folder / settings.fiducials.file] if settings.fiducials else []
     more += [described_by] if described_by else []
+    rested = settings.methods.sensor_errors.calibration != "none" and all(
+        _is_stated(sensor) for sensor in started
+    )
+    signals = _at_rest(joined.signals, starts) if rested else joined.signals
     return MeasuredScan(
         settings,
-        Scan(projections, joined.signals, starts, joints),
+        Scan(projections, signals, starts, joints),
         grid,
         {s.recording.name: s.worn.segment for s in sensors},
         tuple(s.recording.name for s in sensors if s.worn.start is None),
@@ -126,6 +138,7 @@ def assemble(
             *(f"In doubt: {line}." for line in plausibility.objections(joined.signals)),
             *(note for _, notes in found for note in notes),
             *clocks,
+            *gaps,
         ),
         {s.recording.name: s.worn.start for s in started if s.worn.start is not None},
         folder,
@@ -186,6 +199,18 @@ def _joined(sensors: Sequence[WornSensor], geometry: ConeBeamGeometry) -> Joined
     return joined
 
 
+def _is_stated(sensor: WornSensor) -> bool:
+    """Whether a start is taken as its pose is given."""
+    start = sensor.worn.start
+    return start is not None and start.known == "exactly" and not start.fiducials
+
+
+def _at_rest(signals: ImuSignals, starts: Sequence[SensorStart]) -> ImuSignals:
+    """The signals after a rest, upon which the starts were leveled: upwards, as these have it."""
+    up = [start.world_from_sensor[1, :3] for start in starts]
+    return replace(signals, rest_force=STANDARD_GRAVITY * np.array(up).reshape(-1, 3))
+
+
 def _on_clock(
     sensor: WornSensor,
     signals: ImuSignals,
@@ -213,6 +238,21 @@ def _on_clock(
     return (
         f"{said} An offset that is wrong by {1e3 * _CLOCK_ERROR:g} ms moves the rotation center, "
         f"where it is followed, by up to {1e3 * moved:.3g} mm."
+    )
+
+
+def _on_gap(
+    sensor: WornSensor, signals: ImuSignals, start: SensorStart, views: FloatArray
+) -> tuple[str, ...]:
+    """What the longest gap of a sensor costs; nothing without one."""
+    name, seconds = sensor.recording.name, longest_gap(sensor.recording.times, views)
+    if not 0 < seconds < views[-1] - views[0]:
+        return ()
+    cost = gap_cost(signals.samples(name), start, views, seconds)
+    return (
+        f"Sensor {name}: gaps of up to {1e3 * seconds:.0f} ms are bridged by a cubic. The same gap "
+        f"elsewhere in the scan displaces the sensor by {1e3 * cost:.3g} mm RMS at the last view, "
+        "where nothing else finds its drift.",
     )
 
 

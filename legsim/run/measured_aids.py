@@ -7,21 +7,20 @@ import numpy as np
 
 from legsim.config.imu_file import StartConfig
 from legsim.core.constants import STANDARD_GRAVITY
-from legsim.core.errors import file_error
+from legsim.core.errors import LegsimError, file_error
 from legsim.core.files import is_file, key_of, sha256
 from legsim.correction.bead_scan import BeadScan
 from legsim.correction.fiducials import Fiducials
 from legsim.correction.fused import SensorPriors
 from legsim.correction.method import Scan
+from legsim.correction.path_measurements import BeadShadows, FiducialShadows
 from legsim.correction.rough_start import EXACT, StartErrors
-from legsim.correction.smoother import BeadShadows, FiducialShadows
 from legsim.correction.triangulation import triangulated
 from legsim.imu.catalogue import CataloguedSensor, field_of, load_sensor
-from legsim.imu.errors import TERMS
+from legsim.imu.errors import TERMS, SensorErrors
 from legsim.imu.signals import SensorStart
-from legsim.run import measured, methods, shadow_files
+from legsim.run import measured, methods, sensors, shadow_files
 from legsim.run.measured import MeasuredScan
-from legsim.run.sensors import unconfirmed_sentence
 
 _FEWEST_BY_HAND = 2
 """views that give a bead its place in space"""
@@ -33,8 +32,12 @@ def followed(scan: MeasuredScan) -> str:
     return scan.settings.methods.sensor or (names[0] if names else "")
 
 
-def _sensor_model(scan: MeasuredScan) -> CataloguedSensor:
-    """The sensor whose errors are expected: a file beside SCAN.toml, or one of the catalogue."""
+def _sensor_model(scan: MeasuredScan) -> CataloguedSensor | None:
+    """The sensor whose errors are expected: a file beside SCAN.toml, or one of the catalogue; None
+    where all are given there.
+    """
+    if scan.settings.methods.sensor_model == "custom":
+        return None
     beside = scan.folder / scan.settings.methods.sensor_model
     return load_sensor(str(beside) if is_file(beside) else scan.settings.methods.sensor_model)
 
@@ -45,8 +48,13 @@ def priors(scan: MeasuredScan) -> SensorPriors:
     Raises:
         LegsimError: an unknown model.
     """
-    wanted = scan.settings.methods
-    errors = _sensor_model(scan).errors
+    wanted, model = scan.settings.methods, _sensor_model(scan)
+    given = wanted.sensor_errors
+    try:
+        errors = sensors.changed(model.errors if model else SensorErrors(), given)
+    except LegsimError as error:
+        raise LegsimError(f"methods.sensor_errors: {error}") from error
+    errors = sensors.calibrated(errors, given, warms=given.warms)
     start = _start_errors(scan.worn.get(followed(scan)))
     # a start that was leveled at rest is tilted by the accelerometer's bias
     leveled = errors.accelerometer.turn_on_bias / STANDARD_GRAVITY
@@ -118,10 +126,18 @@ def reliance(scan: MeasuredScan, names: Sequence[str]) -> tuple[str, ...]:
     if not (scan.seen.signals.sensor_names and follow.intersection(names)):
         return ()
     model, sensor = scan.settings.methods.sensor_model, _sensor_model(scan)
-    unconfirmed = unconfirmed_sentence(model, sensor.values)
+    if sensor is None:
+        return ("The sensors' errors are taken for those of methods.sensor_errors.",)
+    unconfirmed = sensors.unconfirmed_sentence(model, sensor.values)
+    changes = scan.settings.methods.sensor_errors
+    given = {"accelerometer": changes.accelerometer, "gyroscope": changes.gyroscope}
     said = [f"The sensors' errors are taken for those of {model}.{unconfirmed}"]
     for term in _DECISIVE:
-        lacking = [v for v in sensor.values if v.value is None and field_of(v) in TERMS[term]]
+        lacking = [
+            v
+            for v in sensor.values
+            if v.value is None and field_of(v) in TERMS[term] and not getattr(given[v.triad], v.key)
+        ]
         if lacking:
             triads = " and ".join(dict.fromkeys(value.triad for value in lacking))
             said.append(

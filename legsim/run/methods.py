@@ -28,9 +28,9 @@ from legsim.correction.marker_based import MarkerBased
 from legsim.correction.method import Correction, CorrectionMethod, Scan
 from legsim.correction.nonrigid import NonRigid2D, NonRigid3D
 from legsim.correction.oracle import Oracle
+from legsim.correction.path_measurements import BeadShadows, FiducialShadows
 from legsim.correction.rigid import Rigid, Uncorrected
 from legsim.correction.rough_start import StartErrors
-from legsim.correction.smoother import BeadShadows, FiducialShadows
 from legsim.geometry.volume import VolumeGrid
 from legsim.imu.strapdown import Scheme
 from legsim.opencl.device import Device

@@ -3,19 +3,25 @@
 from collections.abc import Sequence
 from pathlib import Path
 
+import numpy as np
+
 from legsim.config import WHITE, MethodsConfig, RunConfig, measured_scan
+from legsim.config.imu import AccelerometerConfig, GyroscopeConfig, NoiseConfig
 from legsim.config.imu_file import ImuFileConfig, StartConfig, WornSensorConfig
 from legsim.config.measured_scan import (
+    ExpectedErrorsConfig,
     JointConfig,
     MeasuredGridConfig,
     MeasuredMethodsConfig,
     MeasuredScanConfig,
 )
+from legsim.core.constants import STANDARD_GRAVITY
 from legsim.core.files import write_text
 from legsim.correction.control_points import AttachedPoint
 from legsim.correction.method import Scan
 from legsim.imu.sensors import Sensor
 from legsim.imu.signals import SensorStart
+from legsim.run import sensors
 
 NAME = "scan.toml"
 
@@ -24,20 +30,20 @@ _HEAD = """# What scanner and sensors would know of this scan; legsim correct {n
 """
 
 
-def write(folder: Path, settings: RunConfig, scan: Scan, sensors: Sequence[Sensor]) -> None:
+def write(folder: Path, settings: RunConfig, scan: Scan, placed: Sequence[Sensor]) -> None:
     """Writes scan.toml beside the run's projections, geometry and imu.csv."""
     head = _HEAD.format(name=NAME, start=settings.methods.start)
-    text = measured_scan.dump(known_of(settings, scan, sensors))
+    text = measured_scan.dump(known_of(settings, scan, placed))
     write_text(folder / NAME, f"{head}\n{text}")
 
 
-def known_of(settings: RunConfig, scan: Scan, sensors: Sequence[Sensor]) -> MeasuredScanConfig:
+def known_of(settings: RunConfig, scan: Scan, placed: Sequence[Sensor]) -> MeasuredScanConfig:
     """Settings of the measured scan that a simulated one would be."""
     worn = tuple(
         WornSensorConfig(
             name=sensor.name, segment=sensor.segment, start=_start(start, settings.methods)
         )
-        for sensor, start in zip(sensors, scan.starts, strict=True)
+        for sensor, start in zip(placed, scan.starts, strict=True)
     )
     voxels, size = settings.grid.voxels, settings.grid.voxel_mm
     used = settings.methods
@@ -46,28 +52,52 @@ def known_of(settings: RunConfig, scan: Scan, sensors: Sequence[Sensor]) -> Meas
         geometry="geometry.json",
         line_integrals=True,
         imu=(ImuFileConfig(file="imu.csv", sensors=worn),),
-        joints=_joints(scan.joints, sensors),
+        joints=_joints(scan.joints, placed),
         grid=MeasuredGridConfig(shape_zyx=(voxels, voxels, voxels), spacing_mm=(size, size, size)),
         reconstruction=settings.reconstruction,
         methods=MeasuredMethodsConfig(
             sensor=used.sensor if used.sensor in scan.signals.sensor_names else "",
             scheme=used.scheme,
             node_mm=used.node_mm,
-            sensor_model=_sensor_model(settings),
+            sensor_model=_sensor_model(settings.imu.noise),
+            sensor_errors=_sensor_errors(settings),
             spread_mm=used.fused.spread_mm,
             clock_ms=used.fused.clock_ms,
         ),
     )
 
 
-def _sensor_model(settings: RunConfig) -> str:
-    """The sensor whose errors the run's methods expect, as bought; the usual one where it has no
-    name.
-    """
-    kind = settings.imu.noise.kind
-    if kind in ("none", "custom", *WHITE):
-        return MeasuredMethodsConfig().sensor_model
-    return str(Path(kind).resolve()) if kind.endswith(".toml") else kind
+def _sensor_model(noise: NoiseConfig) -> str:
+    """The sensor whose errors the run's methods expect; "custom" where it has no name."""
+    if noise.kind in ("none", "custom", *WHITE):
+        return "custom"
+    return str(Path(noise.kind).resolve()) if noise.kind.endswith(".toml") else noise.kind
+
+
+def _sensor_errors(settings: RunConfig) -> ExpectedErrorsConfig:
+    """What the run's methods expect of it else: changed numbers, white noise, its calibration."""
+    noise = settings.imu.noise
+    if noise.kind not in ("none", *WHITE):
+        return ExpectedErrorsConfig(
+            accelerometer=noise.accelerometer,
+            gyroscope=noise.gyroscope,
+            off=noise.off,
+            calibration=noise.calibration,
+            rest_s=noise.rest_s,
+            warms=bool(noise.temperature_course),
+        )
+    known = sensors.prior_errors(settings.imu, view_rate_hz=settings.scan.rate_hz)
+    force, turn = known.accelerometer, known.gyroscope
+    return ExpectedErrorsConfig(
+        accelerometer=AccelerometerConfig(
+            noise_density_ug_per_sqrt_hz=1e6 * force.noise_density / STANDARD_GRAVITY,
+            turn_on_bias_mg=1e3 * force.turn_on_bias / STANDARD_GRAVITY,
+        ),
+        gyroscope=GyroscopeConfig(
+            noise_density_deg_per_s_per_sqrt_hz=float(np.degrees(turn.noise_density)),
+            turn_on_bias_deg_per_s=float(np.degrees(turn.turn_on_bias)),
+        ),
+    )
 
 
 def _start(start: SensorStart, methods: MethodsConfig) -> StartConfig:
@@ -85,10 +115,10 @@ def _start(start: SensorStart, methods: MethodsConfig) -> StartConfig:
 
 
 def _joints(
-    legs: Sequence[Sequence[AttachedPoint]], sensors: Sequence[Sensor]
+    legs: Sequence[Sequence[AttachedPoint]], placed: Sequence[Sensor]
 ) -> tuple[JointConfig, ...]:
     """Hip, knee and ankle of each leg, then its further points by number."""
-    segments = {sensor.name: sensor.segment for sensor in sensors}
+    segments = {sensor.name: sensor.segment for sensor in placed}
     found = []
     for points in legs:
         side = segments[points[0].sensor][-1]

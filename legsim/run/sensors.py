@@ -7,6 +7,7 @@ import numpy as np
 
 from legsim import config
 from legsim.config import WHITE, ImuConfig, NoiseConfig, noise_keys
+from legsim.config.measured_scan import ExpectedErrorsConfig
 from legsim.core import transforms
 from legsim.core.constants import GRAVITY_WORLD, STANDARD_GRAVITY
 from legsim.core.errors import LegsimError
@@ -87,15 +88,7 @@ def errors_of(settings: NoiseConfig) -> SensorErrors | None:
             if settings.kind == "custom"
             else catalogue.load_sensor(settings.kind).errors
         )
-        force, turn = (
-            section.model_dump(exclude_none=True)
-            for section in (settings.accelerometer, settings.gyroscope)
-        )
-        changed = SensorErrors(
-            catalogue.in_si("accelerometer", force, base.accelerometer),
-            catalogue.in_si("gyroscope", turn, base.gyroscope),
-        )
-        return changed.without(*settings.off)
+        return changed(base, settings)
     except LegsimError as error:
         raise LegsimError(
             f"imu.noise: {error}"
@@ -104,26 +97,50 @@ def errors_of(settings: NoiseConfig) -> SensorErrors | None:
         ) from None
 
 
-def prior_errors(settings: ImuConfig, *, view_rate_hz: float) -> SensorErrors:
-    """What methods may know of the sensors' errors: the data sheet's.
+def changed(base: SensorErrors, settings: NoiseConfig | ExpectedErrorsConfig) -> SensorErrors:
+    """A sensor's errors with single numbers changed, and terms switched off.
+
+    Raises:
+        LegsimError: an unknown term, or a size that no sensor has.
+    """
+    force, turn = (
+        section.model_dump(exclude_none=True)
+        for section in (settings.accelerometer, settings.gyroscope)
+    )
+    errors = SensorErrors(
+        catalogue.in_si("accelerometer", force, base.accelerometer),
+        catalogue.in_si("gyroscope", turn, base.gyroscope),
+    )
+    return errors.without(*settings.off)
+
+
+def calibrated(
+    errors: SensorErrors, settings: NoiseConfig | ExpectedErrorsConfig, *, warms: bool
+) -> SensorErrors:
+    """What a calibration before the scan leaves of the errors.
 
     After a rest the gyroscope's bias is known to what white noise leaves of the mean, and after six
-    positions so is the accelerometer's, with its scale and axes.
+    positions so is the accelerometer's, with its scale and axes. Warming up afterwards is not
+    undone.
     """
+    if settings.calibration == "none":
+        return errors
+    cold = [] if warms else ["temperature"]
+    found = {"gyroscope": ["turn-on-bias", "g-sensitivity", *cold]}
+    if settings.calibration == "six-positions":
+        found["accelerometer"] = ["turn-on-bias", "scale", "misalignment", *cold]
+    for triad, terms in found.items():
+        rest = getattr(errors, triad).without(terms)
+        left = rest.noise_density / float(np.sqrt(2 * settings.rest_s))
+        errors = replace(errors, **{triad: replace(rest, turn_on_bias=left)})
+    return errors
+
+
+def prior_errors(settings: ImuConfig, *, view_rate_hz: float) -> SensorErrors:
+    """What methods may know of the sensors' errors: the data sheet's, after the calibration."""
     errors = errors_of(settings.noise)
-    if errors is not None and settings.noise.calibration != "none":
-        # warming up afterwards is not undone
-        cold = [] if settings.noise.temperature_course else ["temperature"]
-        found = {"gyroscope": ["turn-on-bias", "g-sensitivity", *cold]}
-        if settings.noise.calibration == "six-positions":
-            found["accelerometer"] = ["turn-on-bias", "scale", "misalignment", *cold]
-        for triad, terms in found.items():
-            rest = getattr(errors, triad).without(terms)
-            left = rest.noise_density / float(np.sqrt(2 * settings.noise.rest_s))
-            errors = replace(errors, **{triad: replace(rest, turn_on_bias=left)})
-        return errors
     if errors is not None:
-        return errors
+        return calibrated(errors, settings.noise, warms=bool(settings.noise.temperature_course))
     noise = noise_of(settings.noise, imu_rate_hz=settings.rate_hz, view_rate_hz=view_rate_hz)
     if noise is None:
         return SensorErrors()

@@ -16,7 +16,7 @@ from legsim.correction.bead_scan import Beads, BeadScan
 from legsim.correction.fused import SensorPriors
 from legsim.correction.initialization import FiducialScan
 from legsim.correction.method import Correction, CorrectionMethod
-from legsim.correction.smoother import SHADOW_ERROR_PX, BeadShadows, FiducialShadows
+from legsim.correction.path_measurements import SHADOW_ERROR_PX, BeadShadows, FiducialShadows
 from legsim.geometry.volume import VolumeGrid
 from legsim.imu import simulation
 from legsim.opencl.device import Device

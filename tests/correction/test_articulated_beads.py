@@ -13,7 +13,7 @@ from legsim.correction.articulated_beads import ArticulatedBeads, BeadedLeg
 from legsim.correction.control_points import AttachedPoint
 from legsim.correction.fused import SensorPriors
 from legsim.correction.method import Scan
-from legsim.correction.smoother import BeadShadows
+from legsim.correction.path_measurements import BeadShadows
 from legsim.deformation.models import FieldMotion, RigidMotion
 from legsim.geometry.volume import VolumeGrid
 from tests.correction.test_tied_sensors import (

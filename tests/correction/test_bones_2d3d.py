@@ -7,7 +7,7 @@ import pytest
 
 from legsim.core import transforms
 from legsim.core.errors import LegsimError
-from legsim.correction import bones_2d3d
+from legsim.correction import bones_2d3d, path_problem
 from legsim.correction.bones_2d3d import Bones2D3D
 from legsim.correction.fused import SensorPriors
 from legsim.correction.limb_motion import Limb
@@ -110,3 +110,15 @@ def test_only_what_is_seen_beyond_the_own_error_is_followed(
     found = Bones2D3D(bent.NODES, device=device)(Scan(air, NOTHING, ()))
     assert isinstance(found.motion, FieldMotion if is_followed else RigidMotion)
     assert any("do not determine a motion" in note for note in found.notes) is not is_followed
+
+
+def test_sensors_that_fit_no_path_leave_the_bones_to_start_at_rest(
+    device: Device, monkeypatch: pytest.MonkeyPatch
+):
+    def far(*_: object) -> None:
+        raise np.linalg.LinAlgError("not positive definite")
+
+    monkeypatch.setattr(path_problem, "cho_factor", far)
+    found = Bones2D3D(bent.NODES, rounds=1, device=device)(bent.resting())
+    assert found.notes[0].startswith("In doubt: bones-2d3d: sensor thigh_l: no path of the sensor")
+    assert "; bones start at rest." in found.notes[0]

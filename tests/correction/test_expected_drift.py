@@ -74,6 +74,32 @@ def test_it_is_what_drawn_sensors_do():
     assert expected == pytest.approx(drift(SMALL, START, None), rel=0.2)
 
 
+def test_a_start_without_speed_is_off_by_the_speed_of_who_stands():
+    """Of exact sensors that start as they stand, on 30 people who sway; 30 mm/s, as an estimate
+    allows for, would be 200 mm.
+    """
+    knee, squares, spreads = GEOMETRY.rotation_center()[None], [], []
+    allowed = StartErrors(0.0, 0.0, 0.03, 0.0)
+    scans = []
+    for seed in range(30):
+        sway = Sway.standing(seed, position_mm=1.5, angle_deg=0.0)
+        rate, force = sway.signals(SAMPLES)
+        exact = ImuSignals(SAMPLES, ("shank_l",), rate[:, None], force[:, None])
+        start = SensorStart(sway.poses(VIEWS[:1])[0], np.zeros(3))
+        empty = Projections(GEOMETRY, np.zeros((len(VIEWS), 24, 31), np.float32))
+        scans.append(Scan(empty, exact, (start,)))
+        motion = Rigid("shank_l")(scans[-1]).motion
+        assert isinstance(motion, RigidMotion)
+        true = RigidMotion.from_poses(VIEWS, sway.poses(VIEWS)).carry(knee)
+        squares.append(np.square(motion.carry(knee) - true).sum(-1).mean())
+        spreads.append(np.square(true - true.mean(0)).mean())
+    found, spread = np.sqrt(np.mean(squares)), float(np.sqrt(np.mean(spreads)))
+    expected = expected_drift(scans[0], "shank_l", SensorPriors(SensorErrors(), allowed, spread))
+    # people differ by a factor of two in how fast they sway
+    assert 0.5 * found < expected < 2 * found
+    assert expected < 0.04
+
+
 def test_a_start_leveled_at_rest_hides_what_tilts_it():
     """Bias and tilt cancel to the side: a tilt of 1.5 deg, leveled, is 3 m less of drift in 4 s."""
     errors, start = SMALL, replace(START, tilt=float(np.radians(1.5)))

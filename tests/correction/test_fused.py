@@ -7,14 +7,15 @@ import pytest
 
 from legsim.core import transforms
 from legsim.core.errors import LegsimError
-from legsim.correction import smoother
+from legsim.correction import path_problem
 from legsim.correction.bead_scan import BeadScan
 from legsim.correction.error_state import error_state
 from legsim.correction.fiducials import Fiducials
 from legsim.correction.fused import FusedBeads, FusedFiducials, SensorPriors, Standing
 from legsim.correction.method import Correction, Scan
+from legsim.correction.path_measurements import BeadShadows, FiducialShadows
 from legsim.correction.rough_start import EXACT, StartErrors, rough
-from legsim.correction.smoother import BeadShadows, FiducialShadows, smooth
+from legsim.correction.smoother import smooth
 from legsim.deformation.models import RigidMotion
 from legsim.geometry.cone_beam import ConeBeamGeometry, Projections
 from legsim.imu.catalogue import load_sensor
@@ -175,7 +176,7 @@ def test_shadows_that_fit_no_path_leave_the_scan_as_it_is(monkeypatch: pytest.Mo
     def far(*_: object) -> None:
         raise np.linalg.LinAlgError("not positive definite")
 
-    monkeypatch.setattr(smoother, "cho_factor", far)
+    monkeypatch.setattr(path_problem, "cho_factor", far)
     found = FusedBeads(shadows(SWAY, 1), "", SensorPriors(BMI160))(scanned(SWAY, 1))
     assert wobble_mm(motion_found(found)) < 1e-9
     assert found.notes[0].startswith("In doubt: fused-beads: no path of the sensor fits")

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from legsim.core.errors import LegsimError
+from legsim.correction import path_problem
 from legsim.correction.fused import SensorPriors
 from legsim.correction.fused_images import FusedImages
 from legsim.correction.image_criterion import COARSE
@@ -56,5 +57,15 @@ def test_who_does_not_move_is_left_alone() -> None:
 
 def test_without_a_sensor_it_says_what_to_take() -> None:
     nothing = ImuSignals(VIEWS, (), np.zeros((len(VIEWS), 0, 3)), np.zeros((len(VIEWS), 0, 3)))
-    with pytest.raises(LegsimError, match="take autofocus"):
+    with pytest.raises(LegsimError, match="take uncorrected or autofocus"):
         FusedImages()(Scan(scanned(motion_of(STILL)), nothing, ()))
+
+
+def test_a_sensor_that_fits_no_path_leaves_the_scan_as_it_is(monkeypatch: pytest.MonkeyPatch):
+    def far(*_: object) -> None:
+        raise np.linalg.LinAlgError("not positive definite")
+
+    monkeypatch.setattr(path_problem, "cho_factor", far)
+    found = FusedImages("", SensorPriors(BMI160), plan=QUICK)(scan_of(STILL, 2))
+    assert isinstance(found.motion, RigidMotion)
+    assert found.notes[0].startswith("In doubt: fused: no path of the sensor fits")

@@ -17,7 +17,8 @@ from legsim.correction.image_fit import (
     sharpened,
     similarity_part,
 )
-from legsim.correction.smoother import SmoothedPath, StandingPrior
+from legsim.correction.path_measurements import StandingPrior
+from legsim.correction.smoother import SmoothedPath
 from legsim.reconstruction.field_of_view import pixel_at_isocenter
 from tests.examples.knee_scan import GEOMETRY, KNEE, VIEWS
 

@@ -8,7 +8,7 @@ from legsim.correction.image_criterion import COARSE, FINE
 from legsim.correction.image_fit import SplinePath
 from legsim.correction.image_motion import FocusPlan, FocusRound
 from legsim.correction.method import Scan
-from legsim.correction.smoother import StandingPrior
+from legsim.correction.path_measurements import StandingPrior
 from legsim.opencl.device import Device
 from tests.correction.test_autofocus import NOTHING, slow_sway
 from tests.examples.knee_scan import KNEE, VIEWS, left_px, scanned

@@ -1,6 +1,5 @@
 """The smoother: exact data give the true path, and its covariance is that of its errors."""
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -12,8 +11,9 @@ from legsim.core.errors import LegsimError
 from legsim.core.values import FloatArray
 from legsim.correction import smoother
 from legsim.correction.error_state import ErrorState, error_state
+from legsim.correction.path_measurements import BeadShadows, FiducialShadows, StandingPrior
 from legsim.correction.rough_start import StartErrors, rough
-from legsim.correction.smoother import BeadShadows, FiducialShadows, SmoothedPath, StandingPrior
+from legsim.correction.smoother import SmoothedPath
 from legsim.geometry.cone_beam import ConeBeamGeometry
 from legsim.imu.errors import SensorErrors, TriadErrors
 from legsim.imu.readout import read_out
@@ -213,14 +213,3 @@ def test_images_see_no_similarity_of_a_motion(rng: np.random.Generator):
     assert 0 < seen_px < moved_px
     pitch_mm = 1.232 * 0.78 / 1.198
     assert error_px * pitch_mm < 0.3 * np.sqrt((found.errors_mm(KNEE) ** 2).mean())
-
-
-@pytest.mark.parametrize("made", [BeadShadows, lambda *a: FiducialShadows(a[0], PLACES, *a[1:])])
-def test_what_numpy_would_take_for_shadows_is_refused(made: Callable[..., object]) -> None:
-    """One point without its axis, three coordinates, and an error that is no size."""
-    for shape in ((5, 2), (5, 1, 3)):
-        with pytest.raises(LegsimError, match=r"Shadows\.pixels has shape"):
-            made(np.zeros(shape))
-    for size in (0.0, -0.3, float("nan")):
-        with pytest.raises(LegsimError, match=r"error_px is .* finite and positive"):
-            made(np.zeros((5, len(PLACES), 2)), size)

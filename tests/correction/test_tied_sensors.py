@@ -13,8 +13,9 @@ from legsim.correction import smoother, tied_sensors
 from legsim.correction.error_state import error_state
 from legsim.correction.fused import SensorPriors
 from legsim.correction.method import Scan
+from legsim.correction.path_measurements import BeadShadows
 from legsim.correction.rough_start import StartErrors, rough
-from legsim.correction.smoother import BeadShadows, SmoothedPath
+from legsim.correction.smoother import SmoothedPath
 from legsim.correction.tied_sensors import LegTie, MeasuredSegment
 from legsim.geometry.cone_beam import ConeBeamGeometry, Projections
 from legsim.imu.errors import SensorErrors

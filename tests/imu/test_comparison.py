@@ -110,3 +110,29 @@ def test_a_stated_clock_of_a_short_trial_is_not_searched():
     )
     found = compare(whole, brief, clock_stated=True)
     assert (found.lag, found.lag_source) == (0.0, "stated")
+
+
+def test_the_turn_about_the_vertical_is_known_as_well_as_stated(rng):
+    """Of a sensor that sways a little under noise, 12 draws."""
+    true, turn = swaying(lean=0.01), [0.0, 0.0, 1.2]
+    axes = transforms.rotation_from_vector(turn)
+    off = []
+    for _ in range(12):
+        noise = 0.02 * rng.normal(size=true.angular_velocity.shape)
+        read = replace(
+            true,
+            angular_velocity=true.angular_velocity @ axes + noise,
+            specific_force=true.specific_force @ axes,
+        )
+        found = compare(true, read)
+        back = found.predicted_from_measured @ axes.T
+        off.append(transforms.vector_from_rotation(back)[2] / found.turn_spread)
+    assert 0.4 < np.sqrt(np.mean(np.square(off))) < 2.0
+    assert compare(true, true, rotation=np.eye(3)).turn_spread == 0
+
+
+def test_a_trial_of_less_than_half_a_second_is_too_short_whatever_is_stated():
+    one = swaying(seconds=0.4)
+    for stated in (False, True):
+        with pytest.raises(LegsimError, match=r"too little for any comparison; record a longer"):
+            compare(one, one, clock_stated=stated)

@@ -136,7 +136,7 @@ def test_opensims_two_tables_of_vectors_are_one_sensor(tmp_path):
     ("text", "said"),
     [
         ("a,b\n1,2\n", "describe its columns in a small TOML"),
-        ('<?xml version="1.0"?>\n<mvnx version="4"/>\n', "is XML, not a table; export"),
+        ('<?xml version="1.0"?>\n<mvnx version="4"/>\n', "is XML, not a table of text; export"),
         ("// x\nPacketCounter,Acc_X,Acc_Y,Acc_Z,Gyr_X,Gyr_Y,Gyr_Z\n1,1,1,1,1,1,1\n", "rate_hz"),
         (
             "// Update Rate: 1.2.3Hz\nPacketCounter,Acc_X,Acc_Y,Acc_Z,Gyr_X,Gyr_Y,Gyr_Z\n1,1,1,1,1,1,1\n",
@@ -244,3 +244,29 @@ def test_a_dot_of_xsens_has_degrees_per_second_and_a_counter_of_32_bits(tmp_path
     np.testing.assert_allclose(read.times, one.times, atol=1e-12)
     np.testing.assert_allclose(read.angular_velocity, one.angular_velocity, rtol=1e-12)
     np.testing.assert_array_equal(read.specific_force, one.specific_force)
+
+
+@pytest.mark.parametrize("line", ["// Sample rate: 100.0Hz", "Acquisition frequency: 100 Hz"])
+def test_an_older_export_of_xsens_names_its_counter_and_rate_otherwise(tmp_path, line):
+    one = still(count=60)
+    path = xsens(tmp_path / "shank.txt", one, np.arange(60) + 37328)
+    names = path.read_text().replace("PacketCounter", "Counter").splitlines()
+    first = next(k for k, text in enumerate(names) if "Acc_X" in text)
+    path.write_text("\n".join([line, *names[first:]]) + "\n")
+    (read,) = load_recordings(path)
+    np.testing.assert_allclose(read.times, one.times, atol=1e-12)
+    np.testing.assert_allclose(read.specific_force, one.specific_force, atol=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        ('{"acc": [1, 2]}', "is JSON, not a table of text"),
+        ("MATLAB 5.0 MAT-file", "is MATLAB's, not a table of text"),
+        ("Acceleration:\n0 1 2 3\nGyroscope:\n0 1 2 3\n", "in blocks, one below the other: split"),
+    ],
+)
+def test_what_is_no_table_of_rows_is_named(tmp_path, content, said):
+    (tmp_path / "a.txt").write_text(content)
+    with pytest.raises(LegsimError, match=said):
+        load_recordings(tmp_path / "a.txt")

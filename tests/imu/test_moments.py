@@ -31,3 +31,9 @@ def test_what_loggers_write_is_seconds(cells, seconds):
 def test_what_is_no_time_is_refused_with_its_line(cell):
     with pytest.raises(LegsimError, match=r"a.csv \(line 3\): '.*' in column 't' is no date"):
         read(["12:00:00", cell])
+
+
+def test_milliseconds_may_stand_behind_a_third_colon():
+    times = read(["23:59:59:750", "00:00:00:000", "00:00:00:250"])
+    np.testing.assert_allclose(np.diff(times), 0.25, atol=1e-9)
+    assert read(["2025-01-31 12:00:00:125"]) == read(["2025-01-31T12:00:00.125"])

@@ -52,3 +52,34 @@ def test_a_cell_longer_than_any_number_is_refused_with_the_file(tmp_path):
         read_rows(table(tmp_path, "x" * 200_000), ("A",))
     with pytest.raises(LegsimError, match=r"a.csv \(line 3\): the row has 1 cells"):
         read_rows(table(tmp_path, "A,B\n1,2\n" + "1" * 200_000 + ",2\n"), ("A", "B"))
+
+
+def test_empty_cells_between_single_blanks_are_cells(tmp_path):
+    """Text parted wherever there is a blank would take the next column's number."""
+    read = read_rows(table(tmp_path, "N Y A B\n1  5 6\n2 0 7 8\n"), ("A", "B"))
+    assert [cells for _, cells in read.rows] == [("5", "6"), ("7", "8")]
+    with pytest.raises(LegsimError, match=r"line 3.*3 cells, the header 4.* blanks hide empty"):
+        read_rows(table(tmp_path, "N   Y   A   B\n1   2   5   6\n2       7   8\n"), ("A", "B"))
+    with pytest.raises(LegsimError, match=r"line 2.*3 cells, the header 4"):
+        read_rows(table(tmp_path, "1   2   5   6\n2       7   8\n"), (3, 1))
+
+
+@pytest.mark.parametrize("mark", ["# ", "#", "% ", "// "])
+def test_names_may_be_a_comment_and_other_comments_are_passed_over(tmp_path, mark):
+    for between in (",", "|", " "):
+        text = mark + f"T,A\n0,1\n{mark}heel strike\n1,2\n".replace(",", between)
+        read = read_rows(table(tmp_path, text), ("T", "A"))
+        assert [cells for _, cells in read.rows] == [("0", "1"), ("1", "2")]
+
+
+def test_names_that_are_not_those_of_the_cells_are_refused(tmp_path):
+    """A column of row numbers without a name moves all others by one; decimal commas do worse."""
+    for text in ("T,A\n1,0,1\n2,1,2\n", "T,A\n0,01,0,5\n0,02,0,6\n"):
+        with pytest.raises(LegsimError, match=r"line 2.* cells, the header 2: names and numbers"):
+            read_rows(table(tmp_path, text), ("T", "A"))
+    assert len(read_rows(table(tmp_path, "T,A\n0,1,\n1,2,\n"), ("T", "A")).rows) == 2
+
+
+def test_a_recording_that_is_appended_is_named(tmp_path):
+    with pytest.raises(LegsimError, match=r"line 4.*: the names are there again: another record"):
+        read_rows(table(tmp_path, "T,A\n0,1\n1,2\nT,A\n0,1\n"), ("T", "A"))

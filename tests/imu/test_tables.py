@@ -1,5 +1,7 @@
 """Tables of any program, by the names of their columns."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
@@ -88,8 +90,10 @@ def broken(change):
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        (lambda r: r[3].__setitem__(0, r[2][0]), "a.csv: time 0.02 s is there twice .sample 3."),
-        (lambda r: r[3].__setitem__(0, 0.0), "comes after 0.02 s .sample 3.; keep one sample"),
+        (
+            lambda r: r[3].__setitem__(0, 0.0),
+            "a.csv: time 0 s comes after 0.02 s .sample 3.; sort the",
+        ),
         (lambda r: r[3].__setitem__(2, "x7"), "line 7.: 'x7' in column 'ay' is not a number"),
         (lambda r: r.__setitem__(3, r[3][:4]), "line 7.: the row has 4 cells, the header 7"),
         (lambda r: [row.__setitem__(1, "") for row in r], "has numbers in 0 of 20 samples"),
@@ -386,3 +390,92 @@ def test_columns_without_a_number_are_named(tmp_path, number):
         row[1:4] = [number] * 3
     with pytest.raises(LegsimError, match="numbers in 3 of 50 samples; check its columns"):
         load(write(tmp_path / "a.csv", rows), TableLayout((SENSOR,), time="t"))
+
+
+def test_units_at_the_end_of_names_are_taken_where_nothing_is_stated(tmp_path):
+    """As a Blue Trident writes them; a stated unit goes before a name."""
+    one = still(count=20)
+    names = ("t_ms", "ax_g", "ay_g", "az_g", "gx_deg/s", "gy_deg/s", "gz_deg/s")
+    rows = np.column_stack(
+        [1e3 * one.times, one.specific_force / 9.80665, np.degrees(one.angular_velocity)]
+    )
+    path = write(tmp_path / "a.csv", rows.tolist(), names=names)
+    sensor = SensorColumns("shank", names[1:4], names[4:])
+    (read,) = load(path, TableLayout((sensor,), time="t_ms"))
+    np.testing.assert_allclose(read.times, one.times, atol=1e-12)
+    np.testing.assert_allclose(read.specific_force, one.specific_force, rtol=1e-12)
+    np.testing.assert_allclose(read.angular_velocity, one.angular_velocity, rtol=1e-12)
+    path = write(tmp_path / "b.csv", rows_of(one), names=names)
+    (read,) = load(path, TableLayout((sensor,), "m/s2", "rad/s", time="t_ms", time_unit="s"))
+    np.testing.assert_array_equal(read.specific_force, one.specific_force)
+
+
+def test_packets_that_came_twice_count_once(tmp_path):
+    one = still(count=40)
+    rows = rows_of(one)
+    rows.insert(10, rows[9])
+    (read,) = load(write(tmp_path / "a.csv", rows), TableLayout((SENSOR,), time="t"))
+    np.testing.assert_array_equal(read.times, one.times)
+    assert read.notes == ("a.csv: 1 rows are there twice; one of each is taken.",)
+    counted = [[9.0 + k, *row[1:]] for k, row in enumerate(rows_of(one))]
+    counted.insert(10, counted[9])
+    layout = TableLayout((SENSOR,), counter="t", rate_hz=100)
+    (read,) = load(write(tmp_path / "b.csv", counted), layout)
+    np.testing.assert_allclose(read.times, one.times, atol=1e-12)
+
+
+def in_turn(one: ImuRecording, other: ImuRecording) -> list[list[object]]:
+    """Rows of a logger of two sensors that write a row per instrument, by time."""
+    rows = [
+        [t, name, kind, *xyz]
+        for name, sensor in (("A", one), ("B", other))
+        for kind, values in (("ACC", sensor.specific_force), ("GYR", sensor.angular_velocity))
+        for t, xyz in zip(sensor.times.tolist(), values.tolist(), strict=True)
+    ]
+    return sorted(rows, key=lambda row: row[0])
+
+
+def test_instruments_that_take_turns_in_a_table_are_told_apart_by_a_column(tmp_path):
+    one, other = still(count=40), still(count=40, seed=1)
+    rows = [[t, f"{name}/{kind}", *xyz] for t, name, kind, *xyz in in_turn(one, other)]
+    rows.insert(7, [0.01, "A/BATTERY"])
+    path = write(tmp_path / "a.csv", rows, names=("t", "what", "x", "y", "z"))
+    xyz = ("x", "y", "z")
+    sensors = tuple(SensorColumns(n, xyz, xyz, f"{n}/ACC", f"{n}/GYR") for n in ("A", "B"))
+    first, second = load(path, TableLayout(sensors, time="t", rows_by="what"))
+    for read, true in ((first, one), (second, other)):
+        np.testing.assert_array_equal(read.times, true.times)
+        np.testing.assert_array_equal(read.specific_force, true.specific_force)
+        np.testing.assert_array_equal(read.angular_velocity, true.angular_velocity)
+    by_number = replace(sensors[0], acceleration=(3, 4, 5), angular_velocity=(3, 4, 5))
+    (again,) = load(path, TableLayout((by_number,), time=1, rows_by=2))
+    np.testing.assert_array_equal(again.specific_force, one.specific_force)
+    wrong = replace(sensors[0], acceleration_rows="A/acc")
+    with pytest.raises(LegsimError, match="no row has 'A/acc' in column 'what'; give one of 'A/A"):
+        load(path, TableLayout((wrong,), time="t", rows_by="what"))
+
+
+def test_sensors_that_take_turns_in_a_table_are_told_apart_by_a_column(tmp_path):
+    one, other = still(count=40), still(count=40, seed=1)
+    rows = [[name, *row] for pair in zip(rows_of(one), rows_of(other), strict=True)
+            for name, row in zip((7, 8), pair, strict=True)]  # fmt: skip
+    path = write(tmp_path / "a.csv", rows, names=("id", *NAMES))
+    sensors = tuple(replace(SENSOR, name=n, acceleration_rows=n, angular_velocity_rows=n)
+                    for n in ("7", "8"))  # fmt: skip
+    first, second = load(path, TableLayout(sensors, time="t", rows_by="id"))
+    np.testing.assert_array_equal(first.specific_force, one.specific_force)
+    np.testing.assert_array_equal(second.angular_velocity, other.angular_velocity)
+
+
+def test_columns_that_would_be_both_quantities_row_by_row_are_refused(tmp_path):
+    path = write(tmp_path / "a.csv", rows_of(still(count=40)))
+    both = replace(SENSOR, angular_velocity=SENSOR.acceleration)
+    with pytest.raises(LegsimError, match=r"that are accelerations and angular .* \(rows_by, with"):
+        load(path, TableLayout((both,), time="t"))
+
+
+def test_a_second_table_below_the_first_is_named(tmp_path):
+    path = write(tmp_path / "a.csv", rows_of(still(count=40)))
+    path.write_text(path.read_text() + "Gyroscope:\n0.1,0.2,0.3\n")
+    with pytest.raises(LegsimError, match=r"line 44\): 'Gyroscope:' is no row of numbers: another"):
+        load(path, TableLayout((SENSOR,), time="t"))

@@ -80,3 +80,23 @@ def test_words_in_brackets_that_are_no_unit_are_passed_over(column):
 )
 def test_a_unit_among_words_is_found(column, unit):
     assert units.in_name(column) == unit
+
+
+@pytest.mark.parametrize(
+    ("column", "unit"),
+    [
+        ("ax_m/s/s", "m/s2"),
+        ("acc_x_mss", "m/s2"),
+        ("Gyro_X_deg_per_s", "deg/s"),
+        ("gyr_y_dps", "deg/s"),
+        ("shank_gz_rad_s", "rad/s"),
+        ("Accel_X_g", "g"),
+        ("Time_ms", "ms"),
+        ("unix_timestamp_microsec", "us"),
+        ("Acc_X", None),
+        ("gx", None),
+        ("mx_microT", None),
+    ],
+)
+def test_the_last_words_of_a_name_may_be_its_unit(column, unit):
+    assert units.hinted(column) == unit

@@ -10,8 +10,8 @@ import legsim as ls
 from legsim.core.errors import LegsimError
 from legsim.correction.bead_scan import Beads, BeadScan
 from legsim.correction.method import Scan
+from legsim.correction.path_measurements import BeadShadows, FiducialShadows
 from legsim.correction.rough_start import StartErrors
-from legsim.correction.smoother import BeadShadows, FiducialShadows
 from legsim.evaluation.image_criteria import GradientEntropy
 from legsim.evaluation.regions import Region
 from legsim.imu.signals import ImuSignals

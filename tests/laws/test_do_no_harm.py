@@ -18,8 +18,8 @@ from legsim.correction.bead_scan import BeadScan
 from legsim.correction.fiducials import Fiducials
 from legsim.correction.fused import SensorPriors
 from legsim.correction.method import Scan
+from legsim.correction.path_measurements import BeadShadows, FiducialShadows
 from legsim.correction.rough_start import StartErrors, rough
-from legsim.correction.smoother import BeadShadows, FiducialShadows
 from legsim.deformation.models import RigidMotion
 from legsim.evaluation import residual_motion, similarity
 from legsim.evaluation.regions import Region

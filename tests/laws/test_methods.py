@@ -14,8 +14,8 @@ from legsim.correction.control_points import AttachedPoint
 from legsim.correction.fiducials import Fiducials
 from legsim.correction.fused import SensorPriors
 from legsim.correction.method import Scan
+from legsim.correction.path_measurements import BeadShadows, FiducialShadows
 from legsim.correction.rough_start import EXACT
-from legsim.correction.smoother import BeadShadows, FiducialShadows
 from legsim.deformation import models
 from legsim.deformation.models import FieldMotion, RigidMotion
 from legsim.geometry.cone_beam import ConeBeamGeometry, Projections

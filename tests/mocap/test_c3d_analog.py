@@ -52,6 +52,13 @@ def test_an_independent_reader_finds_the_same(tmp_path, scale):
     np.testing.assert_allclose(c3d_analog.load_analog(path).values, theirs, rtol=1e-6, atol=1e-3)
 
 
+@pytest.mark.parametrize("points", [0, 2])
+def test_markers_beside_the_channels_are_seen(tmp_path, points):
+    path = written(tmp_path / "a.c3d", channels(), points=points)
+    assert c3d_analog.has_points(path) == (points > 0)
+    assert c3d_analog.load_analog(path).values.shape == (FRAMES * PER_FRAME, 3)
+
+
 def test_samples_have_the_clock_of_the_markers(tmp_path):
     path = written(tmp_path / "a.c3d", channels(), first_frame=51)
     times = c3d_analog.load_analog(path).times

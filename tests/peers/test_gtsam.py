@@ -18,8 +18,8 @@ from legsim.core import transforms
 from legsim.core.values import FloatArray
 from legsim.correction import smoother
 from legsim.correction.error_state import error_state
+from legsim.correction.path_measurements import FiducialShadows
 from legsim.correction.rough_start import StartErrors, rough
-from legsim.correction.smoother import FiducialShadows
 from legsim.geometry.cone_beam import ConeBeamGeometry
 from legsim.imu.errors import SensorErrors, TriadErrors
 from legsim.imu.signals import ImuSignals, SensorStart

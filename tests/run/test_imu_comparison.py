@@ -186,3 +186,17 @@ def test_a_short_trial_is_compared_where_its_clock_is_stated(tmp_path):
 def test_a_name_that_no_file_can_have_is_one_line():
     with pytest.raises(LegsimError, match="cannot be read"):
         imu_comparison.of_argument("tibia_l=" + "a" * 300)
+
+
+def test_a_mounting_that_does_not_fit_the_rates_is_in_doubt(tmp_path):
+    """By columns of the gyroscope in another order, and by a given mounting that is wrong."""
+    path = write(tmp_path)
+    (worn,) = imu_comparison.of_argument(str(path))
+    swapped = worn.recording.angular_velocity[:, [1, 0, 2]]
+    other = replace(worn, recording=replace(worn.recording, angular_velocity=swapped))
+    wrong = replace(worn, worn=worn.worn.model_copy(update={"rotation_deg": (0.0, 0.0, 90.0)}))
+    for one, said in ((worn, ""), (other, "that gravity wants"), (wrong, "in the mounting given")):
+        (found,) = imu_comparison.compare((one,), predicted(), 0.0)
+        doubts = [line for line in found.lines() if "its rates agree by" in line]
+        assert len(doubts) == bool(said)
+        assert said in "".join(doubts)

@@ -9,6 +9,7 @@ from legsim.imu.files import save_imu
 from legsim.imu.signals import ImuSignals
 from legsim.run import imu_files
 from tests.examples.sensors import still
+from tests.references.c3d import Channels, c3d_bytes
 
 
 def write(folder, toml, one=None):
@@ -158,3 +159,29 @@ angular_velocity = ["ax", "ay", "az"]
 """
     with pytest.raises(LegsimError, match="two sensors are that which is recorded as 'shank_l'"):
         ls.read_imu(write(tmp_path, TABLE + second))
+
+
+@pytest.mark.parametrize("markers", [0, 1])
+def test_sensors_in_a_c3d_share_its_clock_only_with_markers_beside_them(tmp_path, markers):
+    one = still(count=60)
+    both = np.concatenate([one.specific_force, one.angular_velocity], 1)
+    labels = ["ax", "ay", "az", "gx", "gy", "gz"]
+    units = ["m/s2"] * 3 + ["rad/s"] * 3
+    channels = Channels(both, labels, units, [1.0] * 6, [0] * 6, rate=100.0)
+    points = np.ones((60, markers, 3))
+    (tmp_path / "a.c3d").write_bytes(c3d_bytes(points, ["M"] * markers, channels=channels))
+    lines = TABLE.replace("raw.csv", "a.c3d").splitlines()
+    lines = [line for line in lines if "rate_hz" not in line and "unit" not in line]
+    (tmp_path / "a.toml").write_text("\n".join(li for li in lines if "offset" not in li))
+    (sensor,) = imu_files.load(tmp_path / "a.toml")
+    assert sensor.clock_stated == (markers > 0)
+
+
+def test_rows_that_take_turns_need_their_texts_and_their_column(tmp_path):
+    rows = 'acceleration_rows = "A"\nangular_velocity_rows = "G"\n'
+    for toml in (TABLE + rows, TABLE.replace("rate_hz", 'rows_by = "k"\nrate_hz')):
+        with pytest.raises(LegsimError, match="rows_by needs acceleration_rows"):
+            imu_files.load(write(tmp_path, toml))
+    toml = TABLE.replace("rate_hz", 'rows_by = "k"\nrate_hz') + rows
+    with pytest.raises(LegsimError, match="no line with the column 'k'"):
+        imu_files.load(write(tmp_path, toml))

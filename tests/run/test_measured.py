@@ -10,6 +10,8 @@ from legsim.core import transforms
 from legsim.core.errors import LegsimError
 from legsim.correction.fiducials import FIDUCIAL_NAMES, Fiducials, project_fiducials
 from legsim.geometry.volume import VolumeGrid
+from legsim.imu.files import save_imu
+from legsim.imu.signals import ImuSignals
 from legsim.reconstruction import field_of_view
 from tests.examples import measured
 from tests.examples.measured import POSE, SCAN
@@ -89,6 +91,24 @@ def test_the_cost_of_a_wrong_clock_is_that_of_shifted_signals(tmp_path):
     # two digits are stated
     assert float(stated[0]) == pytest.approx(off, rel=0.06)
     assert off > 0.05
+
+
+def test_what_a_gap_costs_is_noted(tmp_path):
+    path = measured.write(tmp_path)
+    whole = measured.signals()
+    kept = (whole.times <= 2.0) | (whole.times >= 2.3)
+    save_imu(
+        tmp_path / "imu.csv",
+        ImuSignals(
+            whole.times[kept],
+            whole.sensor_names,
+            whole.angular_velocity[kept],
+            whole.specific_force[kept],
+        ),
+    )
+    (note,) = [n for n in ls.load_measured_scan(path).notes if "bridged by a cubic" in n]
+    assert note.startswith("Sensor shank_l: gaps of up to 300 ms are bridged by a cubic.")
+    assert float(note.split(" mm RMS")[0].split()[-1]) < 100
 
 
 def test_fiducials_give_the_start(tmp_path):

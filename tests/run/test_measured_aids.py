@@ -12,8 +12,8 @@ from legsim.core import transforms
 from legsim.core.errors import LegsimError
 from legsim.correction.bead_scan import BeadScan
 from legsim.correction.fiducials import Fiducials
+from legsim.correction.path_measurements import BeadShadows
 from legsim.correction.rough_start import StartErrors, turned
-from legsim.correction.smoother import BeadShadows
 from legsim.deformation.files import load_motion
 from legsim.geometry import files as geometry_files
 from legsim.geometry import image_files

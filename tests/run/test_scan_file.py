@@ -1,6 +1,9 @@
 """A simulated scan is corrected from files as its run did, bit for bit."""
 
 import importlib.util
+import re
+import tomllib
+from dataclasses import astuple, replace
 from pathlib import Path
 
 import numpy as np
@@ -8,9 +11,11 @@ import pytest
 
 import legsim as ls
 from legsim import config
+from legsim.config import measured_scan
 from legsim.core.errors import LegsimError
 from legsim.geometry import image_files
-from legsim.run import pipeline, sensors
+from legsim.imu import calibration
+from legsim.run import measured, measured_aids, pipeline, sensors, volumes
 from legsim.run.scan_file import NAME, known_of
 
 pytestmark = pytest.mark.filterwarnings("ignore::legsim.reconstruction.weights.ShortScanWarning")
@@ -32,6 +37,25 @@ def test_every_volume_of_a_run_comes_back_bit_for_bit(tiny_settings, tmp_path, m
             for folder in (run, tmp_path / "out")
         )
         np.testing.assert_array_equal(ours, theirs, err_msg=name)
+
+
+@pytest.mark.end_to_end
+def test_estimates_from_calibrated_sensors_come_back(tiny_settings, tmp_path):
+    trees = (
+        {"imu": {"noise": {"kind": "bmi160", "calibration": "six-positions"}}},
+        {"methods": {"start": "rough", "run": ["standing", "rigid"]}},
+    )
+    wanted = config.from_trees("paper", tiny_settings.model_dump(), *trees)
+    run = pipeline.run_scan(wanted, tmp_path / "run", presented=False)
+    found = ls.correct(run.folder / NAME, ["standing", "rigid"], tmp_path / "out")
+    for name in ("standing", "rigid"):
+        ours, theirs = (
+            image_files.load_volume(folder / f"volume-{name}.mha").attenuation
+            for folder in (run.folder, tmp_path / "out")
+        )
+        np.testing.assert_array_equal(ours, theirs, err_msg=name)
+    drifts = [re.findall(r"rigid follows .*? RMS", str(one)) for one in (run.warnings, found.notes)]
+    assert drifts[0] == drifts[1]
 
 
 def test_a_run_knows_no_more_than_a_scanner(tiny_run, tmp_path):
@@ -70,13 +94,44 @@ def test_the_documents_own_scan_is_that_of_the_run(tiny_run, tmp_path):
         assert np.abs(start.velocity - true.velocity).max() < 0.01
 
 
-def test_what_methods_know_of_the_sensor_comes_back(tiny_run, tiny_settings):
-    seen = ls.load_measured_scan(tiny_run.folder / NAME).seen
-    for kind, model in (("mti300", "mti300"), ("none", "bmi160"), ("rms", "bmi160")):
-        trees = (
-            {"imu": {"noise": {"kind": kind}}},
-            {"methods": {"fused": {"spread_mm": 7.0, "clock_ms": 3.0}}},
-        )
-        wanted = config.from_trees("paper", tiny_settings.model_dump(), *trees)
-        given = known_of(wanted, seen, sensors.sensors(wanted.imu)).methods
-        assert (given.sensor_model, given.spread_mm, given.clock_ms) == (model, 7.0, 3.0)
+KNOWN = {
+    "kind": {"kind": "mti300"},
+    "none": {"kind": "none"},
+    "rms": {"kind": "rms", "acceleration_bias_mg": 3.0},
+    "rest": {"kind": "bmi160", "calibration": "rest", "rest_s": 4.0},
+    "six-positions": {
+        "kind": "bmi160", "calibration": "six-positions", "temperature_course": [[0, 0], [9, 1]],
+    },
+    "changed": {
+        "kind": "bmi160", "off": ["g-sensitivity"], "accelerometer": {"turn_on_bias_mg": 2.0},
+    },
+    "custom": {"kind": "custom", "gyroscope": {"turn_on_bias_deg_per_s": 0.1}},
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("noise", KNOWN.values(), ids=KNOWN)
+def test_what_methods_know_of_the_sensor_comes_back(tiny_run, tiny_settings, noise):
+    """By the usual rough start, which is what a pose that somebody states is taken for."""
+    scan = ls.load_measured_scan(tiny_run.folder / NAME)
+    trees = (
+        {"imu": {"noise": noise}},
+        {"methods": {"start": "rough", "fused": {"spread_mm": 7.0, "clock_ms": 3.0}}},
+    )
+    wanted = config.from_trees("paper", tiny_settings.model_dump(), *trees)
+    given = known_of(wanted, scan.seen, sensors.sensors(wanted.imu))
+    again = tomllib.loads(measured_scan.dump(given))
+    read = replace(scan, settings=measured_scan.MeasuredScanConfig.model_validate(again))
+    ours, theirs = measured_aids.priors(read), volumes.sensor_priors(wanted)
+    assert (ours.spread, ours.clock) == (theirs.spread, theirs.clock)
+    for triad in ("accelerometer", "gyroscope"):
+        mine, true = (astuple(getattr(p.errors, triad)) for p in (ours, theirs))
+        assert mine == pytest.approx(true, rel=1e-12)
+    rested = wanted.imu.noise.calibration != "none"
+    if rested:
+        assert ours.start.tilt == pytest.approx(theirs.start.tilt)
+    placed = measured.assemble(given, tiny_run.folder).seen
+    assert (placed.signals.rest_force is not None) == rested
+    for k, start in enumerate(placed.starts if rested else ()):
+        assert placed.signals.rest_force is not None
+        level = calibration.leveled(start, placed.signals.rest_force[k])
+        np.testing.assert_allclose(level.world_from_sensor, start.world_from_sensor, atol=1e-12)

@@ -20,7 +20,7 @@ from legsim.config import RunConfig
 from legsim.core import transforms
 from legsim.core.values import FloatArray
 from legsim.correction import tied_sensors
-from legsim.correction.smoother import BeadShadows
+from legsim.correction.path_measurements import BeadShadows
 from legsim.correction.tied_sensors import LegTie
 from legsim.deformation.models import RigidMotion
 from legsim.evaluation import image_gauge

@@ -1,0 +1,86 @@
+"""Whether accelerometer and gyroscope have the same axes: gravity must turn in both alike.
+
+Tables with columns in another order, or with signs of another handedness, are read without a word.
+The slow part of the specific force turns against the angular velocity, f' = -w x f. That holds for
+one order and one set of signs of the gyroscope's axes, as far as the sensor turned about them.
+"""
+
+import itertools
+
+import numpy as np
+from scipy.signal import sosfiltfilt
+
+from legsim.core.values import FloatArray
+
+_FITS, _MISFITS, _BETTER = 0.8, 0.4, 0.4
+"""correlation from which another order fits, up to which the given one does not, and their least
+difference"""
+
+_RATIO = (0.4, 1.6)
+"""of gravity's turn by both instruments, where the sensor is tilted rather than pushed"""
+
+_STRIDE_HZ = 10.0
+"""samples per second that the slow part needs"""
+
+
+def axes_doubt(
+    name: str, rate_hz: float, rate: FloatArray, force: FloatArray, low: FloatArray
+) -> tuple[str, ...]:
+    """A sentence where gravity turns as by the gyroscope with its axes in another order alone.
+
+    Args:
+        name: of the sensor.
+        rate_hz: of the samples, which are even.
+        rate: (n, 3) rad/s.
+        force: (n, 3) m/s^2.
+        low: second-order sections of the band in which a leg tilts.
+    """
+    by_axis, seen = _turns(rate_hz, rate, force, low)
+    power = float((seen**2).sum())
+    shared = np.einsum("ijnk,nk->ij", by_axis, seen)
+    fits = [
+        (*_fit(by_axis, shared, power, order, signs), order, signs)
+        for order in itertools.permutations(range(3))
+        for signs in itertools.product((1.0, -1.0), repeat=3)
+    ]
+    given = next(one[0] for one in fits if one[2:] == ((0, 1, 2), (1.0, 1.0, 1.0)))
+    correlation, ratio, order, signs = max(fits)
+    better = correlation > max(_FITS, given + _BETTER) and given < _MISFITS
+    if not (better and _RATIO[0] < ratio < _RATIO[1]):
+        return ()
+    axes = ", ".join(f"{'-' * (s < 0)}{'xyz'[k]}" for k, s in zip(order, signs, strict=True))
+    return (
+        f"In doubt: sensor {name}: gravity turns in its accelerometer as by its gyroscope with the "
+        f"axes ({axes}) of it (correlation {correlation:.2f}), not as they are ({given:.2f}): "
+        "check the order and the signs of the columns of both.",
+    )
+
+
+def _turns(
+    rate_hz: float, rate: FloatArray, force: FloatArray, low: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Gravity's turn (3, 3, m, 3) about each axis by each column of the gyroscope, and as the
+    accelerometer sees it (m, 3).
+    """
+    every = max(1, int(rate_hz / _STRIDE_HZ))
+    # the cross product with an axis may come last: filter and sum are linear
+    summed = [
+        sosfiltfilt(low, np.cumsum(column[:, None] * force, axis=0) / rate_hz, axis=0)[::every]
+        for column in rate.T
+    ]
+    by_axis = np.array([[-np.cross(axis, one) for one in summed] for axis in np.eye(3)])
+    return by_axis, sosfiltfilt(low, force, axis=0)[::every]
+
+
+def _fit(
+    by_axis: FloatArray,
+    shared: FloatArray,
+    power: float,
+    order: tuple[int, ...],
+    signs: tuple[float, ...],
+) -> tuple[float, float]:
+    """Correlation and ratio of both for the gyroscope's axes in that order, with those signs."""
+    turn = sum(s * by_axis[i, j] for i, (j, s) in enumerate(zip(order, signs, strict=True)))
+    own = float(np.square(turn).sum())
+    both = float(sum(s * shared[i, j] for i, (j, s) in enumerate(zip(order, signs, strict=True))))
+    return (both / np.sqrt(own * power), both / own) if own > 0 and power > 0 else (0.0, 1.0)

@@ -1,0 +1,68 @@
+"""Samples across gaps: what a spline through noisy samples must not be left to guess.
+
+A spline of fifth degree multiplies the samples' noise by 60 across 20 missing ones, and by 2000 in
+the integral over 30. So every longer gap is filled before any spline: with the cubic of least
+squares through about as much time beside the gap as is missing in it, half on each side. Noise is
+then no greater in the gap than beside it. What a movement did there alone stays unknown.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from legsim.core.values import FloatArray
+
+_SPLINED = 2
+"""missing samples that a spline may bridge: it adds less noise than they had"""
+
+_BESIDE = 4
+"""samples on each side at least, to which the cubic is fitted"""
+
+_MOST = 4096
+"""samples in one gap"""
+
+
+def bridged(times: FloatArray, values: FloatArray, at: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Fills gaps of more than two samples in values (n, ...) at times (n,), at the usual step.
+
+    Only gaps between the first and the last of the times ``at`` (k,) are filled, at which values
+    are wanted. Returns times (m,) and values (m, ...); the given samples are among them as they
+    are.
+    """
+    if len(times) < 2 * _BESIDE or not len(at):
+        return times, values
+    during = (times[1:] > at[0]) & (times[:-1] < at[-1])
+    steps, wide = np.diff(times), np.flatnonzero(wide_steps(times) & during)
+    if not wide.size:
+        return times, values
+    step = float(np.median(steps))
+    new_times, new_values, first = [], [], 0
+    for k in wide:
+        missing = int(min(np.rint(steps[k] / step) - 1, _MOST))
+        within = times[k] + steps[k] * np.arange(1, missing + 1) / (missing + 1)
+        new_times += [times[first : k + 1], within]
+        new_values += [values[first : k + 1], _across(times, values, int(k), missing, within)]
+        first = int(k) + 1
+    return (
+        np.concatenate([*new_times, times[first:]]),
+        np.concatenate([*new_values, values[first:]]),
+    )
+
+
+def wide_steps(times: FloatArray) -> NDArray[np.bool_]:
+    """Which steps (n - 1,) between samples are gaps of more than two of them."""
+    steps = np.diff(times)
+    return np.asarray(steps > (_SPLINED + 1.5) * np.median(steps))
+
+
+def _across(
+    times: FloatArray, values: FloatArray, before: int, missing: int, at: FloatArray
+) -> FloatArray:
+    """Values (m, ...) in the gap after sample ``before``, by the cubic about it."""
+    reach = max(_BESIDE, (missing + 1) // 2)
+    about = slice(max(before + 1 - reach, 0), before + 1 + reach)
+    middle = 0.5 * (times[before] + times[before + 1])
+    half = float(np.abs(times[about] - middle).max())
+    powers = np.vander((times[about] - middle) / half, 4)
+    by_power, *_ = np.linalg.lstsq(powers, values[about].reshape(len(powers), -1), rcond=None)
+    filled = np.vander((at - middle) / half, 4) @ by_power
+    return np.asarray(filled, float).reshape(len(at), *values.shape[1:])

@@ -1,0 +1,160 @@
+"""What a recording lost, by its times and by readings that stand still.
+
+One rule for both: a stretch without readings is one whether its samples are left out, or are there
+as copies of the last one. It counts from the first sample on, and nothing is known of the motion
+within one of more than 0.1 s.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from legsim.core.values import FloatArray
+
+LONG_GAP = 0.1
+"""s; motion of 6 Hz cannot be interpolated over more"""
+
+_CHANCE = 1e-6
+"""by which digits of a sensor at rest may repeat as long as that"""
+
+_FEWEST, _SLOWER = 16, 0.05
+"""repeats, and least share of them, of a sensor that is read faster than it measures"""
+
+_CLIPPED, _JUMP = 3, 4.0
+"""samples in a row at an extreme, and digits by which readings that are cut off jump to it: those
+of a smooth peak come near it first"""
+
+_LEAST_RATE, _LEAST_FORCE = float(np.radians(100.0)), 15.0
+"""rad/s and m/s^2 that the least ranges of such sensors hold (125 deg/s, 2 g)"""
+
+_QUANTITIES, _ALL = ("angular velocities", "accelerations"), "readings"
+
+_TOGETHER, _WINDOW, _EVENLY = 8, 16, 0.8
+"""repeats, and readings at least, of which it is asked whether they came evenly, and share of such
+windows that must"""
+
+
+def gap_note(name: str, times: FloatArray) -> tuple[str, ...]:
+    """Describes gaps in a sensor's times (n,) s; nothing where there is none."""
+    steps = np.diff(times)
+    step = float(np.median(steps))
+    # a sample that is late makes a long step beside a short one, and none is lost
+    around = np.convolve(np.pad(steps, 1, constant_values=step), np.ones(3), "valid")
+    lost = np.clip(np.minimum(np.rint(steps / step) - 1, np.rint(around / step) - 3), 0, None)
+    if not lost.any():
+        return ()
+    longest = int(np.argmax(steps))
+    return (
+        f"Sensor {name}: {lost.sum():.0f} of {len(times) + lost.sum():.0f} samples are missing, "
+        f"the longest gap is {_stretch(float(steps[longest]), float(times[longest]))}.",
+    )
+
+
+def held_note(name: str, times: FloatArray, readings: FloatArray) -> tuple[str, ...]:
+    """Describes angular velocities and specific forces (n, 6) that repeat at a beat, or all in
+    stretches longer than chance has them; nothing where there is neither.
+    """
+    repeats = (np.diff(readings, axis=0) == 0).reshape(-1, 2, 3).all(-1)
+    rate_hz = 1 / float(np.median(np.diff(times)))
+    beats = [_at_a_beat(repeats[:, k]) for k in range(2)]
+    if any(beats):
+        what = _ALL if all(beats) else _QUANTITIES[beats.index(True)]
+        own = rate_hz * float(1 - repeats[:, beats].mean(0).max())
+        return (
+            f"Sensor {name}: its {what} change {own:.3g} times per second, evenly, and are there "
+            f"at {rate_hz:.3g} Hz, as where a sensor is read faster than it measures; what moves "
+            "faster is not in them: log it at its own rate.",
+        )
+    same = repeats.all(-1)
+    first, count = _stretches(same)
+    held = np.array(
+        [_beyond_chance(same, *one, rate_hz) for one in zip(first, count, strict=True)], bool
+    )
+    if not held.any():
+        return ()
+    first, count = first[held], count[held]
+    seconds = times[np.minimum(first + count + 1, len(times) - 1)] - times[first]
+    longest = int(np.argmax(seconds))
+    return (
+        f"Sensor {name}: {count.sum()} of {len(times)} samples repeat all readings of the one "
+        "before, as where packets were lost; the longest stretch is "
+        f"{_stretch(float(seconds[longest]), float(times[first[longest]]))}.",
+    )
+
+
+def _stretch(seconds: float, begin: float) -> str:
+    advice = "; nothing is known of the motion within it" if seconds > LONG_GAP else ""
+    return f"{1e3 * seconds:.0f} ms at {begin:.3f} s{advice}"
+
+
+def _stretches(same: NDArray[np.bool_]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """First sample, and number of samples that repeat it, of each stretch of repeats (n,)."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], same, [False]]).astype(int)))
+    return edges[::2], edges[1::2] - edges[::2]
+
+
+def _at_a_beat(same: NDArray[np.bool_]) -> bool:
+    """Whether samples that repeat, of steps (n,), leave new ones that came at an even rate.
+
+    The n-th new reading is then within a sample of a straight line, whatever the two rates are.
+    Readings that repeat by chance wander off it as a random walk does.
+    """
+    if same.sum() < _FEWEST or same.mean() < _SLOWER:
+        return False
+    new = np.concatenate([[0], 1 + np.flatnonzero(~same)])
+    size = max(_WINDOW, int(np.ceil(_TOGETHER * (1 / same.mean() - 1))))
+    if len(new) < 2 * size:
+        return False
+    windows = np.lib.stride_tricks.sliding_window_view(new, size)[:: size // 4]
+    count = np.arange(size) - (size - 1) / 2
+    slope = windows @ count / (count @ count)
+    off = windows - windows.mean(1, keepdims=True) - slope[:, None] * count
+    repeated = windows[:, -1] - windows[:, 0] - (size - 1)
+    evenly = (np.ptp(off, axis=1) < 2) & (repeated >= _TOGETHER // 2)
+    return bool(evenly.mean() > _EVENLY)
+
+
+def _beyond_chance(same: NDArray[np.bool_], first: int, count: int, rate_hz: float) -> bool:
+    """Whether a stretch is longer than repeats by chance are, whose share is that around it:
+    readings repeat where a sensor is at rest.
+    """
+    reach = max(10 * count, round(2 * rate_hz))
+    around = same[max(first - reach, 0) : first + count + reach]
+    chance = (float(around.sum()) - count) / max(len(around) - count, 1)
+    return count > 1 and len(same) * chance**count < _CHANCE
+
+
+def clipped_note(name: str, readings: FloatArray) -> tuple[str, ...]:
+    """Describes angular velocities and specific forces (n, 6) that stay at their extreme while
+    other readings change, and leave it by more than a digit or two; nothing where none do.
+    """
+    moves = (np.diff(readings, axis=0) != 0).any(-1)
+    notes = []
+    for what, factor, unit, columns, least in (
+        ("angular velocity", float(np.degrees(1.0)), "deg/s", slice(0, 3), _LEAST_RATE),
+        ("acceleration", 1.0, "m/s2", slice(3, 6), _LEAST_FORCE),
+    ):
+        signed = [sign * v for v in readings[:, columns].T for sign in (1.0, -1.0)]
+        cut = [(_clipped(values, moves), float(values.max())) for values in signed]
+        count, extreme = max(cut)
+        if count and extreme > least:
+            notes.append(
+                f"In doubt: sensor {name} stays at {factor * extreme:.4g} {unit} of {what} in "
+                f"{count} samples of an axis, as where its range ends; what is beyond is cut off."
+            )
+    return tuple(notes)
+
+
+def _clipped(values: FloatArray, moves: NDArray[np.bool_]) -> int:
+    """Samples (of n) in runs at the greatest value, into which it jumps."""
+    at_most = values == values.max()
+    stays = at_most[1:] & at_most[:-1] & moves
+    first, count = _stretches(stays)
+    long = count >= _CLIPPED - 1
+    first, last = first[long], (first + count)[long]
+    if not first.size:
+        return 0
+    beside = np.concatenate([values[np.maximum(first - 1, 0)],
+                             values[np.minimum(last + 1, len(values) - 1)]])  # fmt: skip
+    digit = float(np.diff(np.unique(values)).min(initial=np.inf))
+    jumps = values.max() - beside
+    return int(count[long].sum() + len(first)) if np.median(jumps) > _JUMP * digit else 0

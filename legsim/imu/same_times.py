@@ -1,0 +1,66 @@
+"""Rows of a table that share one time: packets that came twice, instruments that share a clock's
+tick, and times that are rounded to more than the step between samples.
+"""
+
+import numpy as np
+
+from legsim.core.errors import LegsimError
+from legsim.core.values import FloatArray
+
+_ROUNDED = 1 / 3
+"""largest share of samples that share a time with the one before where rounding is to blame"""
+
+
+def joined(ticks: FloatArray, rows: FloatArray) -> tuple[FloatArray, FloatArray, tuple[str, ...]]:
+    """Ticks (m,) and rows (m, k) without copies, with a note on these.
+
+    Neighbors of one tick that are the same in all cells are one row, and so are rows of which each
+    has what the others lack, as where every instrument writes its own.
+
+    Args:
+        ticks: (n,) times or numbers of packets.
+        rows: (n, k), NaN where a cell is empty.
+    """
+    if not (np.diff(ticks) == 0).any():
+        return ticks, rows, ()
+    same = ((rows[1:] == rows[:-1]) | (np.isnan(rows[1:]) & np.isnan(rows[:-1]))).all(-1)
+    twice = np.concatenate([[False], same & (np.diff(ticks) == 0)])
+    ticks, rows = ticks[~twice], rows[~twice]
+    notes = (f"{twice.sum()} rows are there twice; one of each is taken",) if twice.any() else ()
+    first = _first(ticks)
+    there = np.add.reduceat(np.isfinite(rows).astype(int), first)
+    if (there > 1).any():
+        return ticks, rows, notes
+    filled = np.add.reduceat(np.nan_to_num(rows), first)
+    return ticks[first], np.where(there == 1, filled, np.nan), notes
+
+
+def spread(times: FloatArray) -> tuple[FloatArray, tuple[str, ...]]:
+    """Times (n,) s that all differ, with a note: samples of one time evenly up to the next one.
+
+    Raises:
+        LegsimError: more than a third share their time with the sample before: they came in
+            packets.
+    """
+    first, count = _first(times), len(times)
+    shared = count - len(first)
+    if not shared:
+        return times, ()
+    usual = float(times[-1] - times[0]) / (count - 1)
+    if shared > _ROUNDED * count:
+        rate = f", about {1 / usual:.4g}" if usual > 0 else ""
+        raise LegsimError(
+            f"{shared} of {count} samples share their time with the one before: the times are "
+            "those of delivery, or rounded; leave the column of times out, and give rate_hz" + rate
+        )
+    counts = np.diff(first, append=count)
+    of = np.repeat(np.arange(len(first)), counts)
+    # the tick that samples share lasts up to the next one, or as long as they usually take
+    room = np.minimum(np.diff(times[first], append=np.inf), counts * usual)
+    note = f"{shared} samples share their time with the one before: spread evenly up to the next"
+    return times + (np.arange(count) - first[of]) * (room / counts)[of], (note,)
+
+
+def _first(ticks: FloatArray) -> np.ndarray:
+    """Index of the first row of each tick."""
+    return np.flatnonzero(np.concatenate([[True], np.diff(ticks) != 0]))

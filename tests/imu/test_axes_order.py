@@ -1,0 +1,43 @@
+"""Columns in another order than the other instrument's are in doubt."""
+
+from dataclasses import replace
+
+import pytest
+
+from legsim.core.errors import LegsimError
+from legsim.imu.recording import check_plausible, checked
+from tests.examples.sensors import still, swaying
+
+
+@pytest.mark.parametrize(
+    ("order", "signs", "said"),
+    [
+        ((1, 0, 2), (1, 1, 1), "(y, x, z)"),
+        ((0, 1, 2), (1, -1, 1), "(x, -y, z)"),
+        ((2, 0, 1), (1, 1, 1), "(y, z, x)"),
+    ],
+)
+def test_a_gyroscope_in_another_order_is_in_doubt(order, signs, said):
+    one = swaying(seconds=30.0)
+    turned = one.angular_velocity[:, list(order)] * signs
+    (note,) = checked(replace(one, angular_velocity=turned)).notes
+    assert note.startswith("In doubt: sensor shank: gravity turns in its accelerometer as by its")
+    assert f"with the axes {said} of it" in note
+    assert "check the order and the signs" in note
+
+
+def test_the_same_axes_and_noise_are_not():
+    assert checked(swaying(seconds=30.0)).notes == ()
+    assert checked(still(count=3000)).notes == ()
+
+
+def test_both_in_another_handedness_are_refused_with_the_order():
+    """Tables of phones hold z, y, x."""
+    one = swaying(seconds=30.0)
+    mirrored = replace(
+        one,
+        angular_velocity=one.angular_velocity[:, ::-1],
+        specific_force=one.specific_force[:, ::-1],
+    )
+    with pytest.raises(LegsimError, match="the columns of both are not in the order x, y, z"):
+        check_plausible(mirrored)

@@ -1,0 +1,45 @@
+"""Rows that share a time: copies, instruments in turn, and rounded times."""
+
+import numpy as np
+import pytest
+
+from legsim.core.errors import LegsimError
+from legsim.imu import same_times
+
+
+def test_copies_are_one_and_other_rows_stay(rng):
+    times, rows = np.arange(50) / 100, rng.normal(size=(50, 6))
+    rows[7] = np.nan
+    again = np.sort(np.r_[np.arange(50), [3, 3, 7, 40]])
+    found, kept, (note,) = same_times.joined(times[again], rows[again])
+    np.testing.assert_array_equal(found, times)
+    np.testing.assert_array_equal(kept, rows)
+    assert note == "4 rows are there twice; one of each is taken"
+    assert same_times.joined(times, rows)[2] == ()
+
+
+def test_instruments_that_write_a_row_each_share_a_time(rng):
+    times, both = np.arange(50) / 100, rng.normal(size=(50, 6))
+    rows = np.full((100, 6), np.nan)
+    rows[::2, :3], rows[1::2, 3:] = both[:, :3], both[:, 3:]
+    found, whole, notes = same_times.joined(np.repeat(times, 2), rows)
+    np.testing.assert_array_equal(found, times)
+    np.testing.assert_array_equal(whole, both)
+    assert notes == ()
+
+
+@pytest.mark.parametrize("rate_hz", [110.0, 130.0])
+def test_rounded_times_are_spread_to_within_a_tick(rate_hz):
+    exact, tick = np.arange(500) / rate_hz, 0.01
+    rounded = np.floor(exact / tick) * tick
+    found, (note,) = same_times.spread(rounded)
+    assert (np.diff(found) > 0).all()
+    assert np.abs(found - exact).max() < tick
+    assert "samples share their time with the one before: spread evenly" in note
+    np.testing.assert_array_equal(same_times.spread(exact)[0], exact)
+
+
+def test_times_of_delivery_are_refused_with_the_rate():
+    times = np.repeat(np.arange(0, 10, 0.05), 5)
+    with pytest.raises(LegsimError, match=r"800 of 1000 samples share .* about 100\.4"):
+        same_times.spread(times)
