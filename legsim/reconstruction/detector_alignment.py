@@ -123,7 +123,8 @@ def align(geometry: ConeBeamGeometry, seen: ConeBeamGeometry | None = None) -> A
         shape_vu = _enclosing(geometry.shape_vu, turns)
         homographies = _turning(geometry.shape_vu, shape_vu, turns)
         path = replace(path, matrices=homographies @ path.matrices, shape_vu=shape_vu)
-    added, *cut = _missing_columns(path, arc)
+    added, cut_off, edges, radius = _missing_columns(path, arc)
+    cut = cut_off, edges, radius
     if turns is None and not any(added):
         return AlignedDetector(geometry, tilt, None, shape_vu, added, homographies, *cut)
     homographies = np.array([[1.0, 0, added[0]], [0, 1, 0], [0, 0, 1]]) @ homographies
@@ -289,14 +290,14 @@ def _missing_columns(
         most = np.median(seen)
         edges = np.full(len(seen), -1 if usual > 0 else 0)
     cut_off = np.flatnonzero(seen < most - _LEAST_OFFSET * columns)
-    cut = tuple(cut_off.tolist()), tuple(edges[cut_off].tolist())
+    cut, cut_edges = tuple(cut_off.tolist()), tuple(edges[cut_off].tolist())
     radius = float(seen.min() * np.mean(arc.radii / geometry.focal_lengths()))
     if abs(usual) <= _LEAST_OFFSET:
-        return (0, 0), *cut, radius
+        return (0, 0), cut, cut_edges, radius
     off = longer * np.sign(usual) > _LEAST_OFFSET
     # the axis is found in the images to a ten-thousandth of a column
     added = int(np.ceil(np.maximum(before, after)[off].max() - nearer[off].min() - 1e-3))
-    return (added, 0) if usual > 0 else (0, added), *cut, radius
+    return (added, 0) if usual > 0 else (0, added), cut, cut_edges, radius
 
 
 def _columns_at_axis(geometry: ConeBeamGeometry, arc: SourceArc) -> FloatArray:
