@@ -12,8 +12,8 @@ from legsim.core.errors import file_error
 _LONGEST = 800
 """bytes of a field's line; from 1000 on the message overflows, and no field needs that many"""
 
-_UNITS = re.compile(rb'"(?!(?:mm|millimet(?:er|re)s?|)")([^"]*)"', re.I)
-"""a unit other than mm; an empty one says nothing"""
+_MM = (b"mm", b"millimeter", b"millimeters", b"millimetre", b"millimetres", b"")
+"""units that are mm, or say nothing"""
 
 
 def check(path: Path) -> None:
@@ -37,9 +37,10 @@ def check(path: Path) -> None:
                     "write the file again",
                     place=f"line {number}",
                 )
-            if others := _UNITS.findall(line) if line.startswith(b"space units:") else []:
-                unit = others[0].decode("ascii", "replace")
-                problem, cure = f"its lengths are in {unit!r}", "write it in mm"
+            units = re.findall(rb'"([^"]*)"', line) if line.startswith(b"space units:") else []
+            others = [unit.decode("latin-1") for unit in units if unit.lower() not in _MM]
+            if others:
+                problem, cure = f"its lengths are in {others[0]!r}", "write it in mm"
                 raise file_error(path, problem, cure, place=f"line {number}")
 
 
