@@ -112,8 +112,7 @@ def _of_list(path: Path) -> LabelMap:
     known: dict[tuple[str, ...], LabelEntry] = {}
     for name in names():
         for entry in load_label_map(name).entries:
-            side = {"l": ("left",), "r": ("right",), None: ()}[entry.side]
-            known.setdefault(tuple(sorted((*label_lists.words(entry.name), *side))), entry)
+            known.setdefault(label_lists.words(f"{entry.name} {entry.side or ''}"), entry)
     listed = label_lists.read(path)
     entries = [
         replace(found, number=number)
