@@ -68,7 +68,8 @@ def read(path: Path) -> dict[int, str]:
 
 def words(name: str) -> tuple[str, ...]:
     """What a name is compared by: its words in small letters, sorted."""
-    found = re.findall(r"[a-z]+|\d+", re.sub(r"([a-z])([A-Z])", r"\1 \2", name).lower())
+    apart = re.sub(r"([a-z])([A-Z])", r"\1 \2", name).lower()
+    found: list[str] = re.findall(r"[a-z]+|\d+", apart)
     return tuple(sorted(_SAME.get(word, word) for word in found if word not in _IDLE))
 
 
