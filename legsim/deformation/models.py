@@ -18,6 +18,12 @@ from legsim.deformation import moving_least_squares
 from legsim.geometry.cone_beam import ConeBeamGeometry
 from legsim.geometry.volume import VolumeGrid
 
+_ON_A_LINE = 1e-6
+"""spread of points across a line over that along it, of which rounding leaves nothing"""
+
+_NODES = 8e-3
+"""m between the nodes of a motion that is known as samples alone"""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Motion(ABC):
@@ -55,9 +61,26 @@ class Motion(ABC):
 
     def on_grid(self, grid: VolumeGrid) -> FieldMotion:
         """The same motion as displacements at the nodes of ``grid``."""
+        return self._sampled(grid, grid.positions())
+
+    def placed(self, at: ArrayLike, nodes: VolumeGrid) -> Motion:
+        """The same motion of an object that lies elsewhere at the reference time.
+
+        A volume reconstructed along it is the one along this motion, read at A x for every voxel
+        x, but without interpolation.
+
+        Args:
+            at: (4, 4) m, a rigid transform A; the result carries from x what this motion carries
+                from A x.
+            nodes: coarse grid over the volume, for motions that are only known as samples.
+        """
+        return self._sampled(nodes, transforms.apply(at, nodes.positions()))
+
+    def _sampled(self, grid: VolumeGrid, read_at: FloatArray) -> FieldMotion:
+        """Displacements of the nodes to where this motion carries the points (n, 3)."""
         nodes = grid.positions()
         fields = np.empty((len(self.times), len(nodes), 3), np.float32)
-        for field, moved in zip(fields, self._views(nodes), strict=True):
+        for field, moved in zip(fields, self._views(read_at), strict=True):
             field[:] = moved - nodes
         return FieldMotion(
             self.times, grid, frozen_owned(fields.reshape(len(fields), *grid.shape_zyx, 3))
@@ -106,6 +129,10 @@ class RigidMotion(Motion):
     def arrays(self) -> dict[str, np.ndarray]:
         return {"moved_from_reference": self.moved_from_reference}
 
+    def placed(self, at: ArrayLike, nodes: VolumeGrid | None = None) -> RigidMotion:
+        """The matrices times ``at``; ``nodes`` are not needed."""
+        return RigidMotion(self.times, self.moved_from_reference @ np.asarray(at, float))
+
     def _views(self, points: FloatArray) -> Iterator[FloatArray]:
         return (transforms.apply(matrix, points) for matrix in self.moved_from_reference)
 
@@ -144,6 +171,16 @@ class ControlPointMotion(Motion):
 
     def arrays(self) -> dict[str, np.ndarray]:
         return {"reference": self.reference, "moved": self.moved}
+
+    def placed(self, at: ArrayLike, nodes: VolumeGrid) -> Motion:
+        """The same points, which rest elsewhere; samples where they lie on a line.
+
+        Points on a line do not tell a turn about it.
+        """
+        if moving_least_squares.straightness(self.reference[None])[0] < _ON_A_LINE:
+            return Motion.placed(self, at, nodes)
+        reference = transforms.apply(transforms.inverse(at), self.reference)
+        return ControlPointMotion(self.times, reference, self.moved)
 
     def _views(self, points: FloatArray) -> Iterator[FloatArray]:
         return (
@@ -185,6 +222,10 @@ class FieldMotion(Motion):
             "grid_center": np.array(self.grid.center),
         }
 
+    def placed(self, at: ArrayLike, nodes: VolumeGrid | None = None) -> FieldMotion:
+        """Samples at its own nodes; ``nodes`` are not needed."""
+        return self._sampled(self.grid, transforms.apply(at, self.grid.positions()))
+
     def _views(self, points: FloatArray) -> Iterator[FloatArray]:
         index_zyx = ((points - self.grid.origin) / self.grid.spacing_xyz).T[::-1]
         for field in self.displacements:
@@ -196,6 +237,16 @@ def _between(nodes: FloatArray, index_zyx: FloatArray) -> FloatArray:
     return np.asarray(
         ndimage.map_coordinates(np.asarray(nodes, float), index_zyx, order=1, mode="nearest"), float
     )
+
+
+def placed(motion: Motion | None, times: FloatArray, at: ArrayLike, grid: VolumeGrid) -> Motion:
+    """The motion of an object that lies elsewhere in a volume on ``grid``: :meth:`Motion.placed`.
+
+    None is an object at rest at the ``times`` (v,) s.
+    """
+    if motion is None:
+        motion = RigidMotion.identity(times)
+    return motion.placed(at, grid.coarse(_NODES))
 
 
 def image_points(

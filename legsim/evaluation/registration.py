@@ -9,8 +9,9 @@ gain x volume + offset is best.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,6 +39,9 @@ _SMALLEST_STEP, _COARSE_STEP = 2e-4, 2e-2
 _REACH = 0.03
 """m around the regions that is read: farther than any registration shifts"""
 
+_NEGLIGIBLE = 0.02
+"""voxels at the grid's corner; nothing is reconstructed again for less"""
+
 _WINDOW = 7
 """voxels around the regions that are compared: more than any window of SSIM reaches"""
 
@@ -56,6 +60,8 @@ class Registration:
     correlation_after: float
     stopped: str
     """how the search ended"""
+    reconstructed: bool = False
+    """whether the volume was reconstructed where it lies; else it was resampled"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -74,20 +80,36 @@ class Compared:
     """of the grid"""
 
 
-def register(pair: Compared, device: Device) -> tuple[Registration, Float32Array]:
+def register(
+    pair: Compared,
+    device: Device,
+    reconstructed_at: Callable[[FloatArray], Float32Array] | None = None,
+) -> tuple[Registration, Float32Array]:
     """Rigidly registers the volume to the reference.
 
-    Returns the registration and the volume (z, y, x) to compare in the box: resampled by cubic
-    B-splines where that raises the correlation inside the mask, else as it was, so that
-    interpolation never makes an aligned volume worse. NaN where the resampled volume would need
-    values outside the grid.
+    Args:
+        pair: volume and reference.
+        device: that resamples.
+        reconstructed_at: reconstructs the volume (z, y, x) of the box, as :class:`Compared` holds
+            it, with every voxel x where the given matrix (4, 4) m carries it. Unlike an
+            interpolated one it keeps the noise and streaks that the reference has, too. None
+            resamples by cubic B-splines.
+
+    Returns:
+        The registration and the volume (z, y, x) to compare in the box: moved where that raises
+        the correlation inside the mask, else as it was, so that interpolation never makes an
+        aligned volume worse. NaN where a resampled volume would need values outside the grid.
     """
     matrix, stopped = rigid_transform(pair)
-    shift = shift_in_voxels(matrix, pair.grid)
-    resampled = resampling.resample(pair.moving, shift, pair.box, device)
     unmoved = pair.moving[pair.box]
-    covered = pair.mask & np.isfinite(resampled)
-    before, after = (_correlation(a, pair.fixed, covered) for a in (unmoved, resampled))
+    again = reconstructed_at is not None and _largest_shift(matrix, pair) > _NEGLIGIBLE
+    if reconstructed_at is None:
+        shift = shift_in_voxels(matrix, pair.grid)
+        moved = resampling.resample(pair.moving, shift, pair.box, device)
+    else:
+        moved = reconstructed_at(matrix) if again else unmoved
+    covered = pair.mask & np.isfinite(moved)
+    before, after = (_correlation(a, pair.fixed, covered) for a in (unmoved, moved))
     center = np.array(pair.grid.center)
     registration = Registration(
         1e3 * float(np.linalg.norm(_moved(matrix, center) - center)),
@@ -96,8 +118,16 @@ def register(pair: Compared, device: Device) -> tuple[Registration, Float32Array
         before,
         after,
         stopped,
+        again,
     )
-    return registration, resampled if after > before else unmoved
+    return registration, moved if after > before else unmoved
+
+
+def _largest_shift(matrix: FloatArray, pair: Compared) -> float:
+    """Voxels by which the corner of the grid moves that moves farthest."""
+    nz, ny, nx = pair.grid.shape_zyx
+    corners = np.array(list(product((0, nx - 1), (0, ny - 1), (0, nz - 1), (1,))))
+    return float(np.linalg.norm(corners @ shift_in_voxels(matrix, pair.grid).T, axis=1).max())
 
 
 @dataclass(frozen=True, slots=True)

@@ -21,6 +21,7 @@ def scores_from(entry: dict[str, Any]) -> Scores:
         None if registration is None else Registration(**registration),
         entry["scaling"],
         entry["window"],
+        entry["registered"],
     )
 
 

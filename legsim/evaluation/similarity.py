@@ -15,7 +15,9 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from html import escape
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,11 +33,23 @@ from legsim.evaluation.ssim import WINDOWS, Window, ssim_map
 from legsim.geometry.volume import Volume, VolumeGrid
 from legsim.opencl.device import Device, open_device
 
-PROTOCOL = 5
+PROTOCOL = 6
 """version of the comparison, raised with every change of it
 
 No older score is then taken for a current one.
 """
+
+Registered = Literal["reconstructed", "resampled", "none"]
+"""how a volume that lies elsewhere is brought to its reference"""
+
+REGISTERED: dict[Registered, str] = {
+    "reconstructed": "reconstructed where they lie",
+    "resampled": "resampled",
+    "none": "not registered",
+}
+
+ReconstructedAt = Callable[[FloatArray, Box], Volume]
+"""reconstructs the voxels of a box of the grid, each where a matrix (4, 4) m carries it"""
 
 SCORE_COLUMNS = ("region", "SSIM", "RMSE", "gradient entropy", "voxels")
 """Column names of :class:`Scores`"""
@@ -72,11 +86,12 @@ class Scores:
     """None where the volume is the reference itself or registration was not asked for"""
     scaling: Scaling = "reference"
     window: Window = "uniform"
+    registered: Registered = "resampled"
 
     @property
     def protocol(self) -> str:
-        """How volumes were scaled and which windows SSIM has, in words."""
-        return protocol_sentence(self.scaling, self.window)
+        """How volumes were scaled and registered, and which windows SSIM has, in words."""
+        return protocol_sentence(self.scaling, self.window, self.registered)
 
     def of(self, region: str) -> RegionScores:
         """Finds the scores of a region."""
@@ -115,9 +130,12 @@ def html_table(caption: str, columns: Sequence[str], rows: Sequence[Sequence[str
     )
 
 
-def protocol_sentence(scaling: Scaling, window: Window) -> str:
-    """Says in one phrase how volumes are scaled and which windows SSIM has."""
-    return f"Scaled to 0..1: {SCALINGS[scaling]}. SSIM in {WINDOWS[window]}."
+def protocol_sentence(scaling: Scaling, window: Window, registered: Registered) -> str:
+    """Says in one phrase how volumes are scaled and registered and which windows SSIM has."""
+    return (
+        f"Scaled to 0..1: {SCALINGS[scaling]}. Volumes that lie elsewhere are "
+        f"{REGISTERED[registered]}. SSIM in {WINDOWS[window]}."
+    )
 
 
 def evaluate(
@@ -179,8 +197,19 @@ class PreparedReference:
     window: Window
     device: Device
 
-    def scores(self, volume: Volume, *, register: bool = True) -> Scores:
+    def scores(
+        self,
+        volume: Volume,
+        *,
+        register: bool = True,
+        reconstructed_at: ReconstructedAt | None = None,
+    ) -> Scores:
         """Scores ``volume`` in every region, as :func:`evaluate` does.
+
+        Args:
+            volume: to score.
+            register: registers the volume to the reference first.
+            reconstructed_at: makes the volume anew where it was registered; None resamples it.
 
         Raises:
             LegsimError: its grid differs from the reference's, or its values cannot be compared.
@@ -193,7 +222,10 @@ class PreparedReference:
         if register and not np.array_equal(self.fixed, compared):
             around = self.grid.cropped(self.wide)
             pair = Compared(self.fixed, self.mask, moving, around, inner)
-            registration, compared = evaluation_registration.register(pair, device)
+            again = None
+            if reconstructed_at is not None:
+                again = partial(self._scaled_at, reconstructed_at)
+            registration, compared = evaluation_registration.register(pair, device, again)
         del moving
         known = np.isfinite(compared)
         seen = _agreement(compared, self.fixed, known, self.regions, box, window, device)
@@ -207,7 +239,19 @@ class PreparedReference:
             count = int(np.count_nonzero(mask))
             entropy = _entropy(steps, mask)
             scores.append(RegionScores(region.name, *beside, entropy, count, *to_phantom))
-        return Scores(tuple(scores), registration, self.scale.scaling, window)
+        how: Registered = "resampled" if reconstructed_at is None else "reconstructed"
+        how = how if register else "none"
+        return Scores(tuple(scores), registration, self.scale.scaling, window, how)
+
+    def _scaled_at(self, reconstructed_at: ReconstructedAt, matrix: FloatArray) -> Float32Array:
+        """The box, scaled, of the volume made anew with its voxels carried by ``matrix``."""
+        if self.scale.common is None:  # its own range is that of the whole volume
+            whole = tuple(slice(0, n) for n in self.grid.shape_zyx)
+            volume = reconstructed_at(matrix, (whole[0], whole[1], whole[2]))
+            return self.scale.of(volume, self.box, "volume")
+        values = reconstructed_at(matrix, self.box).attenuation
+        evaluation_scaling.check(values[self.mask], "volume")
+        return self.scale.common.scaled(values)
 
 
 def prepare(
@@ -271,9 +315,9 @@ class _Scale:
         """``mask`` (z, y, x) is the union of the regions in ``box``."""
         self._box, self._mask = box, mask
         self.scaling: Scaling = scaling
-        self._common: ValueRange | None = None
+        self.common: ValueRange | None = None
         if scaling in ("reference", "reference-leg"):
-            self._common = self._range(reference, "reference")
+            self.common = self._range(reference, "reference")
 
     def _inside(self, volume: Volume) -> Float32Array:
         return volume.attenuation[self._box][self._mask]
@@ -283,7 +327,7 @@ class _Scale:
 
     def of(self, volume: Volume, part: Box, name: str) -> Float32Array:
         """The values of ``volume`` in the box ``part``, scaled."""
-        found = self._common
+        found = self.common
         if found is None:
             found = self._range(volume, name)
         else:

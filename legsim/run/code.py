@@ -73,7 +73,7 @@ STAGES = {
     "correction": Code(("correction", "imu", "simulation.simulated_scan"), ("run.stages",)),
     "scores": Code(
         ("evaluation", "deformation.files", "phantom.voxelize", "phantom.leg_phantom"),
-        ("run.scores", "simulation.setup"),
+        ("run.scores", "run.corrected", "simulation.setup"),
     ),
     "correct": Code(("run.correct",)),
     "presentation": Code(("run.pipeline",)),

@@ -6,13 +6,20 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
+import numpy as np
+
 from legsim.config import ReconstructionConfig
 from legsim.core.files import write_text
 from legsim.core.progress import OnProgress
+from legsim.core.values import FloatArray
+from legsim.correction import image_warp
 from legsim.correction.method import Correction
 from legsim.deformation.files import load_motion, save_motion
-from legsim.deformation.models import ControlPointMotion, Motion
+from legsim.deformation.models import ControlPointMotion, Motion, placed
+from legsim.evaluation.regions import Box
+from legsim.evaluation.similarity import ReconstructedAt
 from legsim.geometry import image_files
+from legsim.geometry.cone_beam import Projections
 from legsim.geometry.volume import Volume, VolumeGrid
 from legsim.opencl.device import Device
 from legsim.run import methods, reconstruction
@@ -30,6 +37,8 @@ class Reconstructed:
     warped_by: ControlPointMotion | None
     """points by which the images were warped"""
     notes: tuple[str, ...]
+    own_images: bool
+    """whether the method changed the images otherwise than by ``warped_by``"""
 
     def load(self) -> Volume:
         """Reads the volume."""
@@ -45,6 +54,8 @@ class Reconstructor:
     grid: VolumeGrid
     device: Device
     on_progress: OnProgress
+    recorded: Projections
+    """what the methods were given"""
 
     def of(self, name: str, key: str, correct: Callable[[], Correction]) -> Reconstructed:
         """Corrects and reconstructs as a stage, unless the folder has it under this key."""
@@ -63,8 +74,8 @@ class Reconstructor:
             if motion is not None:
                 files.append(f"{kind}-{label}.npz")
                 save_motion(folder / files[-1], motion)
-        notes = json.dumps({"method": label, "notes": found.notes}, indent=1) + "\n"
-        write_text(folder / files[1], notes)
+        said = {"method": label, "notes": found.notes, "own_images": self._own_images(found)}
+        write_text(folder / files[1], json.dumps(said, indent=1) + "\n")
         volume = reconstruction.reconstruct(
             self.settings,
             found,
@@ -75,17 +86,57 @@ class Reconstructor:
         image_files.save_volume(folder / files[0], volume)
         return files
 
+    def _own_images(self, found: Correction) -> bool:
+        """Whether the images are neither those that were recorded nor these warped."""
+        images = self.recorded
+        if found.projections is images:
+            return False
+        if found.warped_by is not None:
+            images = image_warp.warp_images(images, found.warped_by, self.device)
+        return not np.array_equal(found.projections.line_integrals, images.line_integrals)
+
     def _load(self, label: str) -> Reconstructed:
         folder = self.folder
         motion, warp = (
             load_motion(folder.path / name) if folder.has(name) else None
             for name in (f"motion-{label}.npz", f"warp-{label}.npz")
         )
-        notes = json.loads((folder.path / f"correction-{label}.json").read_text("utf-8"))["notes"]
+        said = json.loads((folder.path / f"correction-{label}.json").read_text("utf-8"))
         return Reconstructed(
             label,
             folder.path / f"volume-{label}.mha",
             motion,
             warp if isinstance(warp, ControlPointMotion) else None,
-            tuple(notes),
+            tuple(said["notes"]),
+            said["own_images"],
         )
+
+
+def reconstructed_at(
+    one: Reconstructed,
+    recorded: Projections,
+    settings: ReconstructionConfig,
+    grid: VolumeGrid,
+    device: Device,
+) -> ReconstructedAt | None:
+    """What makes the volume of a method anew, elsewhere; None where its images are not kept.
+
+    ``recorded`` are the images that the method was given, ``grid`` that of its volume.
+    """
+    if one.own_images:
+        return None
+
+    def at(matrix: FloatArray, box: Box) -> Volume:
+        images, warp = recorded, one.warped_by
+        if warp is not None:
+            images = image_warp.warp_images(images, warp, device)
+        motion = placed(one.motion, images.geometry.times, matrix, grid)
+        if settings.algorithm == "fdk":  # no voxel depends on another
+            wanted = grid.cropped(box)
+            return reconstruction.reconstruct(
+                settings, images, wanted, motion=motion, device=device
+            )
+        whole = reconstruction.reconstruct(settings, images, grid, motion=motion, device=device)
+        return Volume(grid.cropped(box), whole.attenuation[box])
+
+    return at

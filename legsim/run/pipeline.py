@@ -177,6 +177,7 @@ def _run(stage: StageContext, *, presented: bool) -> RunResult:
     )
     if presented:
         notes = (*starts.notes, *(note for c in corrected for note in c.notes))
+        notes = (*notes, *scores.resampled(settings.evaluation, corrected))
         _present(stage, scan, corrected, results, (*notes, *(f"In doubt: {d}." for d in doubts)))
     return RunResult(folder.path, results, (*setup.person.warnings, *readings, *doubts))
 

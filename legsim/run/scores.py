@@ -4,13 +4,14 @@ They are written to metrics.json.
 """
 
 import json
-from collections.abc import Callable
-from dataclasses import asdict, fields
+from collections.abc import Callable, Iterable
+from dataclasses import asdict, fields, replace
 from functools import cache
 from pathlib import Path
 
 import numpy as np
 
+from legsim.config import EvaluationConfig
 from legsim.core import files
 from legsim.core.files import key_of
 from legsim.evaluation import registration, residual_motion, similarity
@@ -21,6 +22,7 @@ from legsim.evaluation.scores import MethodResult, result_from
 from legsim.evaluation.similarity import PreparedReference, RegionScores
 from legsim.geometry.volume import Volume, VolumeGrid
 from legsim.run import code, methods
+from legsim.run import corrected as corrected_volume
 from legsim.run.corrected import Reconstructed
 from legsim.run.folder import REGISTRATION_ERROR_FILE, registration_error
 from legsim.run.stages import StageContext
@@ -74,7 +76,7 @@ def score_methods(
         )
 
         def write(one: Reconstructed = one, path: Path = path) -> tuple[str, ...]:
-            result = _scored(stage, scan.setup, one, prepared(), shown())
+            result = _scored(stage, scan, one, prepared(), shown())
             files.write_text(path, json.dumps(asdict(result), indent=1) + "\n")
             return (path.name,)
 
@@ -85,11 +87,23 @@ def score_methods(
     return tuple(results)
 
 
+def resampled(settings: EvaluationConfig, corrected: Iterable[Reconstructed]) -> list[str]:
+    """Says of which methods the volume cannot be reconstructed where it lies."""
+    if settings.registered != "reconstructed":
+        return []
+    return [
+        f"{one.name}: its images are its own, so that its volume is resampled where it lies "
+        "elsewhere, not reconstructed like the others."
+        for one in corrected
+        if one.own_images and one.name != methods.REFERENCE
+    ]
+
+
 def _registration_error(
     stage: StageContext, reference: Callable[[], Volume], regions: Callable[[], tuple[Region, ...]]
 ) -> RegistrationError | None:
     """Error of the registration that all methods use; None without registration."""
-    if not stage.settings.evaluation.register_volumes:
+    if stage.settings.evaluation.registered == "none":
         return None
     path = stage.folder.path / REGISTRATION_ERROR_FILE
     key = key_of(
@@ -118,7 +132,9 @@ def _write_all(
         "protocol": similarity.PROTOCOL,
         "scaling": evaluation.scaling,
         "window": evaluation.window,
-        "compared": similarity.protocol_sentence(evaluation.scaling, evaluation.window),
+        "compared": similarity.protocol_sentence(
+            evaluation.scaling, evaluation.window, evaluation.registered
+        ),
         "registration_error": None if missed is None else asdict(missed),
         "methods": [asdict(r) for r in results],
     }
@@ -153,15 +169,21 @@ def _prepared(
 
 def _scored(
     stage: StageContext,
-    setup: ScanSetup,
+    scan: SimulatedScan,
     one: Reconstructed,
     prepared: PreparedReference,
     seen: tuple[Structure, ...],
 ) -> MethodResult:
-    name = one.name
-    at_rest = name == methods.REFERENCE
-    metrics = prepared.scores(one.load(), register=stage.settings.evaluation.register_volumes)
+    name, setup, settings = one.name, scan.setup, stage.settings
+    at_rest, how = name == methods.REFERENCE, settings.evaluation.registered
+    again = None
+    if how == "reconstructed" and not at_rest:
+        again = corrected_volume.reconstructed_at(
+            one, scan.seen.projections, settings.reconstruction, prepared.grid, stage.device
+        )
+    metrics = prepared.scores(one.load(), register=how != "none", reconstructed_at=again)
     if at_rest:
+        metrics = replace(metrics, registered=how)  # it lies where it is compared
         # its leg rests: nothing is left
         left = residual_motion.of_motion(None, tuple(s.at_rest() for s in seen), setup.geometry)
     elif one.warped_by is not None:

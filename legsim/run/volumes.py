@@ -125,7 +125,12 @@ def reconstruct_methods(
     # all are built before the first is run: a wrong name is reported at once
     built = {name: methods.build(name, given) for name in names if name != methods.REFERENCE}
     maker = Reconstructor(
-        stage.folder, stage.settings.reconstruction, grid, stage.device, stage.on_progress
+        stage.folder,
+        stage.settings.reconstruction,
+        grid,
+        stage.device,
+        stage.on_progress,
+        scan.seen.projections,
     )
     return tuple(
         maker.of(name, _key(stage, name), partial(_correction, name, built.get(name), scan))

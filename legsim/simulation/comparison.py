@@ -2,14 +2,19 @@
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import NamedTuple
 
 from legsim.core.errors import LegsimError
-from legsim.correction.method import CorrectionMethod, checked
+from legsim.core.values import FloatArray
+from legsim.correction.method import Correction, CorrectionMethod, checked
+from legsim.deformation.models import placed
+from legsim.evaluation.regions import Box
 from legsim.evaluation.scaling import Scaling
-from legsim.evaluation.similarity import Scores, html_table, prepare
+from legsim.evaluation.similarity import REGISTERED, Registered, Scores, html_table, prepare
 from legsim.evaluation.ssim import Window
 from legsim.geometry.volume import Volume, VolumeGrid
+from legsim.opencl.device import Device
 from legsim.reconstruction.fdk import fdk
 from legsim.simulation.simulated_scan import SimulatedScan
 
@@ -78,7 +83,7 @@ def compare(
     methods: Mapping[str, CorrectionMethod],
     grid: VolumeGrid | None = None,
     *,
-    register: bool = True,
+    registered: Registered = "reconstructed",
     scaling: Scaling = "reference",
     window: Window = "uniform",
 ) -> Comparison:
@@ -91,17 +96,24 @@ def compare(
         methods: by the name that they have in the table; any function of a ``Scan`` that returns
             a ``Correction``.
         grid: of the volumes; None for ``scan.grid()``.
-        register: registers each volume to the reference before it is scored.
+        registered: how a volume that lies elsewhere is brought to the reference before it is
+            scored: reconstructed there (fair to all methods), resampled (as volumes of unknown
+            origin have to be), or not at all.
         scaling: which attenuations become 0 and 1.
         window: of SSIM.
 
     Raises:
         LegsimError: no method, one named like the reference, or one that fails; the line names it.
+            An unknown ``registered``.
 
     >>> volumes, table = compare(scan, {"rigid": Rigid("shank_l")})
     """
     if not isinstance(methods, Mapping) or not methods or REFERENCE in methods:
         raise LegsimError(f"compare needs methods by name, none of them called {REFERENCE!r}")
+    if registered not in REGISTERED:
+        raise LegsimError(
+            f"unknown registered {registered!r}; choose one of {', '.join(REGISTERED)}"
+        )
     if not isinstance(scan, SimulatedScan):
         raise LegsimError(
             "compare needs a SimulatedScan, whose scan at rest is the reference, not "
@@ -117,5 +129,20 @@ def compare(
     for name, method in methods.items():
         corrected = checked(name, method)(scan.seen)
         volumes[name] = fdk(corrected, chosen, device=scan.device)
-        scores[name] = prepared.scores(volumes[name], register=register)
+        scores[name] = prepared.scores(
+            volumes[name],
+            register=registered != "none",
+            reconstructed_at=partial(_moved, corrected, chosen, scan.device)
+            if registered == "reconstructed"
+            else None,
+        )
     return Comparison(volumes, ScoreTable(scores))
+
+
+def _moved(
+    corrected: Correction, grid: VolumeGrid, device: Device, at: FloatArray, box: Box
+) -> Volume:
+    """The volume of a correction with the voxels of ``box`` where ``at`` (4, 4) m carries them."""
+    images = corrected.projections
+    motion = placed(corrected.motion, images.geometry.times, at, grid)
+    return fdk(images, grid.cropped(box), motion=motion, device=device)

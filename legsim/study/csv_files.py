@@ -36,6 +36,7 @@ def scores_csv(scores: Sequence[ScanScore]) -> str:
         "repetition",
         "scaling",
         "window",
+        "registered",
         *metrics,
         *(f"registration_{name}" for name in found),
     ]
@@ -60,6 +61,7 @@ def scores_csv(scores: Sequence[ScanScore]) -> str:
             score.repetition,
             score.metrics.scaling,
             score.metrics.window,
+            score.metrics.registered,
         )
         rows += [(*who, *asdict(region).values(), *rest) for region in score.metrics.regions]
     return formats.csv_text([*header, "seconds", "folder", "command"], rows)

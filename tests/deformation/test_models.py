@@ -3,6 +3,7 @@ import pytest
 
 from legsim.core import transforms
 from legsim.core.errors import LegsimError
+from legsim.deformation import models
 from legsim.deformation.models import ControlPointMotion, FieldMotion, RigidMotion
 from legsim.geometry.volume import VolumeGrid
 from tests.references.sway import Sway
@@ -116,6 +117,32 @@ def test_the_rigid_part_of_a_rigid_motion_is_itself_and_of_a_bend_its_least_squa
             transforms.rotation_from_vector(rng.normal(0, 1e-2, 3)), rng.normal(0, 1e-2, 3)
         )
         assert misfit(nearby @ part) > least
+
+
+def test_a_motion_placed_elsewhere_carries_from_there_what_it_carried_before(rng):
+    points = np.array(NODES.center) + rng.uniform(-0.02, 0.02, (20, 3))
+    controls = np.array(NODES.center) + rng.normal(0, 0.2, (4, 3))
+    line = np.array(NODES.center) + np.outer([-0.2, 0.0, 0.3], [0.0, 1.0, 0.0])
+    turn = transforms.rotation_from_vector([0.01, -0.02, 0.005])
+    at = transforms.rigid(turn, [0.003, -0.002, 0.001])
+    elsewhere = transforms.apply(at, points)
+
+    def bent(resting: np.ndarray) -> ControlPointMotion:
+        return ControlPointMotion(
+            TIMES, resting, resting + rng.normal(0, 0.003, (5, *resting.shape))
+        )
+
+    for motion in (rigid(), bent(controls)):
+        np.testing.assert_allclose(
+            motion.placed(at, NODES).carry(points), motion.carry(elsewhere), atol=1e-12
+        )
+    assert isinstance(bent(controls).placed(at, NODES), ControlPointMotion)
+    # samples 2 to 4 cm apart of a motion that bends over 20 cm; a lost turn leaves 0.4 mm
+    for motion in (bent(line), bent(controls).on_grid(NODES)):
+        away = motion.placed(at, NODES).carry(points) - motion.carry(elsewhere)
+        assert np.abs(away).max() < 2e-4
+    resting = models.placed(None, TIMES, at, NODES)
+    np.testing.assert_allclose(resting.carry(points)[2], elsewhere, atol=1e-12)
 
 
 def test_a_field_is_linear_between_nodes_and_as_its_border_beyond():

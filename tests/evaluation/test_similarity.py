@@ -9,7 +9,7 @@ from scipy.ndimage import gaussian_filter
 from legsim.core import transforms
 from legsim.core.errors import LegsimError
 from legsim.evaluation import similarity
-from legsim.evaluation.regions import Region
+from legsim.evaluation.regions import Box, Region
 from legsim.evaluation.scaling import Scaling
 from legsim.evaluation.similarity import RegionScores
 from legsim.geometry.volume import Volume, VolumeGrid
@@ -248,6 +248,45 @@ def test_voxels_far_from_the_regions_decide_nothing():
     assert similarity.evaluate(Volume(grid, littered), reference, shown) == similarity.evaluate(
         wide, reference, shown
     )
+
+
+@pytest.mark.parametrize("scaling", ["reference", "extremes"])
+def test_a_volume_made_anew_where_it_lies_agrees_as_if_it_had_not_moved(rng, scaling):
+    grain = transforms.translation([0.4 * GRID.spacing_xyz[0], 0.0, 0.0])
+    noise = rng.normal(0, 0.05, GRID.shape_zyx).astype(np.float32)
+    made_at = []
+
+    def volume(at: np.ndarray, box: Box) -> Volume:
+        """What the scan shows where ``at`` carries the voxels: the same noise, not smoothed."""
+        made_at.append(at)
+        seen = blob(GRID, transforms.inverse(at) @ grain).attenuation + noise
+        return Volume(GRID.cropped(box), seen[box])
+
+    whole = (slice(0, 48), slice(0, 48), slice(0, 48))
+    reference = Volume(GRID, blob(GRID).attenuation + noise)
+    prepared = similarity.prepare(reference, regions(GRID), scaling=scaling)
+    moved = Volume(GRID, volume(np.eye(4), whole).attenuation)
+    resampled = prepared.scores(moved)
+    again = prepared.scores(moved, reconstructed_at=volume)
+    np.testing.assert_allclose(made_at[-1], grain, atol=3e-4)  # noise holds it back
+    assert again.registration is not None
+    assert again.registration.reconstructed
+    assert again.registration.applied
+    assert resampled.of("leg").ssim < again.of("leg").ssim
+    assert again.of("leg").rmse < 0.2 * resampled.of("leg").rmse
+    assert "reconstructed where they lie" in again.protocol
+
+
+def test_what_lies_where_it_should_is_not_made_anew():
+    def never(at: np.ndarray, box: Box) -> Volume:
+        raise AssertionError("nothing moved")
+
+    still = Volume(GRID, blob(GRID).attenuation * np.float32(0.99))
+    prepared = similarity.prepare(blob(GRID), regions(GRID))
+    found = prepared.scores(still, reconstructed_at=never)
+    assert found.registration is not None
+    assert not found.registration.reconstructed
+    assert not found.registration.applied
 
 
 @pytest.mark.parametrize(

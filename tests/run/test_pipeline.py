@@ -288,7 +288,7 @@ def test_the_example_makes_scans_with_their_truth(tmp_path):
             "grid.voxels=40",
             "grid.voxel_mm=6.0",
             "methods.node_mm=40",
-            "evaluation.register_volumes=false",
+            "evaluation.registered=none",
         ),
     )
     folder = tmp_path / "00007"

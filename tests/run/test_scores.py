@@ -3,8 +3,10 @@ import json
 import numpy as np
 import pytest
 
+from legsim.config import EvaluationConfig
 from legsim.evaluation.registration import RegistrationError
-from legsim.run import folder
+from legsim.run import folder, scores
+from legsim.run.corrected import Reconstructed
 
 pytestmark = pytest.mark.filterwarnings("ignore::legsim.reconstruction.weights.ShortScanWarning")
 
@@ -68,6 +70,23 @@ def test_metrics_name_their_protocol_and_hold_the_distance_from_the_phantom(tiny
     # the reference is a reconstruction: its streaks and blur are its own distance from the leg
     assert 0.3 < found["uncorrected"]["ssim_phantom"] < found["static"]["ssim_phantom"] < 0.98
     assert found["uncorrected"]["rmse_phantom"] > found["static"]["rmse_phantom"] > 0.01
+
+
+def test_volumes_are_compared_where_they_lie(tiny_run):
+    assert {m.metrics.registered for m in tiny_run.methods} == {"reconstructed"}
+    assert "Volumes that lie elsewhere are reconstructed where they lie" in tiny_run.protocol
+    found = {m.method: m.metrics.registration for m in tiny_run.methods}
+    assert found["static"] is None
+    assert found["uncorrected"].reconstructed
+
+
+def test_methods_with_images_of_their_own_are_named(tmp_path):
+    own = Reconstructed("smooth", tmp_path, None, None, (), True)
+    kept = Reconstructed("rigid", tmp_path, None, None, (), False)
+    still = Reconstructed("static", tmp_path, None, None, (), True)
+    (line,) = scores.resampled(EvaluationConfig(), (still, kept, own))
+    assert line.startswith("smooth: its images are its own")
+    assert not scores.resampled(EvaluationConfig(registered="resampled"), (own,))
 
 
 def test_a_folder_without_registration_has_no_error_of_it(tmp_path):

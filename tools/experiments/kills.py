@@ -48,7 +48,7 @@ detector = { photons = 1000 }
 voxels = 24
 voxel_mm = 8.0
 [settings.evaluation]
-register_volumes = false
+registered = "none"
 """
 
 BEFORE = ("legsim.cli.study_command", "legsim.study.run", "legsim.run.pipeline")

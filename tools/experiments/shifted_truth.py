@@ -3,8 +3,9 @@
     python -m tools.experiments.shifted_truth [--set motion.file=... --set phantom.legs=scanned ...]
 
 The true rigid motion, and the same with the whole volume moved by a constant shift along x. Nothing
-is wrong with either: registration takes a constant away. What SSIM and RMSE of the leg lose is what
-resampling does to noise and streaks finer than the voxels. For docs/fusion.md.
+is wrong with either: registration takes a constant away. What SSIM and RMSE of the leg lose by
+--set evaluation.registered=resampled is what resampling does to noise and streaks finer than the
+voxels. For docs/methods.md.
 """
 
 import warnings
@@ -49,7 +50,7 @@ def main(
         methods[f"{shift:g} voxels"] = Oracle(
             RigidMotion(true.times, moved @ true.moved_from_reference)
         )
-    table = comparison.compare(scan, methods, grid).table
+    table = comparison.compare(scan, methods, grid, registered=settings.evaluation.registered).table
     typer.echo("| moved by | SSIM leg | RMSE leg |\n|---|---|---|")
     for name in methods:
         leg = table[name].of("leg")
