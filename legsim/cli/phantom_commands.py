@@ -22,8 +22,8 @@ def from_labels(
         typer.Option(
             "--map",
             metavar="MAP",
-            help="What the numbers are: a .toml, or totalsegmentator_total and the like; one per "
-            "segmentation.",
+            help="What the numbers are: a .toml, totalsegmentator_total and the like, or a list of "
+            "names (.json, .ctbl, ITK-SNAP's .txt, .seg.nrrd); one per segmentation.",
         ),
     ],
     out: Annotated[Path, typer.Option("--out", help="Folder of PHANTOM.toml and its meshes.")],

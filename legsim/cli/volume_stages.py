@@ -99,7 +99,7 @@ def read_volume(
     if water_per_mm is not None and energy_kev is not None:
         raise LegsimError("--water-per-mm and --energy-kev both say water's attenuation; give one")
     if not path.is_dir():
-        return image_files.load_volume(path, axes=axes), []
+        return image_files.load_volume(path, axes=axes), _axes_in_doubt(path, axes)
     if axes is not None:
         raise LegsimError(f"{path}: DICOM says its directions; leave --axes out")
     if water_per_mm is None and energy_kev is None:
@@ -113,6 +113,17 @@ def read_volume(
     count = found.volume.grid.shape_zyx[1]
     line = f"{path}: {count} slices up, water at {1e-3 * water:.5g}/mm ({said})"
     return found.volume, [line, *found.notes]
+
+
+def _axes_in_doubt(path: Path, axes: Literal["lps", "world"] | None) -> list[str]:
+    """A remark on a file without directions, which a patient's image may be that needs none."""
+    if axes is not None or image_files.read_header(path).anatomical:
+        return []
+    return [
+        f"In doubt: {path} does not state the directions of its axes, or that they are ITK's "
+        "(left, posterior, superior); x, y and z are taken as world's (anterior, superior, right): "
+        "--axes lps for a patient's image, --axes world if they are"
+    ]
 
 
 def _water(per_mm: float | None, energy_kev: float | None) -> tuple[float, str]:

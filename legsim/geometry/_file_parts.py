@@ -18,6 +18,13 @@ NEEDS_DETECTOR = (
 )
 
 
+BY_NUMBERS = (
+    "give its distances, detector and angles as TIGRE's JSON, or a matrix per view "
+    "(docs/formats.md, Geometries)"
+)
+"""what to do with a description of a scanner that is not read"""
+
+
 @dataclass(frozen=True, slots=True)
 class Given:
     """What a caller says of a geometry beside its file; None: the file says it."""

@@ -13,6 +13,7 @@ import numpy as np
 
 from legsim.core.errors import file_error
 from legsim.geometry._file_parts import (
+    BY_NUMBERS,
     Given,
     count_of,
     geometry_of,
@@ -81,7 +82,8 @@ def geometry(path: Path, content: Any, given: Given) -> ConeBeamGeometry:
         raise file_error(
             path,
             f"lacks {', '.join(missing)}",
-            'expected the keys "unit", "columns", "rows", "times_s", "matrices"',
+            'expected the keys "unit", "columns", "rows", "times_s", "matrices"; of another '
+            f"program {BY_NUMBERS}",
         )
     if content["unit"] != "mm":
         raise file_error(

@@ -17,7 +17,7 @@ _LONGEST = 540
 
 def check(path: Path, header: Mapping[str, str]) -> None:
     """Refuses a NIfTI file whose statements of where its voxels are contradict each other, or hold
-    a number that is not finite.
+    a number that is not finite, or whose matrix has another spacing than the file states.
 
     Programs take either statement: what is left in one may be right in the other. ITK reads an
     offset that is not finite as 0.
@@ -42,6 +42,10 @@ def check(path: Path, header: Mapping[str, str]) -> None:
     if not all(np.isfinite(numbers_read).all() for numbers_read in used):
         problem = "says by a number that is not finite where its voxels are"
         raise file_error(path, problem, "write the file again")
+    if by_matrix and not by_quaternion:
+        _check_spacing(
+            path, np.linalg.norm(matrix_read.reshape(3, 4)[:, :3], axis=0), steps_read[1:]
+        )
     if not (by_quaternion and by_matrix):
         return
     stated = numbers("srow_x", "srow_y", "srow_z")[:, :3]
@@ -61,6 +65,14 @@ def check(path: Path, header: Mapping[str, str]) -> None:
             "its qform and its sform place the voxels differently",
             "keep the one that is right (as ITK-SNAP or nibabel write it), or save it as .nrrd",
         )
+
+
+def _check_spacing(path: Path, by_matrix: FloatArray, steps: FloatArray) -> None:
+    """Refuses a matrix with another spacing than pixdim: NIfTI takes the matrix's, ITK pixdim's."""
+    if np.abs(by_matrix - steps).max() > 0.02 * np.abs(steps).max():
+        said, other = (", ".join(f"{s:.4g}" for s in sizes) for sizes in (steps, by_matrix))
+        problem = f"states voxels of {said}, and of {other} by its sform"
+        raise file_error(path, problem, "correct pixdim or sform, or save it as .nrrd")
 
 
 def _sense(path: Path) -> float:

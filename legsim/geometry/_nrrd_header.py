@@ -4,6 +4,7 @@ NRRD's library copies a line that it cannot understand into a message of a fixed
 beyond that: the process ends. Comments, pairs of key and value and the field `content` may be long.
 """
 
+import re
 from pathlib import Path
 
 from legsim.core.errors import file_error
@@ -11,12 +12,17 @@ from legsim.core.errors import file_error
 _LONGEST = 800
 """bytes of a field's line; from 1000 on the message overflows, and no field needs that many"""
 
+_MM = (b"mm", b"millimeter", b"millimeters", b"millimetre", b"millimetres", b"")
+"""units that are mm, or say nothing"""
+
 
 def check(path: Path) -> None:
-    """Refuses an NRRD with a line that would end the process; other files are passed over.
+    """Refuses an NRRD with a line that would end the process, or in another unit than mm.
+
+    ITK does not look at units. Other files are passed over.
 
     Raises:
-        LegsimError: a field's line is too long to be one.
+        LegsimError: a field's line is too long to be one, or lengths are not in mm.
     """
     with path.open("rb") as stream:
         if stream.read(4) != b"NRRD":
@@ -31,6 +37,11 @@ def check(path: Path) -> None:
                     "write the file again",
                     place=f"line {number}",
                 )
+            units = re.findall(rb'"([^"]*)"', line) if line.startswith(b"space units:") else []
+            others = [unit.decode("latin-1") for unit in units if unit.lower() not in _MM]
+            if others:
+                problem, cure = f"its lengths are in {others[0]!r}", "write it in mm"
+                raise file_error(path, problem, cure, place=f"line {number}")
 
 
 def _may_be_long(line: bytes) -> bool:

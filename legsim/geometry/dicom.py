@@ -72,9 +72,13 @@ def read_projections(path: Path) -> DicomViews:
 
 
 def _check_plain(path: Path, data: "Dataset") -> None:
-    """Refuses colors, tables of values and shifted bits."""
+    """Refuses colors, slices of a patient, tables of values and shifted bits."""
     if int(data.get("SamplesPerPixel", 1)) != 1:
         raise file_error(path, "holds colors", "export gray images")
+    if data.get("ImagePositionPatient") and data.get("ImageOrientationPatient"):
+        kind = data.get("Modality") or "no modality"
+        problem = f"is a slice that lies in the patient ({kind}), no projection of one"
+        raise file_error(path, problem, "give the views of the scan, before reconstruction")
     if data.get("ModalityLUTSequence"):
         raise file_error(
             path, "maps its values by a table (Modality LUT)", "export the values themselves"

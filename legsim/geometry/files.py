@@ -22,7 +22,7 @@ from legsim.geometry import (
     rtk_xml,
     tigre,
 )
-from legsim.geometry._file_parts import Given, geometry_of_matrices, matrices_mm
+from legsim.geometry._file_parts import BY_NUMBERS, Given, geometry_of_matrices, matrices_mm
 from legsim.geometry.cone_beam import ConeBeamGeometry
 
 FORMATS = {
@@ -37,6 +37,8 @@ FORMATS = {
 """Formats that are written, each with its endings; the first with an ending is its usual one"""
 
 _READ = (".json", ".xml", *matrix_tables.SUFFIXES)
+
+_OF_SCANNERS = (".xtekct", ".ang", ".log", ".ini", ".rcd", ".pca", ".vgi", ".cfg")
 
 _OLD_FROM_NEW = {
     "x": [[0, 1, 0], [-1, 0, 0], [0, 0, 1]],
@@ -195,6 +197,8 @@ def _text(path: Path, geometry: ConeBeamGeometry, format: str) -> str:
 
 
 def _unknown_ending(path: Path) -> LegsimError:
+    if path.suffix.lower() in _OF_SCANNERS:
+        return file_error(path, "is a scanner's own description, which is not read", BY_NUMBERS)
     return file_error(
         path, f"unknown kind of geometry {path.suffix!r}", f"name it with one of {', '.join(_READ)}"
     )

@@ -362,7 +362,8 @@ def _open(path: Path, dimensions: tuple[int, ...] = (3,)) -> sitk.ImageFileReade
         _meta_header.check(path)
         reader.SetImageIO("MetaImageIO")  # ITK itself knows it by small letters alone
     try:
-        reader.ReadImageInformation()
+        with _quiet():
+            reader.ReadImageInformation()
     except RuntimeError as error:
         if "orthonormal" in str(error):
             raise file_error(

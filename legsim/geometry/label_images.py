@@ -25,10 +25,13 @@ _HEADER_BYTES = 1 << 14
 
 _META = re.compile(rb"^\s*(TransformMatrix|Rotation|Orientation)\s*=", re.M)
 
-_NRRD = re.compile(rb"^space directions:", re.M)
+_NRRD = re.compile(rb"^space: *(left|right|[LR]AS|LPS)(?s:.*)^space directions:", re.M | re.I)
 
 _DIRECTIONS = {"mha": _META, "mhd": _META, "nrrd": _NRRD, "nhdr": _NRRD}
 """what states directions, by the ending of the file"""
+
+_MOST_OFF = 0.01
+"""of a whole number: what scaled integers and single precision leave; no image stays within"""
 
 _LARGEST_NUMBER = 1 << 20
 """of a structure; no list of structures is that long"""
@@ -90,9 +93,8 @@ def load_label_image(path: Path | str, *, axes: Axes = "lps") -> LabelImage:
             f"has voxels of {', '.join(f'{s:.4g}' for s in spacing_mm)} mm",
             f"expected {_SPACING_MM[0]:g} to {_SPACING_MM[1]:g} mm: fix the unit of its spacing",
         )
-    with np.errstate(invalid="ignore"):  # NaN is no whole number either
-        whole = np.asarray(samples).astype(np.int32)
-    if not np.array_equal(whole, samples):
+    whole, off = _whole_numbers(np.asarray(samples))
+    if not off <= _MOST_OFF:
         raise file_error(
             path,
             "holds values that are no whole numbers",
@@ -108,7 +110,20 @@ def load_label_image(path: Path | str, *, axes: Axes = "lps") -> LabelImage:
     matrix = np.eye(4)
     matrix[:3, :3] = 1e-3 * turn @ direction * spacing_mm
     matrix[:3, 3] = 1e-3 * turn @ origin_mm
-    return LabelImage(path, whole, matrix, _unstated(path, spacing_mm, axes))
+    remarks = _unstated(path, spacing_mm, axes)
+    if off > 0:
+        remarks = (*remarks, f"{path}: values up to {off:.1g} off whole numbers were rounded")
+    return LabelImage(path, whole, matrix, remarks)
+
+
+def _whole_numbers(samples: np.ndarray) -> tuple[np.ndarray, float]:
+    """(the nearest whole numbers, int32; by how much samples are off them)."""
+    if samples.dtype.kind in "iub":
+        whole = samples.astype(np.int32)
+        return whole, 0.0 if np.array_equal(whole, samples) else np.inf
+    with np.errstate(invalid="ignore"):  # NaN is no whole number either
+        whole = np.rint(samples).astype(np.int32)
+        return whole, float(np.abs(whole - samples).max())
 
 
 def _unstated(path: Path, spacing_mm: FloatArray, axes: Axes) -> tuple[str, ...]:

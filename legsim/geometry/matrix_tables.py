@@ -14,6 +14,7 @@ from legsim.core import files
 from legsim.core.errors import file_error
 from legsim.core.values import FloatArray
 from legsim.geometry import mat_file
+from legsim.geometry._file_parts import BY_NUMBERS
 
 SUFFIXES = (".txt", ".csv", ".ompl", ".npy", ".mat")
 
@@ -141,7 +142,8 @@ def _number(path: Path, word: str, line: int) -> float:
         raise file_error(
             path,
             f"{word!r} is not a number",
-            "a file of matrices holds 12 numbers per view",
+            "a file of matrices holds 12 numbers per view; of a scanner's description "
+            f"{BY_NUMBERS}",
             place=f"line {line}",
         ) from error
 

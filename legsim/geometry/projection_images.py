@@ -155,11 +155,14 @@ def projections_of(
     values = images.values
     expected = (*geometry.shape_vu[::-1], len(geometry))
     if values.shape[::-1] != expected:
+        cure = "give the geometry file that belongs to these projections"
+        if len(values) != len(geometry) and values.shape[1] == len(geometry):
+            cure = "its views seem to be the second axis, as ASTRA stores them: make them the first"
         raise file_error(
             path,
             f"holds {values.shape[::-1]} columns, rows and views, but the geometry describes "
             f"{expected}",
-            "give the geometry file that belongs to these projections",
+            cure,
         )
     if counts is None and values.dtype.kind == "f":
         image_files.check_finite(path, values)

@@ -18,6 +18,7 @@ from legsim.core import transforms
 from legsim.core.errors import file_error
 from legsim.core.values import FloatArray, within
 from legsim.geometry._file_parts import (
+    BY_NUMBERS,
     NEEDS_DETECTOR,
     Given,
     count_of,
@@ -167,7 +168,8 @@ def geometry(path: Path, root: ElementTree.Element, given: Given) -> ConeBeamGeo
             path,
             f"begins with {found}",
             'only RTK\'s <RTKThreeDCircularGeometry version="3"> (or "2") and CONRAD\'s <java> are '
-            "known",
+            "known; RTK makes its own of Varian's (rtkvarianobigeometry) and Elekta's "
+            f"(rtkelektasynergygeometry); of others {BY_NUMBERS}",
         )
     note = _legsim_note(path, root)
     by_images = given.shape_vu is not None and (given.pixel_mm or given.header_pixel_mm)

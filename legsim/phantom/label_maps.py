@@ -1,6 +1,6 @@
 """LABELS.toml: what the numbers of a segmentation are, for :mod:`legsim.phantom.from_labels`."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -8,7 +8,7 @@ from legsim.core import files as core_files
 from legsim.core import resources
 from legsim.core.errors import LegsimError, file_error
 from legsim.kinematics.skeleton import SEGMENTS
-from legsim.phantom import materials
+from legsim.phantom import label_lists, materials
 
 BONE = "bone"
 """tissue that becomes a cortex around cancellous bone"""
@@ -59,6 +59,8 @@ class LabelMap:
     entries: tuple[LabelEntry, ...]
     left_out: dict[int, str]
     """names by number: known, but no part of a leg"""
+    foreign: dict[int, str] = field(default_factory=dict)
+    """names by number of a list that no map of legsim has: their tissues are not known"""
 
 
 def names() -> tuple[str, ...]:
@@ -68,18 +70,23 @@ def names() -> tuple[str, ...]:
 
 
 def load_label_map(name_or_path: Path | str) -> LabelMap:
-    """Reads a map: one that ships with legsim by its name, or a file.
+    """Reads a map: one that ships with legsim by its name, a file, or a list of numbers and names.
+
+    Of a list (:mod:`legsim.phantom.label_lists`) those structures are taken whose names a shipped
+    map has; other numbers stay unknown.
 
     Raises:
         LegsimError: no such map, malformed, an unknown key, tissue or segment, or a number or a
             name that occurs twice.
     """
     path = Path(name_or_path)
+    if path.suffix in label_lists.SUFFIXES:
+        return _of_list(path)
     if path.suffix != ".toml":
         if str(name_or_path) not in names():
             raise LegsimError(
-                f"unknown label map {str(name_or_path)!r}; known: {', '.join(names())}, or a .toml "
-                "file"
+                f"unknown label map {str(name_or_path)!r}; known: {', '.join(names())}, or a file "
+                f"({', '.join(('.toml', *label_lists.SUFFIXES))})"
             )
         path = resources.model_file(f"{_FOLDER}/{name_or_path}.toml")
     content = _content(path)
@@ -98,6 +105,50 @@ def load_label_map(name_or_path: Path | str) -> LabelMap:
         if twice:
             raise file_error(path, f"{twice[0]} occurs twice", "give each structure one table")
     return LabelMap(path, entries, left_out)
+
+
+def _of_list(path: Path) -> LabelMap:
+    """The structures of a list whose names a shipped map has, with its tissue and segment."""
+    known: dict[tuple[str, ...], LabelEntry] = {}
+    for name in names():
+        for entry in load_label_map(name).entries:
+            known.setdefault(label_lists.words(f"{entry.name} {entry.side or ''}"), entry)
+    listed = label_lists.read(path)
+    entries = [
+        replace(found, number=number)
+        for number, name in listed.items()
+        if (found := _sided(known, label_lists.words(name))) is not None
+    ]
+    if not entries:
+        some = ", ".join(list(listed.values())[:8])
+        raise file_error(
+            path,
+            f"names no structure that legsim knows ({some})",
+            "it says no tissues: write a .toml like models/label_maps/leg.toml",
+        )
+    foreign = {n: name for n, name in listed.items() if n not in {e.number for e in entries}}
+    return LabelMap(path, _unlike(path, entries), {}, foreign)
+
+
+def _sided(known: dict[tuple[str, ...], LabelEntry], words: tuple[str, ...]) -> LabelEntry | None:
+    """The entry of these words; of a side, also where the map leaves sides open."""
+    if words in known:
+        return known[words]
+    sides = {"left", "right"} & set(words)
+    found = known.get(tuple(word for word in words if word not in sides))
+    if found is None or len(sides) != 1 or not found.paired or found.side is not None:
+        return None
+    return replace(found, side=sides.pop()[0])
+
+
+def _unlike(path: Path, entries: list[LabelEntry]) -> tuple[LabelEntry, ...]:
+    """The entries, whose names must differ."""
+    named = [(entry.name, entry.side) for entry in entries]
+    twice = [entry for entry in entries if named.count((entry.name, entry.side)) > 1]
+    if twice:
+        problem = f"names {twice[0].name} twice, {' and '.join(str(e.number) for e in twice[:2])}"
+        raise file_error(path, problem, "write a .toml like models/label_maps/leg.toml")
+    return tuple(entries)
 
 
 def _content(path: Path) -> dict[str, Any]:

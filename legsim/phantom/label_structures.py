@@ -115,11 +115,13 @@ def _enter(
     there = [int(n) for n in np.flatnonzero(counts) if n > 0]
     unknown = [n for n in there if n not in known and n not in read.left_out and n not in ignore]
     if unknown:
-        listed = ", ".join(f"{n} ({counts[n]} voxels)" for n in unknown[:20])
+        named = (f"{n} {read.foreign.get(n, '')}".strip() for n in unknown[:20])
+        listed = ", ".join(f"{n} ({counts[int(n.split()[0])]} voxels)" for n in named)
+        cure = "give their tissues in a .toml" if read.foreign else "name them there"
         raise file_error(
             image.path,
             f"{read.path.name} does not know the numbers {listed}",
-            f"name them there, or leave them out: --ignore {','.join(map(str, unknown))}",
+            f"{cure}, or leave them out: --ignore {','.join(map(str, unknown))}",
         )
     table = np.zeros(len(counts), np.uint16)
     for n in there:

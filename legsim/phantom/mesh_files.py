@@ -1,4 +1,4 @@
-"""Meshes as their files hold them: PLY, STL, OBJ and GLB by trimesh, VTP by our own reader."""
+"""Meshes as their files hold them: STL, OBJ and GLB by trimesh, PLY and VTP by our own readers."""
 
 import io
 from pathlib import Path
@@ -10,7 +10,7 @@ import numpy as np
 from legsim.core.errors import file_error
 from legsim.core.files import is_file
 from legsim.core.values import FloatArray, within
-from legsim.phantom import vtp
+from legsim.phantom import ply, vtp
 
 if TYPE_CHECKING:
     import trimesh
@@ -46,12 +46,7 @@ def read(file: Path, name: str) -> tuple[FloatArray, np.ndarray]:
             if isinstance(error, ImportError) or not str(error)
             else f" ({type(error).__name__}: {str(error).splitlines()[0]})"
         )
-        mixed = (
-            ", or a binary PLY whose faces are not all triangles: export it again, in triangles"
-            if file.suffix.lower() == ".ply"
-            else ""
-        )
-        cure = f"it may be cut short or of another kind{mixed or ': export it again'}"
+        cure = "it may be cut short or of another kind: export it again"
         raise file_error(file, f"cannot be read as a mesh{known}", cure, place=place) from error
     if vertices.ndim != 2 or vertices.shape[1] != 3:
         cure = "give x, y and z of each"
@@ -79,6 +74,8 @@ def _arrays(file: Path) -> tuple[FloatArray, np.ndarray]:
     kind = file.suffix.lower()
     if kind == ".vtp":
         return vtp.read(file)
+    if kind == ".ply":
+        return ply.read(file)
     if kind == ".obj":
         plain = io.StringIO(_plain_obj(file.read_text("utf-8", "replace")))
         mesh = trimesh.load_mesh(plain, file_type="obj", process=False)

@@ -4,6 +4,7 @@ All of it sorts: time and memory grow with the triangles, millions of which are 
 """
 
 from collections import defaultdict
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.sparse import coo_array
@@ -146,55 +147,53 @@ def inverted_shells(
         return [], []
     order = np.argsort(numbers, kind="stable")
     groups = np.split(order, np.cumsum(np.bincount(numbers))[:-1])
-    samples = [_samples(triangles[group]) for group in groups]
-    most, some = _shares_inside(vertices, triangles, numbers, [samples[k] for k in inward], inward)
-    every = np.concatenate(samples)
-    owners = np.repeat(np.arange(len(groups)), [len(one) for one in samples])
+    samples = _Samples.of(vertices, [_samples(triangles[group]) for group in groups])
+    most = np.zeros(len(groups))
+    for k, group in enumerate(groups):
+        inside = samples.inside(vertices, triangles[group])
+        shares = np.bincount(samples.owners[inside], minlength=len(groups)) / samples.counts
+        shares[k] = 0.0
+        most = np.maximum(most, shares)
     alone, overlapping = [], []
-    for k, inside, touches in zip(inward, most, some, strict=True):
-        if inside == 1:
-            continue
-        points = vertices[every[owners != k]]
-        holds = winding.numbers(vertices, triangles[groups[k]], points).any()
-        (overlapping if touches or holds else alone).append(groups[k])
+    for k in inward[most[inward] < 1]:
+        others = samples.owners[samples.inside(vertices, triangles[groups[k]])] != k
+        (overlapping if most[k] or others.any() else alone).append(groups[k])
     return alone, overlapping
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Samples:
+    """Some points of each shell, by their x."""
+
+    points: FloatArray
+    """(n, 3)"""
+    owners: np.ndarray
+    """(n,) number of each one's shell"""
+    counts: np.ndarray
+    """of each shell"""
+
+    @classmethod
+    def of(cls, vertices: FloatArray, samples: list[np.ndarray]) -> "_Samples":
+        points, counts = vertices[np.concatenate(samples)], np.array([len(one) for one in samples])
+        order = np.argsort(points[:, 0])
+        return cls(points[order], np.repeat(np.arange(len(samples)), counts)[order], counts)
+
+    def inside(self, vertices: FloatArray, triangles: np.ndarray) -> np.ndarray:
+        """Numbers of the points that one shell encloses; only those in its box are looked at."""
+        corners = vertices[triangles].reshape(-1, 3)
+        low, high = corners.min(axis=0), corners.max(axis=0)
+        first, end = np.searchsorted(self.points[:, 0], [low[0], high[0]])
+        near = self.points[first:end]
+        boxed = first + np.flatnonzero(((near >= low) & (near <= high)).all(axis=1))
+        if not len(boxed):
+            return boxed
+        return boxed[winding.numbers(vertices, triangles, self.points[boxed]) != 0]
 
 
 def _samples(triangles: np.ndarray) -> np.ndarray:
     """Some of the vertices of triangles, evenly among their numbers."""
     used = np.unique(triangles)
     return used[np.linspace(0, len(used) - 1, min(_SAMPLES, len(used))).astype(int)]
-
-
-def _shares_inside(
-    vertices: FloatArray,
-    triangles: np.ndarray,
-    numbers: np.ndarray,
-    samples: list[np.ndarray],
-    own: np.ndarray,
-) -> tuple[FloatArray, np.ndarray]:
-    """Greatest share (n,) of the samples of a shell inside of one other, and whether any is.
-
-    Args:
-        vertices: (p, 3).
-        triangles: (t, 3).
-        numbers: (t,) of each triangle's shell.
-        samples: numbers of vertices, shell by shell.
-        own: (n,) number of the shell of each.
-    """
-    owner = np.repeat(np.arange(len(samples)), [len(one) for one in samples])
-    points = vertices[np.concatenate(samples)]
-    ray, triangle, sign = winding.crossings(vertices, triangles, points)
-    others = numbers[triangle] != own[owner[ray]]
-    ray, shell, sign = ray[others], numbers[triangle[others]], sign[others]
-    turns, at = np.unique(np.stack([ray, shell], axis=-1), axis=0, return_inverse=True)
-    inside = turns[np.bincount(at.reshape(-1), sign, minlength=len(turns)).round() != 0]
-    pairs, counts = np.unique(
-        np.stack([owner[inside[:, 0]], inside[:, 1]], axis=-1), axis=0, return_counts=True
-    )
-    most = np.zeros(len(samples))
-    np.maximum.at(most, pairs[:, 0], counts / np.array([len(one) for one in samples])[pairs[:, 0]])
-    return most, most > 0
 
 
 def _edge_keys(triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -24,33 +24,17 @@ _AT_ONCE = 1 << 20
 
 
 def numbers(vertices: FloatArray, triangles: np.ndarray, points: FloatArray) -> np.ndarray:
-    """Winding numbers (n,) of a closed mesh around points (n, 3): 1 inside, if it faces outward."""
-    ray, _, sign = crossings(vertices, triangles, points)
-    return np.bincount(ray, sign, minlength=len(points)).round().astype(int)
+    """Winding numbers (n,) of a closed mesh around points (n, 3): 1 inside, if it faces outward.
 
-
-def crossings(
-    vertices: FloatArray, triangles: np.ndarray, points: FloatArray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Crossings (c,) of rays along x from points (n, 3): ray, triangle, and 1 outward or -1 inward.
-
-    Args:
-        vertices: (p, 3).
-        triangles: (t, 3), of closed surfaces.
-        points: (n, 3); what happens on a surface itself is open.
+    What happens on a surface itself is open.
     """
-    cells = _Cells.of(vertices, triangles)
-    rays, chosen = cells.pairs(points)
-    nothing = np.zeros(0, np.int64)
-    found = [(nothing, nothing, nothing)]
+    rays, chosen = _Cells.of(vertices, triangles).pairs(points)
+    turns = np.zeros(len(points))
     for first in range(0, len(rays), _AT_ONCE):
         part = slice(first, first + _AT_ONCE)
-        corners = vertices[triangles[chosen[part]]] - points[rays[part], None]
-        signs = _signs(corners)
-        met = signs != 0
-        found.append((rays[part][met], chosen[part][met], signs[met]))
-    ray, triangle, sign = (np.concatenate(column) for column in zip(*found, strict=True))
-    return ray, triangle, sign
+        signs = _signs(vertices[triangles[chosen[part]]] - points[rays[part], None])
+        turns += np.bincount(rays[part], signs, minlength=len(points))
+    return turns.round().astype(int)
 
 
 def _signs(corners: FloatArray) -> np.ndarray:

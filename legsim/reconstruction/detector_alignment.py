@@ -25,6 +25,13 @@ _LEAST_OFFSET = 0.1
 # interpolation does
 _MOST_TILT = np.radians(3.0)
 
+# share of the views whose nearer edge may cut off the object: beyond, attenuation is off by
+# percents
+_MOST_CUT_OFF = 0.05
+
+# of a view's largest reading: an edge that reads more in the mean cuts off the object
+_CUT_READING = 0.05
+
 # rad by which a view's rows may be off the mean of all views before each is turned by itself:
 # attenuation is then off by a percent
 _MOST_APART = np.radians(8.0)
@@ -52,6 +59,8 @@ class AlignedDetector:
     """views whose edge is nearer to the axis than others' by over a tenth of the width: the longer
     side's of a half fan, else the nearer one
     """
+    cut_edges: tuple[int, ...]
+    """that edge of each of these views: 0 is the first column, -1 the last"""
     radius: float
     """m from the axis to the nearest of these edges"""
 
@@ -114,31 +123,63 @@ def align(geometry: ConeBeamGeometry, seen: ConeBeamGeometry | None = None) -> A
         shape_vu = _enclosing(geometry.shape_vu, turns)
         homographies = _turning(geometry.shape_vu, shape_vu, turns)
         path = replace(path, matrices=homographies @ path.matrices, shape_vu=shape_vu)
-    added, cut_off, radius = _missing_columns(path, arc)
+    added, cut_off, edges, radius = _missing_columns(path, arc)
+    cut = cut_off, edges, radius
     if turns is None and not any(added):
-        return AlignedDetector(geometry, tilt, None, shape_vu, added, homographies, cut_off, radius)
+        return AlignedDetector(geometry, tilt, None, shape_vu, added, homographies, *cut)
     homographies = np.array([[1.0, 0, added[0]], [0, 1, 0], [0, 0, 1]]) @ homographies
     aligned = replace(
         geometry,
         matrices=homographies @ geometry.matrices,
         shape_vu=(shape_vu[0], shape_vu[1] + sum(added)),
     )
-    return AlignedDetector(aligned, tilt, turns, shape_vu, added, homographies, cut_off, radius)
+    return AlignedDetector(aligned, tilt, turns, shape_vu, added, homographies, *cut)
 
 
-def warn_of_cut_off(detector: AlignedDetector) -> None:
-    """Warns (:class:`ShortScanWarning`) of views that the detector's edge cuts off nearer."""
-    views = detector.cut_off
+def check_cut_off(detector: AlignedDetector, projections: Projections) -> None:
+    """Warns (:class:`ShortScanWarning`) of views that the detector's edge cuts off nearer.
+
+    ``projections`` are the scanner's.
+
+    Raises:
+        LegsimError: over a twentieth of all views read something at that edge: weights that count
+            lines alike in all views are then wrong.
+    """
+    views, among = detector.cut_off, len(projections.geometry)
     if not views:
         return
     named = ", ".join(map(str, views[:5])) + (", ..." if len(views) > 5 else "")
-    warnings.warn(
-        f"the detector stands farther to one side in {len(views)} of {len(detector.geometry)} "
+    found = (
+        f"the detector stands farther to one side in {len(views)} of {among} "
         f"views ({named}): lines that pass the axis at {1e3 * detector.radius:.0f} mm or more are "
-        "missing there, and are estimated; reconstruct by cgls, which takes each view as it is, or "
+        "missing there"
+    )
+    through = _views_cut_through(detector, projections)
+    if through > _MOST_CUT_OFF * among:
+        raise LegsimError(
+            f"{found}, and {through} of them show the object at that edge; filtered "
+            "back-projection weights all views alike: reconstruct by cgls, which takes each view "
+            "as it is, or views of one side alone"
+        )
+    warnings.warn(
+        f"{found}, and are estimated; reconstruct by cgls, which takes each view as it is, or "
         "leave these views out",
         ShortScanWarning,
         stacklevel=4,
+    )
+
+
+def _views_cut_through(detector: AlignedDetector, projections: Projections) -> int:
+    """How many of the views that are cut off nearer read something there.
+
+    All, where rows are turned.
+    """
+    if detector.turns is not None:
+        return len(detector.cut_off)
+    images = projections.line_integrals
+    return sum(
+        bool(images[view, :, edge].mean() > _CUT_READING * images[view].max())
+        for view, edge in zip(detector.cut_off, detector.cut_edges, strict=True)
     )
 
 
@@ -225,9 +266,9 @@ def _row_gaps(
 
 def _missing_columns(
     geometry: ConeBeamGeometry, arc: SourceArc
-) -> tuple[tuple[int, int], tuple[int, ...], float]:
+) -> tuple[tuple[int, int], tuple[int, ...], tuple[int, ...], float]:
     """((columns to add before the first, after the last), so that the axis is seen in the middle;
-    views that are cut off nearer to it than others, and m from it to there).
+    views that are cut off nearer to it than others, their edges, and m from it to there).
     """
     columns = geometry.shape_vu[1]
     at_axis = _columns_at_axis(geometry, arc)
@@ -243,17 +284,20 @@ def _missing_columns(
     usual = float(np.median(longer))
     if abs(usual) <= _LEAST_OFFSET:
         seen, most = nearer, min(np.median(before), np.median(after))
+        edges = np.where(before < after, 0, -1)
     else:
         seen = after if usual > 0 else before
         most = np.median(seen)
-    cut_off = tuple(np.flatnonzero(seen < most - _LEAST_OFFSET * columns).tolist())
+        edges = np.full(len(seen), -1 if usual > 0 else 0)
+    cut_off = np.flatnonzero(seen < most - _LEAST_OFFSET * columns)
+    cut, cut_edges = tuple(cut_off.tolist()), tuple(edges[cut_off].tolist())
     radius = float(seen.min() * np.mean(arc.radii / geometry.focal_lengths()))
     if abs(usual) <= _LEAST_OFFSET:
-        return (0, 0), cut_off, radius
+        return (0, 0), cut, cut_edges, radius
     off = longer * np.sign(usual) > _LEAST_OFFSET
     # the axis is found in the images to a ten-thousandth of a column
     added = int(np.ceil(np.maximum(before, after)[off].max() - nearer[off].min() - 1e-3))
-    return (added, 0) if usual > 0 else (0, added), cut_off, radius
+    return (added, 0) if usual > 0 else (0, added), cut, cut_edges, radius
 
 
 def _columns_at_axis(geometry: ConeBeamGeometry, arc: SourceArc) -> FloatArray:

@@ -119,7 +119,7 @@ def fdk_slabs(
     detector = detector_alignment.align(
         images.geometry, object_geometry(images.geometry, grid, motion)
     )
-    detector_alignment.warn_of_cut_off(detector)
+    detector_alignment.check_cut_off(detector, images)
     decided = _decided(detector.geometry, grid, device, motion, options)
     weights_geometry = object_geometry(detector.geometry, grid, motion)
     mirrored = np.array(decided.mirrored)

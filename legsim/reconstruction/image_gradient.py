@@ -322,7 +322,7 @@ def filtered_scan(
     projections, motion = images_and_motion(projections, motion)
     given = projections.geometry
     detector = detector_alignment.align(given, fdk.object_geometry(given, grid, motion))
-    detector_alignment.warn_of_cut_off(detector)
+    detector_alignment.check_cut_off(detector, projections)
     weights_geometry = fdk.object_geometry(detector.geometry, grid, motion)
     upright = np.zeros(len(projections.geometry), bool)
     batches = filtering.filtered_views(

@@ -41,6 +41,11 @@ def test_a_volume_without_directions_gets_them(tmp_path, volume, capsys):
     again = image_files.load_volume(tmp_path / "w.nii.gz")
     assert again.grid.alike(volume.grid)
     np.testing.assert_allclose(again.attenuation, volume.attenuation, rtol=1e-6)
+    for axes, doubted in (("lps", False), ("world", False), (None, True)):
+        lines = volume_stages.convert_volume(tmp_path / "lps.nrrd", tmp_path / "x.mha", axes=axes)
+        assert any("In doubt" in line and "--axes lps" in line for line in lines) == doubted
+    lines = volume_stages.convert_volume(tmp_path / "v.mha", tmp_path / "x.nii")
+    assert not any("In doubt" in line for line in lines), "its directions are stated"
 
 
 def test_a_folder_gets_a_series_in_hounsfield_units(tmp_path, volume, capsys):

@@ -276,3 +276,15 @@ def test_frames_of_enhanced_images_state_pixels_and_angles_in_groups(tmp_path, v
     ).FramePixelDataPropertiesSequence
     with pytest.raises(LegsimError, match="pixels of several sizes"):
         dicom.read_projections(written(tmp_path / "x.dcm", values, **groups))
+
+
+def test_slices_that_lie_in_a_patient_are_no_projections(tmp_path, values):
+    path = written(
+        tmp_path / "x.dcm",
+        values,
+        Modality="CT",
+        ImagePositionPatient=[0, 0, 30],
+        ImageOrientationPatient=[1, 0, 0, 0, 1, 0],
+    )
+    with pytest.raises(LegsimError, match=r"slice that lies in the patient \(CT\), no projection"):
+        dicom.read_projections(path)

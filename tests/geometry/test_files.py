@@ -426,3 +426,18 @@ def test_sizes_and_rates_that_are_none_are_refused(tmp_path, format, given):
     files.save_geometry(path, circular(), format=format)
     with pytest.raises(LegsimError, match="positive"):
         files.read_geometry(path, columns=62, rows=48, format=format, **given)
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "said"),
+    [
+        ("scan.xtekct", "[XTekCT]\nSrcToObject=700", "scanner's own description"),
+        ("bruker.txt", "[System]\nScanner=SkyScan", "'System' is not a number"),
+        ("scan.xml", "<Scan><SAD>1000</SAD></Scan>", "begins with <Scan.*rtkvarianobigeometry"),
+        ("gvxr.json", '{"Source": {}, "Detector": {}}', 'expected the keys "unit"'),
+    ],
+)
+def test_descriptions_of_scanners_are_refused_with_the_way_out(tmp_path, name, text, said):
+    (tmp_path / name).write_text(text)
+    with pytest.raises(LegsimError, match=f"{said}.*as TIGRE's JSON, or a matrix per view"):
+        files.read_geometry(tmp_path / name, columns=9, rows=6, pixel_mm=1.0)

@@ -151,3 +151,19 @@ def test_files_that_state_no_directions_are_doubted(tmp_path):
         (remark,) = load_label_image(tmp_path / name).remarks
         assert f"{name} does not state the directions" in remark
         assert "left, posterior, superior" in remark
+
+
+def test_numbers_that_scaling_left_beside_whole_ones_are_rounded(tmp_path):
+    labels = np.zeros((4, 5, 6), np.float32)
+    labels[3, 1, 2] = 7.002
+    sitk.WriteImage(image(labels), str(tmp_path / "a.nrrd"))
+    loaded = load_label_image(tmp_path / "a.nrrd")
+    np.testing.assert_array_equal(loaded.labels, np.rint(labels))
+    assert any("0.002 off whole numbers" in line for line in loaded.remarks)
+
+
+def test_a_space_of_no_patient_is_doubted(tmp_path):
+    sitk.WriteImage(image(), str(tmp_path / "a.nrrd"))
+    raw = (tmp_path / "a.nrrd").read_bytes()
+    (tmp_path / "a.nrrd").write_bytes(raw.replace(b"left-posterior-superior", b"scanner-xyz"))
+    assert any("In doubt" in line for line in load_label_image(tmp_path / "a.nrrd").remarks)

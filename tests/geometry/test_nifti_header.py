@@ -92,3 +92,10 @@ def test_offsets_that_are_not_finite_are_refused(written, place, code, number):
     path.write_bytes(content)
     with pytest.raises(LegsimError, match=r"labels.nii: .*(not finite|axes are not)"):
         image_files.load_volume(path)
+
+
+def test_a_matrix_of_another_spacing_than_stated_is_refused(written):
+    """ITK would place the voxels by the spacing, others by the matrix."""
+    doubled = 2 * np.array([[-2, 0, 0, 0], [0, -2, 0, 0], [0, 0, 3, 0]])
+    with pytest.raises(LegsimError, match="states voxels of 2, 2, 3, and of 4, 4, 6 by its sform"):
+        load_label_image(written(sform=doubled, codes=(0, 1)))

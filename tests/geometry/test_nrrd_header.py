@@ -52,3 +52,11 @@ def test_the_longest_line_that_is_handed_on_does_not_end_the_process(with_line):
     ended = subprocess.run([sys.executable, "-c", program, path], capture_output=True, check=False)
     assert ended.returncode == 1
     assert b"LegsimError" in ended.stderr
+
+
+def test_lengths_in_another_unit_are_refused(with_line):
+    path, _ = with_line(b'space units: "mm" "cm" "cm"')
+    with pytest.raises(LegsimError, match=r"line \d+\): its lengths are in 'cm'; write it in mm"):
+        image_files.load_volume(path)
+    for same in (b'"mm" "mm" "mm"', b'"" "" ""', b'"millimeters" "MM" "mm"'):
+        image_files.load_volume(with_line(b"space units: " + same)[0])

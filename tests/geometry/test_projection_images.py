@@ -8,6 +8,7 @@ import tifffile
 from legsim.core.errors import LegsimError
 from legsim.geometry import counts as geometry_counts
 from legsim.geometry import image_files, projection_images
+from legsim.geometry.cone_beam import ConeBeamGeometry
 from legsim.geometry.projection_images import RawLayout, read_images, read_projections
 from tests.geometry.test_files import circular
 
@@ -219,3 +220,18 @@ def test_images_without_a_pixel_are_refused(tmp_path):
     np.save(tmp_path / "none.npy", np.zeros((0, 6, 7)))
     with pytest.raises(LegsimError, match=r"none\.npy: holds no pixel"):
         read_images(tmp_path / "none.npy")
+
+
+def test_views_along_the_second_axis_are_refused_with_the_way_out(tmp_path):
+    """ASTRA's arrays are (rows, views, columns)."""
+    np.save(tmp_path / "astra.npy", np.zeros((6, 20, 9), np.float32))
+    geometry = ConeBeamGeometry.circular(
+        times=np.arange(20.0),
+        angles=np.linspace(0, 6, 20),
+        source_isocenter=0.7,
+        source_detector=1.1,
+        shape_vu=(20, 9),
+        pixel_pitch=4e-3,
+    )
+    with pytest.raises(LegsimError, match="views seem to be the second axis, as ASTRA stores"):
+        projection_images.read_projections(tmp_path / "astra.npy", geometry)

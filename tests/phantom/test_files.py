@@ -154,28 +154,6 @@ def test_an_obj_with_comments_anywhere_continued_lines_and_foreign_letters(tmp_p
     )
 
 
-def test_a_binary_ply_of_triangles_and_quads_is_reported_with_the_fix(tmp_path):
-    header = [
-        "ply",
-        "format binary_little_endian 1.0",
-        "element vertex 5",
-        *(f"property float {axis}" for axis in "xyz"),
-    ]
-    header += ["element face 5", "property list uchar int vertex_indices", "end_header"]
-    pyramid = np.array(
-        [[0, 0, 0], [30, 0, 0], [30, 30, 0], [0, 30, 0], [15, 15, 30]], "<f4"
-    ).tobytes()
-    faces = b"".join(
-        bytes([len(f)]) + np.array(f, "<i4").tobytes()
-        for f in ([0, 3, 2, 1], [0, 1, 4], [1, 2, 4], [2, 3, 4], [3, 0, 4])
-    )
-    (tmp_path / "mixed.ply").write_bytes("\n".join([*header, ""]).encode() + pyramid + faces)
-    refuse(
-        write(tmp_path, entry("a", "mixed.ply")),
-        r"a binary PLY whose faces are not all triangles: export it again, in triangles",
-    )
-
-
 def test_units_energy_and_stated_attenuation(tmp_path):
     path = write(
         tmp_path,

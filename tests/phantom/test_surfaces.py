@@ -112,6 +112,17 @@ def test_a_shell_that_reaches_out_of_another_overlaps_it() -> None:
     assert len(surfaces.inverted_shells(vertices, triangles, numbers)[1]) == 1
 
 
+def test_shells_behind_one_another_are_only_compared_where_their_boxes_meet() -> None:
+    """Of 400 balls in a row each sample's ray along x meets half of all others."""
+    ball = trimesh.creation.icosphere(2)
+    row = np.stack([np.arange(400.0), 0 * np.arange(400), 0 * np.arange(400)], -1)
+    vertices = (0.4 * ball.vertices + row[:, None]).reshape(-1, 3)
+    ends = len(ball.vertices) * np.arange(400)[:, None, None]
+    triangles = (ball.faces[:, ::-1] + ends).reshape(-1, 3)
+    alone, overlapping = surfaces.inverted_shells(vertices, triangles, surfaces.shells(triangles))
+    assert (len(alone), overlapping) == (400, [])
+
+
 def test_a_moebius_strip_stays_as_it_is() -> None:
     around = np.linspace(0, np.pi, 13)[:-1]
     side = np.stack([np.cos(2 * around), np.sin(2 * around), 0 * around], -1)

@@ -1,0 +1,80 @@
+"""Lists of names as segmentation programs write them, and the structures that they become."""
+
+import json
+
+import numpy as np
+import pytest
+import SimpleITK as sitk
+
+from legsim.core.errors import LegsimError
+from legsim.phantom import label_lists, label_maps
+
+NNUNET = {"channel_names": {"0": "CT"}, "labels": {"background": 0, "Femur": 1, "tibia": 2}}
+
+LISTS = {
+    "total.json": json.dumps({"1": "femur", "2": "tibia"}),
+    "dataset.json": json.dumps(NNUNET),
+    "old.json": json.dumps({"labels": {"0": "background", "1": "femur", "2": "tibia"}}),
+    "colors.ctbl": "# Color table\n0 background 0 0 0 0\n1 femur 255 0 0 255\n2 tibia 0 9 0 255\n",
+    "snap.txt": "# ITK-SnAP\n"
+    '    0     0    0    0        0  0  0    "Clear Label"\n'
+    '    1   255    0    0        1  1  1    "Femur"\n'
+    '    2     0  255    0      0.5  1  1    "Tibia bone"\n',
+}
+
+
+@pytest.mark.parametrize("name", LISTS)
+def test_numbers_and_names_are_read_of_any_program(tmp_path, name):
+    (tmp_path / name).write_text(LISTS[name])
+    found = label_maps.load_label_map(tmp_path / name)
+    assert [(e.number, e.name, e.tissue, e.segment) for e in found.entries] == [
+        (1, "femur", "bone", "femur"),
+        (2, "tibia", "bone", "tibia"),
+    ]
+
+
+def test_the_header_of_a_segmentation_of_slicer_is_a_list(tmp_path):
+    image = sitk.GetImageFromArray(np.ones((3, 3, 3), np.uint8))
+    for key, value in (("Name", "left femur"), ("LabelValue", "4"), ("Layer", "0")):
+        image.SetMetaData(f"Segment0_{key}", value)
+    sitk.WriteImage(image, str(tmp_path / "a.seg.nrrd"))
+    assert label_lists.read(tmp_path / "a.seg.nrrd") == {4: "left femur"}
+
+
+@pytest.mark.parametrize(
+    ("name", "entry"),
+    [
+        ("Femur_L", ("femur", "l", "bone")),
+        ("TibiaRight", ("tibia", "r", "bone")),
+        ("femoral cartilage", ("femur_cartilage", None, "cartilage")),
+        ("patella bone", ("patella", None, "bone")),
+        ("gluteus_maximus_left", ("gluteus_maximus", "l", "muscle")),
+    ],
+)
+def test_names_are_compared_by_their_words(tmp_path, name, entry):
+    (tmp_path / "a.json").write_text(json.dumps({"3": name}))
+    (found,) = label_maps.load_label_map(tmp_path / "a.json").entries
+    assert (found.name, found.side, found.tissue) == entry
+
+
+def test_names_without_a_known_tissue_stay_unknown(tmp_path):
+    (tmp_path / "a.json").write_text(json.dumps({"1": "femur", "9": "screw"}))
+    found = label_maps.load_label_map(tmp_path / "a.json")
+    assert [e.number for e in found.entries] == [1]
+    assert found.foreign == {9: "screw"}
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "said"),
+    [
+        ("a.json", "[1, 2]", "no numbers with names"),
+        ("a.json", "{", "is not JSON"),
+        ("a.txt", "1 2 3\n", "no numbers with names"),
+        ("a.json", '{"1": "screw"}', r"knows \(screw\); it says no tissues"),
+        ("a.json", '{"1": "femur", "2": "Femur bone"}', "names femur twice, 1 and 2"),
+    ],
+)
+def test_what_is_no_list_is_refused(tmp_path, name, text, said):
+    (tmp_path / name).write_text(text)
+    with pytest.raises(LegsimError, match=said):
+        label_maps.load_label_map(tmp_path / name)
