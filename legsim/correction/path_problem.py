@@ -5,6 +5,7 @@ one standard deviation. Beads' places are eliminated (Schur complement). Shadows
 three standard deviations, as its inverse square, so that wrong ones do not pull.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
@@ -19,7 +20,16 @@ from legsim.correction.path_measurements import BeadShadows, FiducialShadows, St
 from legsim.correction.triangulation import triangulated
 from legsim.geometry.cone_beam import ConeBeamGeometry
 
-ROUNDS = 20
+_HALF_STEPS = (0.5,) * 40
+
+STEPS = (1.0,) * 20 + _HALF_STEPS
+"""sizes of the steps
+
+Whole ones first: bias and tilt hide each other along a curved valley, where a step first raises the
+cost (gravity times half the square of a turn, over the scan's time) and the next one lowers it.
+Where wrong shadows take turns in having weight, whole steps go round in a circle or run away; half
+ones do not.
+"""
 
 SETTLED = 1e-3
 """standard deviations by which the last step may still change any error"""
@@ -239,13 +249,22 @@ def descended(
 ) -> tuple[FloatArray, FloatArray, bool]:
     """Errors and places of least cost, and whether the steps came to rest.
 
-    Whole steps: bias and tilt hide each other along a curved valley, where a step first raises the
-    cost (gravity times half the square of a turn, over the scan's time) and the next one lowers it.
+    Raises:
+        DivergedError: half steps run away, too.
     """
-    for _ in range(ROUNDS):
+    try:
+        return _stepped(problem, errors, places, STEPS)
+    except DivergedError:
+        return _stepped(problem, errors, places, _HALF_STEPS)
+
+
+def _stepped(
+    problem: PathProblem, errors: FloatArray, places: FloatArray, sizes: Sequence[float]
+) -> tuple[FloatArray, FloatArray, bool]:
+    for size in sizes:
         normal, _ = problem.linearized(errors, places)
         by_errors, by_places = normal.step()
-        errors, places = errors + by_errors, places + by_places
+        errors, places = errors + size * by_errors, places + size * by_places
         if np.abs(by_errors).max() < SETTLED:
             return errors, places, True
     return errors, places, False

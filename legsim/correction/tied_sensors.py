@@ -25,8 +25,8 @@ from legsim.correction.fused import SensorPriors, sensor_state
 from legsim.correction.method import Scan
 from legsim.correction.path_measurements import BeadShadows, FiducialShadows, StandingPrior
 from legsim.correction.path_problem import (
-    ROUNDS,
     SETTLED,
+    STEPS,
     Normal,
     PathProblem,
     add_measurements,
@@ -286,14 +286,14 @@ def _descended_together(
     joint: _Joint, errors: list[FloatArray], places: list[FloatArray]
 ) -> TiedPaths:
     knee_off, settled = np.zeros(_KNEE), False
-    for _ in range(ROUNDS):
+    for size in STEPS:
         normals, matrix, right, _ = _linearized(joint, errors, places, knee_off)
-        step = -solved(matrix, right)
+        step = -size * solved(matrix, right)
         parts = np.split(step, np.cumsum([len(one) for one in errors]))
         places = [at + n.of_beads(by) for at, n, by in zip(places, normals, parts[:2], strict=True)]
         errors = [one + by for one, by in zip(errors, parts[:2], strict=True)]
         knee_off = knee_off + parts[2]
-        if max(np.abs(parts[0]).max(), np.abs(parts[1]).max()) < SETTLED:
+        if max(np.abs(parts[0]).max(), np.abs(parts[1]).max()) < size * SETTLED:
             settled = True
             break
     _, matrix, _, paths = _linearized(joint, errors, places, knee_off)
