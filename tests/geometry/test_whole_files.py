@@ -1,9 +1,9 @@
 """Image files that break off are refused, whatever their format; whole ones are read."""
 
-from pathlib import locale
+import locale
+from pathlib import Path
 
 import numpy as np
-import Path
 import pytest
 import SimpleITK as sitk
 
