@@ -213,7 +213,11 @@ def _rate(path: Path, header: _Header, stated: FloatArray) -> tuple[float, tuple
     if len(stated) == 1:
         return 1.0, (f"DataRate is {header.rate!r}: a single frame needs none",)
     steps = np.diff(stated)
-    step = float(np.median(steps)) if (steps > 0).all() else math.nan
+    return _rate_of_times(path, header, float(np.median(steps)) if (steps > 0).all() else math.nan)
+
+
+def _rate_of_times(path: Path, header: _Header, step: float) -> tuple[float, tuple[str, ...]]:
+    """Sampling rate in hertz by a time column's usual step, beside the header's other rates."""
     others = {key: _positive(text) for key, text in header.other_rates.items()}
     for key, other in others.items():
         if unit_of(step, other)[0]:
