@@ -40,7 +40,7 @@ _NO_COORDINATE = re.compile(
 """in the names of columns that are neither angles nor places"""
 
 _ROTATION = re.compile(
-    "angle|tilt|list|obliq|rot|flex|exten|duct|version|(^|_)r[xyz](_|$)", re.IGNORECASE
+    "angle|tilt|list|obliq|rot|flex|extension|duct|version|(^|_)r[xyz](_|$)", re.IGNORECASE
 )
 _TRANSLATION = re.compile(
     "(^|_)[tT][xyzXYZ](_|$)|[a-z]T[xyzXYZ](_|$)|(?i:transl|position|displace|height)"
