@@ -48,6 +48,20 @@ def test_noise_does_not_grow_in_a_gap(rng, count):
     assert filled[~there].std() < 1.0
 
 
+@pytest.mark.parametrize("after", [1, 4, 8, 200])
+@pytest.mark.parametrize("before", [1, 2, 3, 4, 7, 30])
+@pytest.mark.parametrize("count", [3, 8, 10, 30, 100, 300])
+def test_noise_does_not_grow_where_a_side_is_short(count, before, after):
+    times, there = with_gap(count, before, before + count + after)
+    if there.sum() < 8:
+        pytest.skip("too few samples to bridge")
+    # column k is how much of sample k's noise each filled sample has
+    gain = bridged(times[there], np.eye(there.sum()), times)[1][~there]
+    assert np.sqrt((gain**2).sum(1).mean()) < 1.0
+    np.testing.assert_allclose(gain.sum(1), 1.0, atol=1e-9)
+    np.testing.assert_allclose(gain @ times[there], times[~there], atol=1e-9)
+
+
 def test_noise_adds_little_to_what_a_third_of_a_second_costs(rng):
     """Of somebody who stands, through sensors with ordinary noise (2 mg, 0.1 deg/s); a spline
     through them would add 10 m.
