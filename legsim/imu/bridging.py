@@ -49,6 +49,15 @@ def bridged(times: FloatArray, values: FloatArray, at: FloatArray) -> tuple[Floa
     )
 
 
+def about(times: FloatArray, at: FloatArray, margin: float, beside: int = _BESIDE) -> slice:
+    """Samples at times (n,) within ``margin`` s of the span of ``at`` (k,), and at least ``beside``
+    before and after it, however long the gaps there are.
+    """
+    first = np.searchsorted(times, [at[0] - margin, at[0]])
+    last = np.searchsorted(times, [at[-1] + margin, at[-1]], side="right")
+    return slice(max(min(first[0], first[1] - beside), 0), max(last[0], last[1] + beside))
+
+
 def wide_steps(times: FloatArray) -> NDArray[np.bool_]:
     """Which steps (n - 1,) between samples are gaps of more than two of them."""
     steps = np.diff(times)
@@ -60,12 +69,12 @@ def _across(
 ) -> FloatArray:
     """Values (m, ...) in the gap after sample ``before``, by the polynomial about it."""
     reach = max(_BESIDE, (missing + 1) // 2)
-    about = slice(max(before + 1 - reach, 0), before + 1 + reach)
+    beside = slice(max(before + 1 - reach, 0), before + 1 + reach)
     middle = 0.5 * (times[before] + times[before + 1])
-    half = float(np.abs(times[about] - middle).max())
-    read, wanted = (times[about] - middle) / half, (at - middle) / half
+    half = float(np.abs(times[beside] - middle).max())
+    read, wanted = (times[beside] - middle) / half, (at - middle) / half
     powers, factors = _fitted(read, wanted)
-    filled = powers @ (factors @ values[about].reshape(len(read), -1))
+    filled = powers @ (factors @ values[beside].reshape(len(read), -1))
     return np.asarray(filled, float).reshape(len(at), *values.shape[1:])
 
 
@@ -85,5 +94,5 @@ def _fitted(read: FloatArray, wanted: FloatArray) -> tuple[FloatArray, FloatArra
 
 
 def _polynomial(read: FloatArray, wanted: FloatArray, degree: int) -> tuple[FloatArray, FloatArray]:
-    factors = np.linalg.pinv(np.vander(read, degree + 1))
+    factors = np.asarray(np.linalg.pinv(np.vander(read, degree + 1)), float)
     return np.vander(wanted, degree + 1), factors
