@@ -43,6 +43,12 @@ _TILTED_DEG = 30.0
 _LEFT_MG = 60.0
 """offset that no accelerometer has"""
 
+_BRIDGES: dict[Scheme, str] = {
+    "accurate": "by a cubic, or less where few samples are beside them",
+    "paper": "by straight lines between the samples beside them, as the paper's recursion reads",
+}
+"""how each scheme bridges a gap"""
+
 _CLOCK_ERROR = 0.01
 """s, an error of a clock's offset whose cost is reported"""
 
@@ -108,7 +114,7 @@ def assemble(
     gaps = [
         note
         for sensor, start in zip(started, starts, strict=True)
-        for note in _on_gap(sensor, joined.signals, start, geometry.times)
+        for note in _on_gap(sensor, joined.signals, start, geometry.times, settings.methods.scheme)
     ]
     joints = _joints(settings.joints, joined.signals.sensor_names, where)
     grid, chosen = _wanted(settings.grid, folder, where).of(geometry)
@@ -242,17 +248,17 @@ def _on_clock(
 
 
 def _on_gap(
-    sensor: WornSensor, signals: ImuSignals, start: SensorStart, views: FloatArray
+    sensor: WornSensor, signals: ImuSignals, start: SensorStart, views: FloatArray, scheme: Scheme
 ) -> tuple[str, ...]:
     """What the longest gap of a sensor costs; nothing without one."""
     name, seconds = sensor.recording.name, longest_gap(sensor.recording.times, views)
     if not 0 < seconds < views[-1] - views[0]:
         return ()
-    cost = gap_cost(signals.samples(name), start, views, seconds)
+    cost = gap_cost(signals.samples(name), start, views, seconds, scheme)
     return (
-        f"Sensor {name}: gaps of up to {1e3 * seconds:.0f} ms are bridged by a cubic. The same gap "
-        f"elsewhere in the scan displaces the sensor by {1e3 * cost:.3g} mm RMS at the last view, "
-        "where nothing else finds its drift.",
+        f"Sensor {name}: gaps of up to {1e3 * seconds:.0f} ms are bridged {_BRIDGES[scheme]}. The "
+        f"same gap elsewhere in the scan displaces the sensor by {1e3 * cost:.3g} mm RMS at the "
+        "last view, where nothing else finds its drift.",
     )
 
 
