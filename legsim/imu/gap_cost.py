@@ -39,12 +39,13 @@ def gap_cost(
         samples: times (n,) s, angular velocities (n, 3) and specific forces (n, 3).
         start: pose and velocity at the first view.
         views: (v,) s.
-        seconds: of the gap, shorter than the views' time; no shorter than any in the samples.
+        seconds: of the gap, shorter than the views' time.
         scheme: that poses are integrated by.
     """
     # what a bridge is fitted to is about as long as the gap: the rest of a long recording is left
-    beside = int(np.ceil(seconds / np.median(np.diff(samples[0])))) + _SPLINED
-    near = bridging.about(samples[0], views, seconds + _MARGIN, beside)
+    bridge = max(seconds, longest_gap(samples[0], views))
+    beside = int(np.ceil(bridge / np.median(np.diff(samples[0])))) + _SPLINED
+    near = bridging.about(samples[0], views, bridge + _MARGIN, beside)
     times, rate, force = (values[near] for values in samples)
     whole = strapdown.integrate(times, rate, force, start, views, scheme=scheme)[-1, :3, 3]
     squares = []

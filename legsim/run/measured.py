@@ -107,26 +107,9 @@ def assemble(
     joined = _joined(started, geometry)
     found = [_start(s, joined.signals, geometry, settings.methods.scheme) for s in started]
     starts = tuple(start for start, _ in found)
-    clocks = [
-        _on_clock(sensor, joined.signals, start, geometry, settings.methods.scheme)
-        for sensor, start in zip(started, starts, strict=True)
-    ]
-    gaps = [
-        note
-        for sensor, start in zip(started, starts, strict=True)
-        for note in _on_gap(sensor, joined.signals, start, geometry.times, settings.methods.scheme)
-    ]
+    costs = _costs(started, starts, joined.signals, geometry, settings.methods.scheme)
     joints = _joints(settings.joints, joined.signals.sensor_names, where)
     grid, chosen = _wanted(settings.grid, folder, where).of(geometry)
-    more = [folder / name for name in (settings.view_times, settings.grid.like) if name]
-    more += [
-        s.folder / s.worn.start.fiducials
-        for s in started
-        if s.worn.start is not None and s.worn.start.fiducials
-    ]
-    more += [folder / settings.beads.file] if settings.beads else []
-    more += [folder / settings.fiducials.file] if settings.fiducials else []
-    more += [described_by] if described_by else []
     rested = settings.methods.sensor_errors.calibration != "none" and all(
         _is_stated(sensor) for sensor in started
     )
@@ -137,17 +120,54 @@ def assemble(
         grid,
         {s.recording.name: s.worn.segment for s in sensors},
         tuple(s.recording.name for s in sensors if s.worn.start is None),
-        (*projection_files.files_of(settings, folder), *sensor_files, *more),
+        (
+            *projection_files.files_of(settings, folder),
+            *sensor_files,
+            *_more_files(settings, folder, started),
+            *([described_by] if described_by else []),
+        ),
         (
             *(_sentence(note) for note in (*read.notes, *chosen)),
             *joined.notes,
             *(f"In doubt: {line}." for line in plausibility.objections(joined.signals)),
             *(note for _, notes in found for note in notes),
-            *clocks,
-            *gaps,
+            *costs,
         ),
         {s.recording.name: s.worn.start for s in started if s.worn.start is not None},
         folder,
+    )
+
+
+def _more_files(
+    settings: MeasuredScanConfig, folder: Path, started: Sequence[WornSensor]
+) -> list[Path]:
+    """Files beside those of projections and sensors."""
+    found = [folder / name for name in (settings.view_times, settings.grid.like) if name]
+    found += [
+        s.folder / s.worn.start.fiducials
+        for s in started
+        if s.worn.start is not None and s.worn.start.fiducials
+    ]
+    found += [folder / given.file for given in (settings.beads, settings.fiducials) if given]
+    return found
+
+
+def _costs(
+    started: Sequence[WornSensor],
+    starts: Sequence[SensorStart],
+    signals: ImuSignals,
+    geometry: ConeBeamGeometry,
+    scheme: Scheme,
+) -> tuple[str, ...]:
+    """Sentences on what the sensors' clocks and gaps cost."""
+    both = list(zip(started, starts, strict=True))
+    return (
+        *(_on_clock(sensor, signals, start, geometry, scheme) for sensor, start in both),
+        *(
+            note
+            for sensor, start in both
+            for note in _on_gap(sensor, signals, start, geometry.times, scheme)
+        ),
     )
 
 
