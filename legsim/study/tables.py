@@ -25,8 +25,18 @@ def regions(scores: Iterable[ScanScore]) -> tuple[str, ...]:
 
 
 def protocol(scores: Iterable[ScanScore]) -> str:
-    """How the volumes of the scores were compared; each way once."""
-    return " ".join(dict.fromkeys(score.metrics.protocol for score in scores))
+    """How the volumes of the scores were compared; each way once.
+
+    Methods that change the images are named: their volumes are resampled beside reconstructed ones.
+    """
+    ways: dict[str, list[str]] = {}
+    for score in scores:
+        ways.setdefault(score.metrics.protocol, []).append(score.method)
+    usual = max(ways, key=lambda way: len(ways[way]), default="")
+    return " ".join(
+        way if way == usual else f"{', '.join(dict.fromkeys(ways[way]))}: {way}"
+        for way in sorted(ways, key=lambda way: way != usual)
+    )
 
 
 def quality(scores: Sequence[ScanScore]) -> tuple[Table, Table]:

@@ -69,6 +69,19 @@ def test_every_table_of_image_quality_names_the_scaling():
         assert all(words in table.note for table in shown if table is not None)
 
 
+def test_a_method_that_is_compared_in_another_way_is_named():
+    mixed = [
+        replace(s, metrics=replace(s.metrics, registered="reconstructed"))
+        if s.method != "rigid"
+        else s
+        for s in CLEAN
+    ]
+    usual, other = tables.protocol(mixed).split(" rigid: ")
+    assert "reconstructed where they lie" in usual
+    assert "resampled" in other
+    assert "resampled" not in usual
+
+
 def test_a_method_that_failed_somewhere_says_how_many_scans_it_has():
     some = [s for s in CLEAN if not (s.method == "rigid" and s.subject == "subject03")]
     ssim, _ = tables.quality(some)
