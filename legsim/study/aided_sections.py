@@ -85,7 +85,8 @@ def of_volumes(scores: Sequence[ScanScore]) -> tuple[PageSection, ...]:
         for sensor, block in _by_sensor(scores)
         for method in methods_of(block)
     ]
-    caption = f"SSIM of the whole leg by sensor and method: one dot per scan. {study_results.protocol(scores)}"
+    how = study_results.protocol(scores)
+    caption = f"SSIM of the whole leg by sensor and method: one dot per scan. {how}"
     drawn = figures.box_plots(groups, axis_label="SSIM, whole leg")
     picture = Picture(caption, figures.png(drawn), caption, "pictures/aided-ssim.png")
     return (
