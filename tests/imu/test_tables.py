@@ -479,3 +479,22 @@ def test_a_second_table_below_the_first_is_named(tmp_path):
     path.write_text(path.read_text() + "Gyroscope:\n0.1,0.2,0.3\n")
     with pytest.raises(LegsimError, match=r"line 44\): 'Gyroscope:' is no row of numbers: another"):
         load(path, TableLayout((SENSOR,), time="t"))
+
+
+def test_rows_alone_are_no_clock_of_instruments_with_unlike_numbers_of_them(tmp_path):
+    """A gyroscope at half rate would be squeezed in time."""
+    one, xyz = still(count=80), ("x", "y", "z")
+    sensor = SensorColumns("shank", xyz, xyz, "A", "G")
+    pairs = zip(one.specific_force.tolist(), one.angular_velocity.tolist(), strict=True)
+    rows = [row for f, w in pairs for row in (["A", *f], ["G", *w])]
+    fewer = [row for k, row in enumerate(rows) if k % 4 != 3]
+    layout = TableLayout((sensor,), rate_hz=100.0, rows_by="k")
+    (read,) = load(write(tmp_path / "a.csv", rows, names=("k", *xyz)), layout)
+    np.testing.assert_allclose(read.angular_velocity, one.angular_velocity)
+    with pytest.raises(LegsimError, match=r"rows \(80 of 'A', 40 of 'G'\), .* times \(time\) or"):
+        load(write(tmp_path / "a.csv", fewer, names=("k", *xyz)), layout)
+    files = [write(tmp_path / f"{k}.csv", [r[1:] for r in fewer if r[0] == k], names=xyz)
+             for k in "AG"]  # fmt: skip
+    layout = replace(layout, rows_by=None, sensors=(SensorColumns("shank", xyz, xyz),))
+    with pytest.raises(LegsimError, match=r"unlike numbers of rows \(80 of .*A\.csv', 40 of"):
+        load(files[0], layout, angular_velocity_file=files[1])
