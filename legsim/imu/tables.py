@@ -187,19 +187,14 @@ def _check_counted(path: Path, layout: TableLayout, rows: Mapping[str, int]) -> 
     """Refuses instruments with unlike numbers of ``rows`` where these alone are their clock: one
     that is slower, or lost some, would be squeezed in time.
     """
-    if (
-        layout.time is None
-        and layout.rate_hz
-        and not layout.counter
-        and len(set(rows.values())) > 1
-    ):
+    by_rows = layout.time is None and layout.counter is None and layout.rate_hz is not None
+    if by_rows and len(set(rows.values())) > 1:
         counts = ", ".join(f"{count} of {name!r}" for name, count in rows.items())
         raise file_error(
             path,
             f"its instruments have unlike numbers of rows ({counts}), so rate_hz does not say when "
             "each row was taken",
-            "give the column of times (time) or of the packets' numbers (counter), or cut the "
-            "table where all have the same rows",
+            "give the column of times (time) or of the packets' numbers (counter)",
         )
 
 
@@ -448,7 +443,7 @@ def _own_rates(a: FloatArray, b: FloatArray) -> bool:
 
 def _time_unit(stated: str | None, hint: str | None, cells: Sequence[str]) -> TimeUnit:
     """Unit of a column of times that nobody gave."""
-    if any(":" in cell for cell in cells[:1]):
+    if ":" in next(filter(None, cells), ""):
         return "date-time"
     for unit in units.SECONDS:
         if unit == (stated or hint):
@@ -479,6 +474,9 @@ def _ticks(
     if column is None:
         return np.arange(count, dtype=float), np.ones(count, bool)
     present = np.isfinite(table[column])
+    if not present.any():
+        fix = " and give rate_hz" if column == layout.time else ""
+        raise LegsimError(f"column {column!r} is empty; name another, or leave it out{fix}")
     return table[column][present], present
 
 

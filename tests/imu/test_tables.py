@@ -498,3 +498,10 @@ def test_rows_alone_are_no_clock_of_instruments_with_unlike_numbers_of_them(tmp_
     layout = replace(layout, rows_by=None, sensors=(SensorColumns("shank", xyz, xyz),))
     with pytest.raises(LegsimError, match=r"unlike numbers of rows \(80 of .*A\.csv', 40 of"):
         load(files[0], layout, angular_velocity_file=files[1])
+
+
+@pytest.mark.parametrize("clock", [{"time": "t"}, {"counter": "t", "rate_hz": 100.0}])
+def test_an_empty_column_of_times_or_packets_is_named(tmp_path, clock):
+    path = write(tmp_path / "a.csv", [["", *row[1:]] for row in rows_of(still(count=40))])
+    with pytest.raises(LegsimError, match=r"a\.csv: column 't' is empty; name another"):
+        load(path, TableLayout((SENSOR,), **clock))
