@@ -125,16 +125,18 @@ def _beyond_chance(same: NDArray[np.bool_], first: int, count: int, rate_hz: flo
 
 def clipped_note(name: str, readings: FloatArray) -> tuple[str, ...]:
     """Describes angular velocities and specific forces (n, 6) that stay at their extreme while
-    other readings change, and leave it by more than a digit or two; nothing where none do.
+    other axes change, and leave it by more than a digit or two; nothing where none do.
     """
-    moves = (np.diff(readings, axis=0) != 0).any(-1)
     notes = []
     for what, factor, unit, columns, least in (
         ("angular velocity", float(np.degrees(1.0)), "deg/s", slice(0, 3), _LEAST_RATE),
         ("acceleration", 1.0, "m/s2", slice(3, 6), _LEAST_FORCE),
     ):
-        signed = [sign * v for v in readings[:, columns].T for sign in (1.0, -1.0)]
-        cut = [(_clipped(values, moves), float(values.max())) for values in signed]
+        own = readings[:, columns]
+        # three axes that repeat are one reading, held: it says nothing of a range
+        new = np.concatenate([[True], (np.diff(own, axis=0) != 0).any(-1)])
+        signed = [sign * v for v in own[new].T for sign in (1.0, -1.0)]
+        cut = [(_clipped(values), float(values.max())) for values in signed]
         count, extreme = max(cut)
         if count and extreme > least:
             notes.append(
@@ -144,10 +146,10 @@ def clipped_note(name: str, readings: FloatArray) -> tuple[str, ...]:
     return tuple(notes)
 
 
-def _clipped(values: FloatArray, moves: NDArray[np.bool_]) -> int:
+def _clipped(values: FloatArray) -> int:
     """Samples (of n) in runs at the greatest value, into which it jumps."""
     at_most = values == values.max()
-    stays = at_most[1:] & at_most[:-1] & moves
+    stays = at_most[1:] & at_most[:-1]
     first, count = _stretches(stays)
     long = count >= _CLIPPED - 1
     first, last = first[long], (first + count)[long]

@@ -116,3 +116,15 @@ def test_readings_at_the_end_of_the_range_are_in_doubt(rng):
     assert losses.clipped_note("shank", coarse.readings) == ()
     slow = np.round(np.sin(0.02 * np.arange(2000))[:, None] * [5.0, 1.0, 1.0] / 0.1) * 0.1
     assert losses.clipped_note("shank", replace(one, angular_velocity=slow).readings) == ()
+
+
+def test_readings_that_are_held_at_a_beat_are_no_end_of_a_range():
+    """An accelerometer of 25 Hz that is logged at 100 Hz repeats its greatest reading."""
+    one = still(count=2000)
+    swing = 25 * np.sin(2 * np.pi * 0.7 * one.times)[:, None] * [1.0, 0.3, 0.1]
+    held = (one.specific_force + swing)[np.arange(2000) // 4 * 4]
+    assert losses.clipped_note("shank", replace(one, specific_force=held).readings) == ()
+    (note,) = losses.clipped_note(
+        "shank", replace(one, specific_force=np.clip(held, -16.0, 16.0)).readings
+    )
+    assert "stays at 16 m/s2 of acceleration" in note
