@@ -23,7 +23,6 @@ from legsim.mocap.c3d_analog import load_analog
 
 Units = tuple[AccelerationUnit, AngularVelocityUnit]
 
-
 _FEW = 6
 """names of channels of one kind in an error"""
 
@@ -74,6 +73,10 @@ class TableLayout:
     def __post_init__(self) -> None:
         if self.time is not None and self.rate_hz is not None:
             raise LegsimError(_ONE_CLOCK)
+        whose = [t for s in self.sensors for t in (s.acceleration_rows, s.angular_velocity_rows)]
+        if any(whose) != (self.rows_by is not None) or any(whose) != all(whose):
+            rows = "acceleration_rows and angular_velocity_rows of every sensor"
+            raise LegsimError(f"rows_by needs {rows}, and these need rows_by; give all or none")
         if self.counter is not None and self.rate_hz is None:
             raise LegsimError("a packet counter needs rate_hz to become times; give it")
         for unit, counts, name in (

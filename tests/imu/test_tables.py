@@ -455,6 +455,17 @@ def test_instruments_that_take_turns_in_a_table_are_told_apart_by_a_column(tmp_p
         load(path, TableLayout((wrong,), time="t", rows_by="what"))
 
 
+def test_texts_of_rows_and_their_column_are_given_together():
+    with_rows = replace(SENSOR, acceleration_rows="A", angular_velocity_rows="G")
+    for sensor, column in (
+        (with_rows, None),
+        (SENSOR, 1),
+        (replace(SENSOR, acceleration_rows="A"), 1),
+    ):
+        with pytest.raises(LegsimError, match="rows_by needs acceleration_rows and angular"):
+            TableLayout((sensor,), time="t", rows_by=column)
+
+
 def test_sensors_that_take_turns_in_a_table_are_told_apart_by_a_column(tmp_path):
     one, other = still(count=40), still(count=40, seed=1)
     rows = [[name, *row] for pair in zip(rows_of(one), rows_of(other), strict=True)
