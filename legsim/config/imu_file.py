@@ -120,7 +120,8 @@ class ImuFileConfig(ConfigSection):
                 "name the columns acceleration and angular_velocity of every sensor, or of none"
             )
         turns = [bool(s.acceleration_rows) for s in self.sensors]
-        if (self.rows_by is not None) != any(turns) or (any(turns) and not all(turns)):
+        some = any(s.acceleration_rows or s.angular_velocity_rows for s in self.sensors)
+        if (self.rows_by is not None) != some or (some and not all(turns)):
             raise ValueError(
                 "rows_by needs acceleration_rows (and angular_velocity_rows, where they are other "
                 "rows) of every sensor, and these need rows_by"

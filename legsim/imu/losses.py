@@ -5,6 +5,8 @@ as copies of the last one. It counts from the first sample on, and nothing is kn
 within one of more than 0.1 s.
 """
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -33,6 +35,11 @@ _TOGETHER, _WINDOW, _EVENLY = 8, 16, 0.8
 windows that must"""
 
 
+_LONGER, _ROUNDING = 2.5, 1.6
+"""usual steps beyond which one is longer than by rounding; largest spread about a straight line of
+rounded times, in what their steps differ by: 1, and 1.5 where two samples share a time"""
+
+
 def gap_note(name: str, times: FloatArray) -> tuple[str, ...]:
     """Describes gaps in a sensor's times (n,) s; nothing where there is none."""
     steps = np.diff(times)
@@ -40,6 +47,9 @@ def gap_note(name: str, times: FloatArray) -> tuple[str, ...]:
     # a sample that is late makes a long step beside a short one, and none is lost
     around = np.convolve(np.pad(steps, 1, constant_values=step), np.ones(3), "valid")
     lost = np.clip(np.minimum(np.rint(steps / step) - 1, np.rint(around / step) - 3), 0, None)
+    usual = steps <= _LONGER * step
+    if lost.any() and _are_rounded(steps, usual):
+        lost = np.where(usual, 0, np.rint(steps / steps[usual].mean()) - 1)
     if not lost.any():
         return ()
     longest = int(np.argmax(steps))
@@ -47,6 +57,23 @@ def gap_note(name: str, times: FloatArray) -> tuple[str, ...]:
         f"Sensor {name}: {lost.sum():.0f} of {len(times) + lost.sum():.0f} samples are missing, "
         f"the longest gap is {_stretch(float(steps[longest]), float(times[longest]))}.",
     )
+
+
+def _are_rounded(steps: FloatArray, usual: NDArray[np.bool_]) -> bool:
+    """Whether the ``usual`` of the steps (n,) differ as an even clock's do in rounded times:
+    shorter and longer ones so alternate that times stay within the rounding of a straight line.
+    """
+    least, most = steps[usual].min(), steps[usual].max()
+    longer = float((steps[usual] > 0.5 * (least + most)).mean())
+    rarer = min(longer, 1 - longer)
+    if rarer * len(steps) < _FEWEST:
+        return False
+    times = np.cumsum(np.where(usual, steps, steps[usual].mean()))
+    size = max(_WINDOW, int(np.ceil(_TOGETHER / rarer)))
+    if len(times) < 2 * size:
+        return False
+    off = np.ptp(_off_lines(_windows(times, size)), axis=1)
+    return bool((off < _ROUNDING * (most - least)).mean() > _EVENLY)
 
 
 def held_note(name: str, times: FloatArray, readings: FloatArray) -> tuple[str, ...]:
@@ -104,13 +131,23 @@ def _at_a_beat(same: NDArray[np.bool_]) -> bool:
     size = max(_WINDOW, int(np.ceil(_TOGETHER * (1 / same.mean() - 1))))
     if len(new) < 2 * size:
         return False
-    windows = np.lib.stride_tricks.sliding_window_view(new, size)[:: size // 4]
-    count = np.arange(size) - (size - 1) / 2
-    slope = windows @ count / (count @ count)
-    off = windows - windows.mean(1, keepdims=True) - slope[:, None] * count
+    windows = _windows(new, size)
+    off = _off_lines(windows)
     repeated = windows[:, -1] - windows[:, 0] - (size - 1)
     evenly = (np.ptp(off, axis=1) < 2) & (repeated >= _TOGETHER // 2)
     return bool(evenly.mean() > _EVENLY)
+
+
+def _windows(values: NDArray[Any], size: int) -> NDArray[Any]:
+    """Windows (m, size) of values (n,), a quarter of them apart."""
+    return np.lib.stride_tricks.sliding_window_view(values, size)[:: size // 4]
+
+
+def _off_lines(windows: NDArray[Any]) -> FloatArray:
+    """What windows (m, size) of values have beside a straight line each."""
+    count = np.arange(windows.shape[1]) - (windows.shape[1] - 1) / 2
+    slope = windows @ count / (count @ count)
+    return windows - windows.mean(1, keepdims=True) - slope[:, None] * count
 
 
 def _beyond_chance(same: NDArray[np.bool_], first: int, count: int, rate_hz: float) -> bool:
@@ -125,16 +162,18 @@ def _beyond_chance(same: NDArray[np.bool_], first: int, count: int, rate_hz: flo
 
 def clipped_note(name: str, readings: FloatArray) -> tuple[str, ...]:
     """Describes angular velocities and specific forces (n, 6) that stay at their extreme while
-    other readings change, and leave it by more than a digit or two; nothing where none do.
+    other axes change, and leave it by more than a digit or two; nothing where none do.
     """
-    moves = (np.diff(readings, axis=0) != 0).any(-1)
     notes = []
     for what, factor, unit, columns, least in (
         ("angular velocity", float(np.degrees(1.0)), "deg/s", slice(0, 3), _LEAST_RATE),
         ("acceleration", 1.0, "m/s2", slice(3, 6), _LEAST_FORCE),
     ):
-        signed = [sign * v for v in readings[:, columns].T for sign in (1.0, -1.0)]
-        cut = [(_clipped(values, moves), float(values.max())) for values in signed]
+        own = readings[:, columns]
+        # three axes that repeat are one reading, held: it says nothing of a range
+        new = np.concatenate([[True], (np.diff(own, axis=0) != 0).any(-1)])
+        signed = [sign * v for v in own[new].T for sign in (1.0, -1.0)]
+        cut = [(_clipped(values), float(values.max())) for values in signed]
         count, extreme = max(cut)
         if count and extreme > least:
             notes.append(
@@ -144,10 +183,10 @@ def clipped_note(name: str, readings: FloatArray) -> tuple[str, ...]:
     return tuple(notes)
 
 
-def _clipped(values: FloatArray, moves: NDArray[np.bool_]) -> int:
+def _clipped(values: FloatArray) -> int:
     """Samples (of n) in runs at the greatest value, into which it jumps."""
     at_most = values == values.max()
-    stays = at_most[1:] & at_most[:-1] & moves
+    stays = at_most[1:] & at_most[:-1]
     first, count = _stretches(stays)
     long = count >= _CLIPPED - 1
     first, last = first[long], (first + count)[long]

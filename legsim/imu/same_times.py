@@ -3,6 +3,7 @@ tick, and times that are rounded to more than the step between samples.
 """
 
 import numpy as np
+from numpy.typing import NDArray
 
 from legsim.core.errors import LegsimError
 from legsim.core.values import FloatArray
@@ -14,8 +15,9 @@ _ROUNDED = 1 / 3
 def joined(ticks: FloatArray, rows: FloatArray) -> tuple[FloatArray, FloatArray, tuple[str, ...]]:
     """Ticks (m,) and rows (m, k) without copies, with a note on these.
 
-    Neighbors of one tick that are the same in all cells are one row, and so are rows of which each
-    has what the others lack, as where every instrument writes its own.
+    Neighbors of one tick that are the same in all cells are one row, and so are those of which each
+    has what the others lack, as where every instrument writes its own. Rows of one tick that have
+    the same cells stay apart.
 
     Args:
         ticks: (n,) times or numbers of packets.
@@ -27,12 +29,25 @@ def joined(ticks: FloatArray, rows: FloatArray) -> tuple[FloatArray, FloatArray,
     twice = np.concatenate([[False], same & (np.diff(ticks) == 0)])
     ticks, rows = ticks[~twice], rows[~twice]
     notes = (f"{twice.sum()} rows are there twice; one of each is taken",) if twice.any() else ()
-    first = _first(ticks)
+    first = _begins(ticks, np.isfinite(rows))
     there = np.add.reduceat(np.isfinite(rows).astype(int), first)
-    if (there > 1).any():
-        return ticks, rows, notes
     filled = np.add.reduceat(np.nan_to_num(rows), first)
     return ticks[first], np.where(there == 1, filled, np.nan), notes
+
+
+def _begins(ticks: FloatArray, known: NDArray[np.bool_]) -> NDArray[np.intp]:
+    """Index of the first of the rows (n, k) that are joined to one each."""
+    first = _first(ticks)
+    begins = np.zeros(len(ticks), bool)
+    begins[first] = True
+    crowded = (np.add.reduceat(known.astype(int), first) > 1).any(-1)
+    ends = np.append(first[1:], len(ticks))
+    for begin, end in zip(first[crowded], ends[crowded], strict=True):
+        taken = known[begin].copy()
+        for k in range(begin + 1, end):
+            begins[k] = (taken & known[k]).any()
+            taken = known[k] | (taken & ~begins[k])
+    return np.flatnonzero(begins)
 
 
 def spread(times: FloatArray) -> tuple[FloatArray, tuple[str, ...]]:

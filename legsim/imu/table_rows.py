@@ -3,7 +3,7 @@
 import csv
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -92,83 +92,166 @@ def read_rows(path: Path, wanted: Sequence[Column], only: RowsOf | None = None) 
         LegsimError: a file that cannot be read, missing columns, rows that break off.
     """
     lines = table_lines(path)
+    asked = [*wanted, *([] if only is None else [only.column])]
+    for column in asked:
+        if isinstance(column, int) and column < 1:
+            raise file_error(path, f"has no column {column}", "count columns from 1")
+    start, table = _table(path, lines, wanted, only)
+    stated = [units.in_name(title) for title in table.titles]
+    key = None if only is None else _place(only.column, table.names)
+    seen: set[str] = set()
+    rows: list[tuple[int, tuple[str, ...]]] = []
+    for number, cells in _cells(path, lines, start, table):
+        if not rows and table.named and (below := _unit_line(cells, table.at)):
+            stated = [unit or own for unit, own in zip(below, stated, strict=True)]
+            continue
+        if only is not None and key is not None:
+            text = cells[key] if key < len(cells) else ""
+            seen.add(text)
+            if text != only.text:
+                continue
+        table.check(path, number, lines[number - 1], cells)
+        rows.append((number, tuple(cells[k] for k in table.at)))
+    if only is not None and not rows:
+        raise _nobodys(path, only, seen)
+    if len(rows) < 2:
+        raise file_error(path, "holds no samples below its names", "export it again")
+    return Rows(tuple(rows), tuple(stated), tuple(units.hinted(title) for title in table.titles))
+
+
+@dataclass(frozen=True, slots=True)
+class _Table:
+    """Where the columns are."""
+
+    delimiter: str
+    names: list[str]
+    """of all columns; empty where they have none"""
+    at: list[int]
+    """index of each column that was asked for"""
+    named: bool
+    """whether one of them was asked for by name"""
+    width: int
+    """cells of each row between blanks; 0 where the first row says it"""
+    in_turn: bool
+    """whether rows are of several kinds"""
+
+    @property
+    def titles(self) -> list[str]:
+        """Name of each column that was asked for, empty where it has none."""
+        return [self.names[k] if k < len(self.names) else "" for k in self.at]
+
+    def check(self, path: Path, number: int, line: str, cells: Sequence[str]) -> None:
+        """Refuses a row that breaks off, has cells without names, or is no row.
+
+        Raises:
+            LegsimError: with its line.
+        """
+        place, among = f"line {number}", len(self.names)
+        if len(cells) <= max(self.at):
+            raise _broken_off(path, place, line, cells, self)
+        if self.named and (more := _beyond(cells, among)):
+            raise file_error(
+                path,
+                f"the row has {among + more} cells, the header {among}: names and numbers do not "
+                "belong together",
+                "give the numbers of the columns instead of names (the first is 1); decimal commas "
+                "need another separator of columns",
+                place=place,
+            )
+        if self.named and [cells[k] for k in self.at] == [self.names[k] for k in self.at]:
+            raise file_error(
+                path,
+                "the names are there again: another recording begins",
+                "split the file",
+                place=place,
+            )
+
+
+def _table(
+    path: Path, lines: Sequence[str], wanted: Sequence[Column], only: RowsOf | None
+) -> tuple[int, _Table]:
+    """Number of lines above the first row (or its units), and where the columns are."""
     named = [column for column in wanted if isinstance(column, str)]
+    keys = [] if only is None or isinstance(only.column, int) else [only.column]
     # the second of several blocks has its names far below
     within = len(lines) if only else _HEADER_WITHIN
-    keys = [] if only is None or isinstance(only.column, int) else [only.column]
     start, delimiter, names = (
         _names(path, lines, [*named, *keys], within)
         if named or keys
         else _numbered(path, lines, wanted, within)
     )
     at = [_place(c, names) for c in wanted]
-    if min(at) < 0:
-        raise file_error(path, "has no column 0", "count columns from 1")
-    key = None if only is None else _place(only.column, names)
-    seen: set[str] = set()
-    width = 0
-    titles = names + [""] * (1 + max(at) - len(names))
-    stated = [units.in_name(titles[k]) for k in at]
-    rows: list[tuple[int, tuple[str, ...]]] = []
+    width = len(names) if named or keys else 0
+    return start, _Table(delimiter, names, at, bool(named), width, only is not None)
+
+
+def _cells(
+    path: Path, lines: Sequence[str], start: int, table: _Table
+) -> Iterator[tuple[int, list[str]]]:
+    """Number and cells of each line below ``start`` that is neither empty nor a comment."""
+    width = table.width
     for number, line in enumerate(lines[start:], start + 1):
-        if not line.strip() or line.lstrip().startswith(_COMMENT):
+        if not line.strip():
             continue
-        cells = cells_of(line, delimiter)
-        if delimiter == " ":
-            width = width or (len(names) if named or keys else len(cells))
-            if len(cells) != width and only is None:
+        cells = cells_of(line, table.delimiter)
+        if line.lstrip().startswith(_COMMENT) and not _is_marked_row(cells, table.at):
+            continue
+        if table.delimiter == " ":
+            width = width or len(cells)
+            if len(cells) != width and not table.in_turn:
                 cells = _between_single_blanks(path, number, line, width)
-        if not rows and named and (below := _unit_line(cells, at)):
-            stated = [unit or own for unit, own in zip(below, stated, strict=True)]
-            continue
-        if only is not None and key is not None:
-            own_key = cells[key] if key < len(cells) else ""
-            seen.add(own_key)
-            if own_key != only.text:
-                continue
-        if len(cells) <= max(at):
-            if re.search(r"[A-Za-z]", line) and not any(_is_value(cell) for cell in cells):
-                raise file_error(
-                    path,
-                    f"{line.strip()[:40]!r} is no row of numbers: another table begins there",
-                    "split the file, and give accelerations and angular velocities as file and "
-                    "angular_velocity_file",
-                    place=f"line {number}",
-                )
-            raise file_error(
-                path,
-                f"the row has {len(cells)} cells, the header {len(names)}"
-                if named
-                else f"the row has {len(cells)} cells, column {max(at) + 1} is asked for",
-                "complete the row, or delete it where the recording broke off",
-                place=f"line {number}",
-            )
-        if named and (more := _beyond(cells, len(names))):
-            raise file_error(
-                path,
-                f"the row has {len(names) + more} cells, the header {len(names)}: names and "
-                "numbers do not belong together",
-                "give the numbers of the columns instead of names (the first is 1); decimal commas "
-                "need another separator of columns",
-                place=f"line {number}",
-            )
-        if named and [cells[k] for k in at] == [names[k] for k in at]:
-            raise file_error(
-                path,
-                "the names are there again: another recording begins",
-                "split the file",
-                place=f"line {number}",
-            )
-        rows.append((number, tuple(cells[k] for k in at)))
-    if only is not None and not rows:
-        raise file_error(
+        yield number, cells
+
+
+def _is_marked_row(cells: Sequence[str], at: Sequence[int]) -> bool:
+    """Whether a line that begins as a comment is a row whose first cell is a label, as #12."""
+    return (
+        re.match(r"(#|//|%)(\s|$)", cells[0]) is None
+        and len(cells) > max(at)
+        and any(_is_value(cells[k]) for k in at)
+        and all(not cells[k] or _is_value(cells[k]) for k in at)
+    )
+
+
+def _nobodys(path: Path, only: RowsOf, seen: Collection[str]) -> LegsimError:
+    """The refusal of a table without rows of the kind; its column has the texts ``seen``."""
+    texts = sorted(repr(text) for text in seen if text)
+    if not texts:
+        return file_error(
             path,
-            f"no row has {only.text!r} in column {only.column!r}",
-            f"give one of {', '.join(sorted(repr(text) for text in seen if text)[:_FEW])}",
+            f"column {only.column!r}, which says whose each row is, is empty or not there",
+            "correct the column (rows_by)",
         )
-    if len(rows) < 2:
-        raise file_error(path, "holds no samples below its names", "export it again")
-    return Rows(tuple(rows), tuple(stated), tuple(units.hinted(titles[k]) for k in at))
+    return file_error(
+        path,
+        f"no row has {only.text!r} in column {only.column!r}",
+        f"give one of {', '.join(texts[:_FEW])}",
+    )
+
+
+def _broken_off(
+    path: Path, place: str, line: str, cells: Sequence[str], table: _Table
+) -> LegsimError:
+    """The refusal of a row without all of the columns."""
+    if re.search(r"[A-Za-z]", line) and not any(_is_value(cell) for cell in cells):
+        return file_error(
+            path,
+            f"{line.strip()[:40]!r} is no row of numbers: another table begins there",
+            "split the file, and give accelerations and angular velocities as file and "
+            "angular_velocity_file",
+            place=place,
+        )
+    asked = (
+        f"the header {len(table.names)}"
+        if table.named
+        else f"column {max(table.at) + 1} is asked for"
+    )
+    return file_error(
+        path,
+        f"the row has {len(cells)} cells, {asked}",
+        "complete the row, or delete it where the recording broke off",
+        place=place,
+    )
 
 
 def _between_single_blanks(path: Path, number: int, line: str, count: int) -> list[str]:

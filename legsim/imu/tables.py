@@ -23,7 +23,6 @@ from legsim.mocap.c3d_analog import load_analog
 
 Units = tuple[AccelerationUnit, AngularVelocityUnit]
 
-
 _FEW = 6
 """names of channels of one kind in an error"""
 
@@ -74,6 +73,10 @@ class TableLayout:
     def __post_init__(self) -> None:
         if self.time is not None and self.rate_hz is not None:
             raise LegsimError(_ONE_CLOCK)
+        whose = [t for s in self.sensors for t in (s.acceleration_rows, s.angular_velocity_rows)]
+        if any(whose) != (self.rows_by is not None) or any(whose) != all(whose):
+            rows = "acceleration_rows and angular_velocity_rows of every sensor"
+            raise LegsimError(f"rows_by needs {rows}, and these need rows_by; give all or none")
         if self.counter is not None and self.rate_hz is None:
             raise LegsimError("a packet counter needs rate_hz to become times; give it")
         for unit, counts, name in (
@@ -119,8 +122,7 @@ def load(
     forces = [s.acceleration for s in layout.sensors]
     rates = [s.angular_velocity for s in layout.sensors]
     if layout.rows_by is not None:
-        notes, made = zip(*(_in_turn(path, layout, s) for s in layout.sensors), strict=True)
-        return _noted(made, tuple(dict.fromkeys(note for own in notes for note in own)))
+        return _in_turn(path, layout, layout.rows_by)
     if angular_velocity_file is None:
         _check_apart(path, layout)
         both = _read(path, layout, forces, rates)
@@ -132,37 +134,71 @@ def load(
         return _noted(made, both.notes)
     force = _read(path, layout, forces, [])
     rate = _read(angular_velocity_file, layout, [], rates)
+    read = ((str(path), force), (str(angular_velocity_file), rate))
+    _check_counted(path, layout, {name: len(one.times) for name, one in read})
     made = []
     for k, sensor in enumerate(layout.sensors):
-        try:
-            merged = recording.merged(
-                sensor.name, (force.times, force.values[k]), (rate.times, rate.values[k])
-            )
-            made.append(checked(merged))
-        except LegsimError as error:
-            raise _in_file(path, error) from error
+        pair = (force.times, force.values[k]), (rate.times, rate.values[k])
+        made.append(_merged(path, sensor.name, *pair))
     return _noted(made, (*force.notes, *rate.notes))
 
 
-def _in_turn(
-    path: Path, layout: TableLayout, sensor: SensorColumns
-) -> tuple[tuple[str, ...], ImuRecording]:
-    """A sensor of a table in which sensors or instruments take turns, and notes on the file."""
+def _merged(
+    path: Path, name: str, force: tuple[FloatArray, FloatArray], rate: tuple[FloatArray, FloatArray]
+) -> ImuRecording:
+    """The checked recording of two instruments with times of their own."""
+    try:
+        return checked(recording.merged(name, force, rate))
+    except LegsimError as error:
+        raise _in_file(path, error) from error
+
+
+def _in_turn(path: Path, layout: TableLayout, rows_by: Column) -> tuple[ImuRecording, ...]:
+    """Sensors of a table in which sensors or instruments take turns."""
+    pairs = [_turns_of(path, layout, sensor, rows_by) for sensor in layout.sensors]
+    texts = ((s.acceleration_rows, s.angular_velocity_rows) for s in layout.sensors)
+    read = [one for of in zip(texts, pairs, strict=True) for one in zip(*of, strict=True)]
+    _check_counted(path, layout, {text: len(vectors.times) for text, vectors in read})
+    made = [
+        recording_of(path, sensor.name, rate.times, rate.values[-1], force.values[0])
+        if force is rate
+        else _merged(
+            path, sensor.name, (force.times, force.values[0]), (rate.times, rate.values[0])
+        )
+        for sensor, (force, rate) in zip(layout.sensors, pairs, strict=True)
+    ]
+    return _noted(made, tuple(dict.fromkeys(note for _, one in read for note in one.notes)))
+
+
+def _turns_of(
+    path: Path, layout: TableLayout, sensor: SensorColumns, rows_by: Column
+) -> tuple[_Vectors, _Vectors]:
+    """A sensor's accelerations and angular velocities; one and the same where rows hold both."""
     force_rows, rate_rows = (
-        RowsOf(layout.rows_by or 1, text)
-        for text in (sensor.acceleration_rows, sensor.angular_velocity_rows)
+        RowsOf(rows_by, text) for text in (sensor.acceleration_rows, sensor.angular_velocity_rows)
     )
     if force_rows == rate_rows:
         both = _read(path, layout, [sensor.acceleration], [sensor.angular_velocity], force_rows)
-        force, rate = both.values
-        return both.notes, recording_of(path, sensor.name, both.times, rate, force)
-    force = _read(path, layout, [sensor.acceleration], [], force_rows)
-    rate = _read(path, layout, [], [sensor.angular_velocity], rate_rows)
-    pair = (force.times, force.values[0]), (rate.times, rate.values[0])
-    try:
-        return (*force.notes, *rate.notes), checked(recording.merged(sensor.name, *pair))
-    except LegsimError as error:
-        raise _in_file(path, error) from error
+        return both, both
+    return (
+        _read(path, layout, [sensor.acceleration], [], force_rows),
+        _read(path, layout, [], [sensor.angular_velocity], rate_rows),
+    )
+
+
+def _check_counted(path: Path, layout: TableLayout, rows: Mapping[str, int]) -> None:
+    """Refuses instruments with unlike numbers of ``rows`` where these alone are their clock: one
+    that is slower, or lost some, would be squeezed in time.
+    """
+    by_rows = layout.time is None and layout.counter is None and layout.rate_hz is not None
+    if by_rows and len(set(rows.values())) > 1:
+        counts = ", ".join(f"{count} of {name!r}" for name, count in rows.items())
+        raise file_error(
+            path,
+            f"its instruments have unlike numbers of rows ({counts}), so rate_hz does not say when "
+            "each row was taken",
+            "give the column of times (time) or of the packets' numbers (counter)",
+        )
 
 
 def _check_apart(path: Path, layout: TableLayout) -> None:
@@ -410,7 +446,7 @@ def _own_rates(a: FloatArray, b: FloatArray) -> bool:
 
 def _time_unit(stated: str | None, hint: str | None, cells: Sequence[str]) -> TimeUnit:
     """Unit of a column of times that nobody gave."""
-    if any(":" in cell for cell in cells[:1]):
+    if ":" in next(filter(None, cells), ""):
         return "date-time"
     for unit in units.SECONDS:
         if unit == (stated or hint):
@@ -441,6 +477,9 @@ def _ticks(
     if column is None:
         return np.arange(count, dtype=float), np.ones(count, bool)
     present = np.isfinite(table[column])
+    if not present.any():
+        fix = " and give rate_hz" if column == layout.time else ""
+        raise LegsimError(f"column {column!r} is empty; name another, or leave it out{fix}")
     return table[column][present], present
 
 

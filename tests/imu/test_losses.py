@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from legsim.imu import losses
+from legsim.imu import losses, same_times
 from legsim.imu.losses import gap_note
 from legsim.imu.recording import ImuRecording
 from tests.examples.sensors import still
@@ -116,3 +116,38 @@ def test_readings_at_the_end_of_the_range_are_in_doubt(rng):
     assert losses.clipped_note("shank", coarse.readings) == ()
     slow = np.round(np.sin(0.02 * np.arange(2000))[:, None] * [5.0, 1.0, 1.0] / 0.1) * 0.1
     assert losses.clipped_note("shank", replace(one, angular_velocity=slow).readings) == ()
+
+
+def test_readings_that_are_held_at_a_beat_are_no_end_of_a_range():
+    """An accelerometer of 25 Hz that is logged at 100 Hz repeats its greatest reading."""
+    one = still(count=2000)
+    swing = 25 * np.sin(2 * np.pi * 0.7 * one.times)[:, None] * [1.0, 0.3, 0.1]
+    held = (one.specific_force + swing)[np.arange(2000) // 4 * 4]
+    assert losses.clipped_note("shank", replace(one, specific_force=held).readings) == ()
+    (note,) = losses.clipped_note(
+        "shank", replace(one, specific_force=np.clip(held, -16.0, 16.0)).readings
+    )
+    assert "stays at 16 m/s2 of acceleration" in note
+
+
+@pytest.mark.parametrize(
+    ("rate_hz", "digit"),
+    [(75, 0.01), (148.15, 0.01), (833, 0.001), (42, 0.01), (90.9, 0.01), (140, 0.01), (70, 0.01)],
+)
+def test_steps_of_rounded_times_are_no_loss_and_real_gaps_among_them_are(rate_hz, digit):
+    exact = 7.003 + np.arange(4000) / rate_hz
+    for rounded in (np.round, np.floor):
+        times = digit * rounded(exact / digit)
+        assert gap_note("shank", same_times.spread(times)[0]) == ()
+        lost = np.delete(times, np.r_[1500:1530, 3000:3060])
+        (note,) = gap_note("shank", same_times.spread(lost)[0])
+        missing = int(note.split()[2])
+        assert missing == pytest.approx(90, abs=2)
+
+
+@pytest.mark.parametrize("share", [0.003, 0.02, 0.1, 0.3])
+def test_samples_lost_at_random_are_counted_whatever_their_share(rng, share):
+    times = np.arange(4000) / 100
+    kept = times[rng.random(4000) > share]
+    (note,) = gap_note("shank", kept)
+    assert int(note.split()[2]) == round(100 * float(kept[-1] - kept[0])) + 1 - len(kept)

@@ -43,3 +43,26 @@ def test_times_of_delivery_are_refused_with_the_rate():
     times = np.repeat(np.arange(0, 10, 0.05), 5)
     with pytest.raises(LegsimError, match=r"800 of 1000 samples share .* about 100\.4"):
         same_times.spread(times)
+
+
+def test_one_row_too_many_leaves_the_other_ticks_joined(rng):
+    """Instruments that write a row each, one of which wrote twice at a tick."""
+    times, both = np.arange(50) / 100, rng.normal(size=(50, 6))
+    rows = np.full((100, 6), np.nan)
+    rows[::2, :3], rows[1::2, 3:] = both[:, :3], both[:, 3:]
+    more = np.insert(rows, 42, np.r_[1.0, 2.0, 3.0, [np.nan] * 3], axis=0)
+    ticks = np.insert(np.repeat(times, 2), 42, times[20])
+    found, whole, _ = same_times.joined(ticks, more)
+    np.testing.assert_array_equal(found, np.insert(times, 21, times[20]))
+    np.testing.assert_array_equal(np.delete(whole, 21, 0), both)
+    spread, (note,) = same_times.spread(found)
+    assert note.startswith("1 samples share")
+    np.testing.assert_allclose(spread[[20, 21, 22]], [0.2, 0.205, 0.21])
+
+
+def test_instruments_in_turn_in_rounded_times_stay_whole(rng):
+    exact, both = np.arange(200) / 110, rng.normal(size=(200, 6))
+    rows = np.full((400, 6), np.nan)
+    rows[::2, :3], rows[1::2, 3:] = both[:, :3], both[:, 3:]
+    ticks = np.repeat(np.floor(exact / 0.01) * 0.01, 2)
+    np.testing.assert_array_equal(same_times.joined(ticks, rows)[1], both)

@@ -3,7 +3,7 @@
 import pytest
 
 from legsim.core.errors import LegsimError
-from legsim.imu.table_rows import read_rows
+from legsim.imu.table_rows import RowsOf, read_rows
 
 
 def table(tmp_path, text):
@@ -83,3 +83,25 @@ def test_names_that_are_not_those_of_the_cells_are_refused(tmp_path):
 def test_a_recording_that_is_appended_is_named(tmp_path):
     with pytest.raises(LegsimError, match=r"line 4.*: the names are there again: another record"):
         read_rows(table(tmp_path, "T,A\n0,1\n1,2\nT,A\n0,1\n"), ("T", "A"))
+
+
+def test_rows_whose_labels_begin_like_comments_are_rows(tmp_path):
+    text = "n,T,A\n#1,0,1\n# heel strike, 2, left\n#2,1,\n#3,2,3\n#,4,5\n"
+    read = read_rows(table(tmp_path, text), ("T", "A"))
+    assert [cells for _, cells in read.rows] == [("0", "1"), ("1", ""), ("2", "3")]
+
+
+@pytest.mark.parametrize("column", [0, -1])
+def test_columns_count_from_1(tmp_path, column):
+    path = table(tmp_path, "k,T,A\nx,0,1\nx,1,2\n")
+    for wanted, only in ((("T", column), None), (("T", "A"), RowsOf(column, "x"))):
+        with pytest.raises(LegsimError, match=f"has no column {column}; count columns from 1"):
+            read_rows(path, wanted, only)
+
+
+def test_a_column_that_says_whose_rows_are_and_is_not_there_is_named(tmp_path):
+    path = table(tmp_path, "k,T,A\nx,0,1\nx,1,2\n")
+    with pytest.raises(LegsimError, match="column 9, which says whose each row is, is empty or"):
+        read_rows(path, ("T", "A"), RowsOf(9, "x"))
+    with pytest.raises(LegsimError, match="no row has 'y' in column 1; give one of 'x'"):
+        read_rows(path, ("T", "A"), RowsOf(1, "y"))

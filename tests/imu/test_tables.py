@@ -455,6 +455,17 @@ def test_instruments_that_take_turns_in_a_table_are_told_apart_by_a_column(tmp_p
         load(path, TableLayout((wrong,), time="t", rows_by="what"))
 
 
+def test_texts_of_rows_and_their_column_are_given_together():
+    with_rows = replace(SENSOR, acceleration_rows="A", angular_velocity_rows="G")
+    for sensor, column in (
+        (with_rows, None),
+        (SENSOR, 1),
+        (replace(SENSOR, acceleration_rows="A"), 1),
+    ):
+        with pytest.raises(LegsimError, match="rows_by needs acceleration_rows and angular"):
+            TableLayout((sensor,), time="t", rows_by=column)
+
+
 def test_sensors_that_take_turns_in_a_table_are_told_apart_by_a_column(tmp_path):
     one, other = still(count=40), still(count=40, seed=1)
     rows = [[name, *row] for pair in zip(rows_of(one), rows_of(other), strict=True)
@@ -479,3 +490,29 @@ def test_a_second_table_below_the_first_is_named(tmp_path):
     path.write_text(path.read_text() + "Gyroscope:\n0.1,0.2,0.3\n")
     with pytest.raises(LegsimError, match=r"line 44\): 'Gyroscope:' is no row of numbers: another"):
         load(path, TableLayout((SENSOR,), time="t"))
+
+
+def test_rows_alone_are_no_clock_of_instruments_with_unlike_numbers_of_them(tmp_path):
+    """A gyroscope at half rate would be squeezed in time."""
+    one, xyz = still(count=80), ("x", "y", "z")
+    sensor = SensorColumns("shank", xyz, xyz, "A", "G")
+    pairs = zip(one.specific_force.tolist(), one.angular_velocity.tolist(), strict=True)
+    rows = [row for f, w in pairs for row in (["A", *f], ["G", *w])]
+    fewer = [row for k, row in enumerate(rows) if k % 4 != 3]
+    layout = TableLayout((sensor,), rate_hz=100.0, rows_by="k")
+    (read,) = load(write(tmp_path / "a.csv", rows, names=("k", *xyz)), layout)
+    np.testing.assert_allclose(read.angular_velocity, one.angular_velocity)
+    with pytest.raises(LegsimError, match=r"rows \(80 of 'A', 40 of 'G'\), .* times \(time\) or"):
+        load(write(tmp_path / "a.csv", fewer, names=("k", *xyz)), layout)
+    files = [write(tmp_path / f"{k}.csv", [r[1:] for r in fewer if r[0] == k], names=xyz)
+             for k in "AG"]  # fmt: skip
+    layout = replace(layout, rows_by=None, sensors=(SensorColumns("shank", xyz, xyz),))
+    with pytest.raises(LegsimError, match=r"unlike numbers of rows \(80 of .*A\.csv', 40 of"):
+        load(files[0], layout, angular_velocity_file=files[1])
+
+
+@pytest.mark.parametrize("clock", [{"time": "t"}, {"counter": "t", "rate_hz": 100.0}])
+def test_an_empty_column_of_times_or_packets_is_named(tmp_path, clock):
+    path = write(tmp_path / "a.csv", [["", *row[1:]] for row in rows_of(still(count=40))])
+    with pytest.raises(LegsimError, match=r"a\.csv: column 't' is empty; name another"):
+        load(path, TableLayout((SENSOR,), **clock))

@@ -179,7 +179,8 @@ def test_sensors_in_a_c3d_share_its_clock_only_with_markers_beside_them(tmp_path
 
 def test_rows_that_take_turns_need_their_texts_and_their_column(tmp_path):
     rows = 'acceleration_rows = "A"\nangular_velocity_rows = "G"\n'
-    for toml in (TABLE + rows, TABLE.replace("rate_hz", 'rows_by = "k"\nrate_hz')):
+    rates_alone = TABLE + rows.splitlines()[1]
+    for toml in (TABLE + rows, rates_alone, TABLE.replace("rate_hz", 'rows_by = "k"\nrate_hz')):
         with pytest.raises(LegsimError, match="rows_by needs acceleration_rows"):
             imu_files.load(write(tmp_path, toml))
     toml = TABLE.replace("rate_hz", 'rows_by = "k"\nrate_hz') + rows
