@@ -305,14 +305,14 @@ def test_enhanced_slices_keep_their_places_in_groups(tmp_path, values):
         placed(*range(6), Modality="CT")
     with pytest.raises(LegsimError, match=r"lies in the patient \(no modality\)"):
         placed(*range(6))
-    with pytest.raises(LegsimError, match=r"lies in the patient \(OT\)"):
-        placed(*6 * [0], Modality="OT", SOPClassUID=pydicom.uid.EnhancedCTImageStorage)
-    np.testing.assert_array_equal(placed(*6 * [0], Modality="OT").values, values)
+    with pytest.raises(LegsimError, match=r"lies in the patient \(RF\)"):
+        placed(*6 * [0], Modality="RF", SOPClassUID=pydicom.uid.EnhancedCTImageStorage)
+    np.testing.assert_array_equal(placed(*6 * [0], Modality="RF").values, values)
 
 
 def test_captured_views_whose_place_is_0_are_views(tmp_path, values):
     place = {"ImagePositionPatient": [0, 0, 0], "ImageOrientationPatient": [1, 0, 0, 0, 1, 0]}
-    found = dicom.read_projections(written(tmp_path / "x.dcm", values, Modality="OT", **place))
+    found = dicom.read_projections(written(tmp_path / "x.dcm", values, Modality="RF", **place))
     np.testing.assert_array_equal(found.values, values)
     with pytest.raises(LegsimError, match=r"lies in the patient \(MR\)"):
         dicom.read_projections(written(tmp_path / "x.dcm", values, Modality="MR", **place))
