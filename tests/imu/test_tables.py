@@ -7,11 +7,9 @@ import pytest
 from scipy.interpolate import CubicSpline
 
 from legsim.core.errors import LegsimError
-from legsim.imu import files
 from legsim.imu.recording import ImuRecording
 from legsim.imu.tables import SensorColumns, TableLayout, load
 from tests.examples.sensors import still, swaying
-from tests.references.c3d import Channels, c3d_bytes
 
 SENSOR = SensorColumns("shank", ("ax", "ay", "az"), ("gx", "gy", "gz"))
 NAMES = ("t", "ax", "ay", "az", "gx", "gy", "gz")
@@ -245,63 +243,6 @@ def test_the_two_instruments_may_lie_in_two_tables(tmp_path):
     table_of(tmp_path / "g.csv", one, ("t", "x", "y", "z"), late)
     with pytest.raises(LegsimError, match=r"hardly overlap in time: .*files of one recording"):
         load(first, layout, angular_velocity_file=second)
-
-
-def in_c3d(path, one: ImuRecording, labels, units) -> None:
-    """Writes a recording as analog channels, in g and deg/s, beside markers of a quarter the rate."""
-    both = np.concatenate([one.specific_force / 9.80665, np.degrees(one.angular_velocity)], 1)
-    channels = Channels(both, labels, units, [1.0] * 6, [0] * 6, rate=one.rate_hz)
-    markers = np.ones((len(one.times) // 4, 1, 3))
-    path.write_bytes(c3d_bytes(markers, ["M"], rate=one.rate_hz / 4, channels=channels))
-
-
-def test_channels_of_a_c3d_are_read_by_the_clock_of_its_markers(tmp_path):
-    one = still(count=400, rate_hz=400)
-    labels = ["EMG", "EMG", "Az", "Gyr X", "Gyr Y", "Gyr Z"]
-    in_c3d(tmp_path / "a.c3d", one, labels, ["g"] * 3 + ["deg/s"] * 3)
-    sensor = SensorColumns("shank", (1, 2, "Az"), ("Gyr X", "Gyr Y", "Gyr Z"))
-    (found,) = load(tmp_path / "a.c3d", TableLayout((sensor,)))
-    np.testing.assert_allclose(found.times, one.times, atol=1e-9)
-    np.testing.assert_allclose(found.specific_force, one.specific_force, atol=1e-5)
-    np.testing.assert_allclose(found.angular_velocity, one.angular_velocity, atol=1e-7)
-    with pytest.raises(LegsimError, match=r"have its clock; leave rate_hz out"):
-        load(tmp_path / "a.c3d", TableLayout((sensor,), rate_hz=100))
-    twice = SensorColumns("shank", ("EMG", 2, "Az"), ("Gyr X", "Gyr Y", "Gyr Z"))
-    with pytest.raises(LegsimError, match=r"has 2 analog channels 'EMG' .* give its number"):
-        load(tmp_path / "a.c3d", TableLayout((twice,)))
-
-
-def test_a_c3d_by_itself_names_its_channels(tmp_path):
-    in_c3d(tmp_path / "a.c3d", still(count=40), ["a", "b", "c", "d", "e", "f"], ["V"] * 6)
-    with pytest.raises(LegsimError, match=r"has 6 analog channels: a, b, c, d, e, f; name those"):
-        files.load_recordings(tmp_path / "a.c3d")
-
-
-def test_of_many_channels_few_are_listed_and_the_others_counted(tmp_path):
-    """Those that sound like sensors come first."""
-    one = still(count=40)
-    names = [f"Force {k}" for k in range(20)] + [f"IMU{k} {q}" for k in range(9) for q in "AG"]
-    names = [n.replace(" A", " ACCX").replace(" G", " GYROX") for n in names]
-    channels = Channels(np.zeros((40, 38)), names, ["V"] * 38, [1.0] * 38, [0] * 38, rate=100)
-    markers = np.ones((len(one.times), 1, 3))
-    (tmp_path / "a.c3d").write_bytes(c3d_bytes(markers, ["M"], rate=100, channels=channels))
-    with pytest.raises(LegsimError, match=r"38 analog channels: IMU0 GYROX.* and 26 others; name"):
-        files.load_recordings(tmp_path / "a.c3d")
-    asked = SensorColumns("shank", ("none", 2, 3), (4, 5, 6))
-    with pytest.raises(LegsimError, match=r"0 analog channels 'none' \(of IMU0.* and 26 others\)"):
-        load(tmp_path / "a.c3d", TableLayout((asked,)))
-
-
-def test_the_notes_of_a_c3d_go_with_the_first_sensor(tmp_path):
-    one = still(count=400, rate_hz=400)
-    in_c3d(tmp_path / "a.c3d", one, ["a", "b", "c", "d", "e", "f"], ["g"] * 3 + ["deg/s"] * 3)
-    data = bytearray((tmp_path / "a.c3d").read_bytes())
-    data[20:24] = np.array([50], "<f4").tobytes()  # the header's rate, against POINT:RATE
-    (tmp_path / "a.c3d").write_bytes(data)
-    two = [SensorColumns(name, (1, 2, 3), (4, 5, 6)) for name in ("shank", "thigh")]
-    shank, thigh = load(tmp_path / "a.c3d", TableLayout(tuple(two)))
-    assert shank.notes == ("a.c3d: POINT:RATE says 100 Hz, the header 50 Hz; 100 Hz is taken",)
-    assert thigh.notes == ()
 
 
 def test_rows_of_zeros_are_lost_packets(tmp_path):

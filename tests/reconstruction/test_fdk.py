@@ -388,3 +388,29 @@ def test_a_detector_of_few_columns_is_continued_too(device: Device, columns: int
 def test_options_that_are_none_are_refused(options: dict, message: str) -> None:
     with pytest.raises(LegsimError, match=message):
         FdkOptions(**options)
+
+
+def test_an_object_on_a_turntable_has_an_axis(device: Device) -> None:
+    """The scanner stands still; what turns is the object."""
+    turning = scan(206, 120, (40, 50))
+    standing = replace(turning, matrices=np.repeat(turning.matrices[:1], 120, 0))
+    # P(0) M(i) = P(i)
+    matrices = np.tile(np.eye(4), (120, 1, 1))
+    matrices[:, :3] = np.linalg.inv(turning.matrices[0, :, :3]) @ turning.matrices
+    matrices[:, :3, 3] -= np.linalg.inv(turning.matrices[0, :, :3]) @ turning.matrices[0, :, 3]
+    motion = RigidMotion(turning.times, matrices)
+    solid = [Ellipsoid((0.01, 0.0, 0.0), (0.02, 0.02, 0.02), 20.0)]
+    images = project(turning, solid)
+    grid = VolumeGrid((12, 12, 12), (0.003,) * 3, (0.01, 0.0, 0.0))
+    options = fdk.FdkOptions(kernel="voxels")
+    expected = fdk.fdk(images, grid, options=options, device=device).attenuation
+    with pytest.raises(LegsimError, match="on one line"):
+        fdk.fdk(Projections(standing, images.line_integrals), grid, device=device)
+    found = fdk.fdk(
+        Projections(standing, images.line_integrals),
+        grid,
+        motion=motion,
+        options=options,
+        device=device,
+    )
+    np.testing.assert_allclose(found.attenuation, expected, atol=1e-3)
