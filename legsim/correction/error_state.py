@@ -25,7 +25,7 @@ from legsim.core.errors import LegsimError
 from legsim.core.values import FloatArray, frozen_owned, increasing_times
 from legsim.correction.rough_start import StartErrors, turned
 from legsim.imu import strapdown
-from legsim.imu.bridging import bridged
+from legsim.imu.bridging import about, bridged
 from legsim.imu.errors import SensorErrors, TriadErrors
 from legsim.imu.signals import ImuSignals, SensorStart
 
@@ -242,11 +242,7 @@ def error_state(
         raise LegsimError(f"an estimate over a scan needs three views or more; got {len(views)}")
     if not (np.isfinite(clock) and clock >= 0):
         raise LegsimError(f"clock must be finite and not negative, in s; got {clock:g}")
-    times, rate, force = signals.samples(sensor)
-    margin = max(_MARGIN, CLOCK_REACH * clock + _SPLINES)
-    near = (times >= views[0] - margin) & (times <= views[-1] + margin)
-    times, both = bridged(times[near], np.stack([rate[near], force[near]], 1), views)
-    rate, force = both[:, 0], both[:, 1]
+    times, rate, force = _about_scan(signals.samples(sensor), views, CLOCK_REACH * clock)
     of_both = (
         _triad_errors(errors.accelerometer, times, views, force),
         _triad_errors(errors.gyroscope, times, views, rate),
@@ -256,6 +252,18 @@ def error_state(
     return ErrorState(
         times, rate, force, start, views, start_errors.sigmas, *of_both, clock, nodes, at_nodes
     )
+
+
+def _about_scan(
+    samples: tuple[FloatArray, FloatArray, FloatArray], views: FloatArray, reach: float
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Times (m,), rates and forces (m, 3) without gaps where the clock may put the views."""
+    times, rate, force = samples
+    heard = np.array([views[0] - reach, views[-1] + reach])
+    # a gap is filled from all that is beside it, before anything is cut off
+    times, both = bridged(times, np.stack([rate, force], 1), heard)
+    near = about(times, heard, max(_MARGIN - reach, _SPLINES))
+    return times[near], both[near, 0], both[near, 1]
 
 
 def _triad_errors(

@@ -32,7 +32,7 @@ following it leaves m.
 """
 
 
-_FAR = 10.0
+_FAR = 5.0
 """times its stated error that a shadow may be from the path before it is doubted"""
 
 

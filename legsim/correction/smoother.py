@@ -1,11 +1,9 @@
 """One estimate of a sensor's path over a scan from all that is measured of it.
 
-Batch maximum a posteriori by Gauss-Newton steps over the sensor's errors
-(:mod:`legsim.correction.error_state`), each with its prior of one standard deviation. Measurements
-are what there is of: a person who stands and stays in place, shadows of beads whose places are
-unknown, shadows of fiducials in the sensor whose spacing is known. Beads' places are eliminated
-(Schur complement). Shadows lose weight beyond three standard deviations, as its inverse square, so
-that wrong ones do not pull.
+Batch maximum a posteriori over the sensor's errors (:mod:`legsim.correction.error_state`), by the
+steps of :mod:`legsim.correction.path_problem`. Measurements are what there is of: a person who
+stands and stays in place, shadows of beads whose places are unknown, shadows of fiducials in the
+sensor whose spacing is known.
 
 The result has its covariance. It is that of the model: soft tissue between skin, sensor and bone is
 in it only as far as the errors of the shadows say so. Where the shadows miss the path by more than

@@ -27,7 +27,8 @@ def check(path: Path, header: Mapping[str, str]) -> None:
         header: its fields as ITK names them.
 
     Raises:
-        LegsimError: the directions or spacings of qform and sform differ; a place is not finite.
+        LegsimError: the directions or spacings of qform and sform differ; the spacing of sform
+            alone differs from pixdim as ITK takes it; a place is not finite.
     """
     if not {"qform_code", "sform_code", "srow_x", "quatern_b"} <= header.keys():
         return
@@ -68,11 +69,15 @@ def check(path: Path, header: Mapping[str, str]) -> None:
 
 
 def _check_spacing(path: Path, by_matrix: FloatArray, steps: FloatArray) -> None:
-    """Refuses a matrix with another spacing than pixdim: NIfTI takes the matrix's, ITK pixdim's."""
-    if np.abs(by_matrix - steps).max() > 0.02 * np.abs(steps).max():
+    """Refuses a matrix with another spacing than pixdim: NIfTI takes the matrix's, ITK pixdim's.
+
+    ITK takes 0 for 1, and turns the axis of a negative one about, which the matrix does not say.
+    """
+    if np.abs(by_matrix - np.where(steps == 0, 1.0, steps)).max() > 0.02 * by_matrix.max():
         said, other = (", ".join(f"{s:.4g}" for s in sizes) for sizes in (steps, by_matrix))
-        problem = f"states voxels of {said}, and of {other} by its sform"
-        raise file_error(path, problem, "correct pixdim or sform, or save it as .nrrd")
+        problem = f"states voxels of {said} by pixdim, and of {other} by its sform"
+        cure = "write the sform's into pixdim if that is right (nibabel does), or save it as .nrrd"
+        raise file_error(path, problem, cure)
 
 
 def _sense(path: Path) -> float:

@@ -12,8 +12,11 @@ from legsim.core.errors import file_error
 _LONGEST = 800
 """bytes of a field's line; from 1000 on the message overflows, and no field needs that many"""
 
-_MM = (b"mm", b"millimeter", b"millimeters", b"millimetre", b"millimetres", b"")
-"""units that are mm, or say nothing"""
+_MM = (b"mm", b"millimeter", b"millimeters", b"millimetre", b"millimetres", b"", b"???")
+"""units that are mm, or say nothing (??? is NRRD's word for unknown)"""
+
+_UNITS = (b"space units", b"spaceunits", b"units")
+"""fields of units; NRRD's library knows them in capitals too"""
 
 
 def check(path: Path) -> None:
@@ -37,7 +40,8 @@ def check(path: Path) -> None:
                     "write the file again",
                     place=f"line {number}",
                 )
-            units = re.findall(rb'"([^"]*)"', line) if line.startswith(b"space units:") else []
+            field, _, stated = line.partition(b": ")
+            units = re.findall(rb'"([^"]*)"', stated) if field.lower() in _UNITS else []
             others = [unit.decode("latin-1") for unit in units if unit.lower() not in _MM]
             if others:
                 problem, cure = f"its lengths are in {others[0]!r}", "write it in mm"

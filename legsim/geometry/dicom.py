@@ -13,6 +13,27 @@ from legsim.core.values import FloatArray, within
 if TYPE_CHECKING:
     from pydicom.dataset import Dataset  # pyright: ignore[reportMissingImports]  # an extra
 
+_TOMOGRAPHS = ("CT", "MR", "PT", "NM")
+
+_SLICES = tuple(
+    f"1.2.840.10008.5.1.4.1.1.{kind}"
+    for kind in (
+        "2",
+        "2.1",
+        "2.2",
+        "4",
+        "4.1",
+        "4.3",
+        "4.4",
+        "13.1.1",
+        "13.1.2",
+        "128",
+        "128.1",
+        "130",
+    )
+)
+"""classes of images in a patient: CT, MR (usual, enhanced, converted), X-ray 3D, PET"""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DicomViews:
@@ -75,7 +96,7 @@ def _check_plain(path: Path, data: "Dataset") -> None:
     """Refuses colors, slices of a patient, tables of values and shifted bits."""
     if int(data.get("SamplesPerPixel", 1)) != 1:
         raise file_error(path, "holds colors", "export gray images")
-    if data.get("ImagePositionPatient") and data.get("ImageOrientationPatient"):
+    if _lies_in_patient(data):
         kind = data.get("Modality") or "no modality"
         problem = f"is a slice that lies in the patient ({kind}), no projection of one"
         raise file_error(path, problem, "give the views of the scan, before reconstruction")
@@ -87,6 +108,18 @@ def _check_plain(path: Path, data: "Dataset") -> None:
     if high is not None and stored is not None and high + 1 != stored:
         problem = f"holds {stored} bits up to bit {high}, shifted ones"
         raise file_error(path, problem, "export it again")
+
+
+def _lies_in_patient(data: "Dataset") -> bool:
+    """Whether frames have a place in the patient, by themselves or in groups.
+
+    Some programs place captured views at 0: that alone says nothing, but of a tomograph.
+    """
+    places = [data.get("ImagePositionPatient") if data.get("ImageOrientationPatient") else None]
+    places += _of_frames(data, "PlanePositionSequence", "ImagePositionPatient")
+    stated = [[float(x) for x in place] for place in places if place]
+    tomograph = data.get("Modality") in _TOMOGRAPHS or data.get("SOPClassUID") in _SLICES
+    return any(tomograph or any(place) for place in stated)
 
 
 def _views(data: "Dataset", values: NDArray) -> DicomViews:

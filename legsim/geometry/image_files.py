@@ -11,12 +11,13 @@ whole or not at all.
 
 from __future__ import annotations
 
+import locale
 import math
 import os
 import shutil
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO, Literal
@@ -445,19 +446,21 @@ def _executed(path: Path, reader: sitk.ImageFileReader) -> sitk.Image:
 
 @contextmanager
 def _quiet() -> Iterator[None]:
-    """Drops what ITK's readers write to standard error: they raise it as well."""
-    if sys.__stderr__ is None:  # closed: nothing can be written there
+    """Drops what ITK's readers write to standard error, and the locale that its .vtk reader sets.
+
+    They raise the former as well; under the latter, text beyond ASCII can no longer be read.
+    """
+    before = locale.setlocale(locale.LC_ALL)
+    with ExitStack() as undo:
+        undo.callback(locale.setlocale, locale.LC_ALL, before)
+        if sys.__stderr__ is not None:  # closed: nothing can be written there
+            sys.__stderr__.flush()
+            kept, nowhere = os.dup(2), os.open(os.devnull, os.O_WRONLY)
+            for descriptor in (kept, nowhere):
+                undo.callback(os.close, descriptor)
+            os.dup2(nowhere, 2)
+            undo.callback(os.dup2, kept, 2)
         yield
-        return
-    sys.__stderr__.flush()
-    kept, nowhere = os.dup(2), os.open(os.devnull, os.O_WRONLY)
-    os.dup2(nowhere, 2)
-    try:
-        yield
-    finally:
-        os.dup2(kept, 2)
-        os.close(kept)
-        os.close(nowhere)
 
 
 def _write(path: Path, image: sitk.Image) -> None:

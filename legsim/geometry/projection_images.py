@@ -156,7 +156,8 @@ def projections_of(
     expected = (*geometry.shape_vu[::-1], len(geometry))
     if values.shape[::-1] != expected:
         cure = "give the geometry file that belongs to these projections"
-        if len(values) != len(geometry) and values.shape[1] == len(geometry):
+        rows, columns = geometry.shape_vu
+        if values.shape == (rows, len(geometry), columns):
             cure = "its views seem to be the second axis, as ASTRA stores them: make them the first"
         raise file_error(
             path,

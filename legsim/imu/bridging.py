@@ -2,8 +2,9 @@
 
 A spline of fifth degree multiplies the samples' noise by 60 across 20 missing ones, and by 2000 in
 the integral over 30. So every longer gap is filled before any spline: with the cubic of least
-squares through about as much time beside the gap as is missing in it, half on each side. Noise is
-then no greater in the gap than beside it. What a movement did there alone stays unknown.
+squares through about as much time beside the gap as is missing in it, half on each side. Where one
+side is too short for a cubic, a parabola or a line takes its place, so that the noise in the gap
+(RMS) is never greater than beside it. What a movement did there alone stays unknown.
 """
 
 import numpy as np
@@ -15,7 +16,7 @@ _SPLINED = 2
 """missing samples that a spline may bridge: it adds less noise than they had"""
 
 _BESIDE = 4
-"""samples on each side at least, to which the cubic is fitted"""
+"""samples on each side at least, to which the polynomial is fitted, where there are so many"""
 
 _MOST = 4096
 """samples in one gap"""
@@ -48,6 +49,15 @@ def bridged(times: FloatArray, values: FloatArray, at: FloatArray) -> tuple[Floa
     )
 
 
+def about(times: FloatArray, at: FloatArray, margin: float, beside: int = _BESIDE) -> slice:
+    """Samples at times (n,) within ``margin`` s of the span of ``at`` (k,), and at least ``beside``
+    before and after it, however long the gaps there are.
+    """
+    first = np.searchsorted(times, [at[0] - margin, at[0]])
+    last = np.searchsorted(times, [at[-1] + margin, at[-1]], side="right")
+    return slice(max(min(first[0], first[1] - beside), 0), max(last[0], last[1] + beside))
+
+
 def wide_steps(times: FloatArray) -> NDArray[np.bool_]:
     """Which steps (n - 1,) between samples are gaps of more than two of them."""
     steps = np.diff(times)
@@ -57,12 +67,32 @@ def wide_steps(times: FloatArray) -> NDArray[np.bool_]:
 def _across(
     times: FloatArray, values: FloatArray, before: int, missing: int, at: FloatArray
 ) -> FloatArray:
-    """Values (m, ...) in the gap after sample ``before``, by the cubic about it."""
+    """Values (m, ...) in the gap after sample ``before``, by the polynomial about it."""
     reach = max(_BESIDE, (missing + 1) // 2)
-    about = slice(max(before + 1 - reach, 0), before + 1 + reach)
+    beside = slice(max(before + 1 - reach, 0), before + 1 + reach)
     middle = 0.5 * (times[before] + times[before + 1])
-    half = float(np.abs(times[about] - middle).max())
-    powers = np.vander((times[about] - middle) / half, 4)
-    by_power, *_ = np.linalg.lstsq(powers, values[about].reshape(len(powers), -1), rcond=None)
-    filled = np.vander((at - middle) / half, 4) @ by_power
+    half = float(np.abs(times[beside] - middle).max())
+    read, wanted = (times[beside] - middle) / half, (at - middle) / half
+    powers, factors = _fitted(read, wanted)
+    filled = powers @ (factors @ values[beside].reshape(len(read), -1))
     return np.asarray(filled, float).reshape(len(at), *values.shape[1:])
+
+
+def _fitted(read: FloatArray, wanted: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Polynomial of the highest degree in which noise does not grow.
+
+    Returns the powers (m, d) of the wanted times (m,), and their factors (d, n) per value at the
+    times (n,) that were read.
+    """
+    for degree in (3, 2):
+        powers, factors = _polynomial(read, wanted, degree)
+        # variances against that of a sample
+        if (powers @ (factors @ factors.T) * powers).sum() <= len(wanted):
+            return powers, factors
+    # between samples a line has at most their noise
+    return _polynomial(read, wanted, 1)
+
+
+def _polynomial(read: FloatArray, wanted: FloatArray, degree: int) -> tuple[FloatArray, FloatArray]:
+    factors = np.asarray(np.linalg.pinv(np.vander(read, degree + 1)), float)
+    return np.vander(wanted, degree + 1), factors

@@ -20,6 +20,9 @@ _LOW = 0.01
 _FEW = 0.02
 """of the frames that show a foot: the flattest, where fewer have all markers low"""
 
+_NEVER_FLAT = 0.03
+"""m: a foot whose flattest frames are higher is in swing in all that show two of its markers"""
+
 _BELOW_KNEE = ("tibia", "talus", "calcn", "toes")
 
 
@@ -43,7 +46,8 @@ def notes(motion: MarkerTrajectories, sites: MarkerSites) -> tuple[str, ...]:
 
 def flat_feet(motion: MarkerTrajectories, sites: MarkerSites) -> dict[str, np.ndarray]:
     """By foot (``calcn_r``, ``calcn_l``) whether (n,) it stands flat: all of its markers are as low
-    as in any frame. Empty for a foot without two markers that some frame shows together.
+    as in any frame. Where no such frame shows them all, two do. Nowhere where they are hidden while
+    it stands. Empty for a foot without two markers that some frame shows together.
     """
     found: dict[str, np.ndarray] = {}
     for foot in ("calcn_r", "calcn_l"):
@@ -52,11 +56,21 @@ def flat_feet(motion: MarkerTrajectories, sites: MarkerSites) -> dict[str, np.nd
         seen = [h for h in (motion.marker(n)[:, 1] for n in names) if np.isfinite(h).any()]
         if len(seen) < 2:
             continue
-        lift = np.max([h - np.nanpercentile(h, 5) for h in seen], axis=0)
-        if np.isfinite(lift).any():
-            limit = max(_LOW, float(np.nanquantile(lift, _FEW)))
-            found[foot] = np.asarray(lift <= limit)
+        lifts = np.array([h - np.nanpercentile(h, 5) for h in seen])
+        count = np.isfinite(lifts).sum(0)
+        if (count >= 2).any():
+            whole, partly = (_low(lifts, count >= least) for least in (len(lifts), 2))
+            found[foot] = whole if (np.fmax.reduce(lifts)[whole] <= _LOW).any() else partly
     return found
+
+
+def _low(lifts: FloatArray, shown: np.ndarray) -> np.ndarray:
+    """Whether (n,) a foot is low by its markers' heights (m, n) over their lowest, NaN where not
+    seen, of the frames that count.
+    """
+    lift = np.where(shown, np.fmax.reduce(lifts), np.inf)
+    few = float(np.quantile(lift[shown], _FEW)) if shown.any() else np.inf
+    return lift <= (max(_LOW, few) if few <= _NEVER_FLAT else -np.inf)
 
 
 def _stands(motion: MarkerTrajectories, sites: MarkerSites) -> bool:

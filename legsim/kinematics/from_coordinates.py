@@ -33,8 +33,19 @@ _CALLED = {
 }
 """words for a part of the body in the names of columns"""
 
-_NO_ANGLE = re.compile("moment|torque|force|power|work|emg|activation|reserve|com|acc|vel|speed")
-"""in the names of columns that are no angles"""
+_NO_COORDINATE = re.compile(
+    "moment|torque|force|power|work|emg|activation|reserve|com|acc|vel|speed|contact|jrf|grf|cop"
+    "|rms|error|marker|_[fm][xyz]$|_in_ground"
+)
+"""in the names of columns that are neither angles nor places"""
+
+_ROTATION = re.compile(
+    "angle|tilt|list|obliq|rot|flex|extension|duct|version|(^|_)r[xyz](_|$)", re.IGNORECASE
+)
+_TRANSLATION = re.compile(
+    "(^|_)[tT][xyzXYZ](_|$)|[a-z]T[xyzXYZ](_|$)|(?i:transl|position|displace|height)"
+)
+"""in the names of columns: what tells one kind from the other, where anything does"""
 
 _LARGEST_EXTENSION_DEG = 20.0
 """more than any knee overextends"""
@@ -171,7 +182,10 @@ def _check_names(path: Path, lacking: Sequence[str], others: Sequence[str]) -> N
             continue
         part = name.split("_")[0]
         side = "" if part == "pelvis" else name[-1]
-        alike = [other for other in others if _is_angle_of(other, part, side)]
+        other_kind = _ROTATION if _TRANSLATION.search(name) else _TRANSLATION
+        alike = [
+            other for other in others if _is_of(other, part, side) and not other_kind.search(other)
+        ]
         if alike:
             raise file_error(
                 path,
@@ -182,12 +196,12 @@ def _check_names(path: Path, lacking: Sequence[str], others: Sequence[str]) -> N
             )
 
 
-def _is_angle_of(column: str, part: str, side: str) -> bool:
-    """Whether a column's name tells of a joint's angle on a side ("r", "l"), or of the pelvis, in
+def _is_of(column: str, part: str, side: str) -> bool:
+    """Whether a column's name tells of a joint's pose on a side ("r", "l"), or of the pelvis', in
     any of the styles in use: knee_flexion_r, RKneeAngles_X, r_knee, Right Knee Flexion, tib_fem_r.
     """
     plain = re.sub(r"[^a-z]", "", column.lower())
-    if not any(word in plain for word in _CALLED[part]) or _NO_ANGLE.search(plain):
+    if not any(word in plain for word in _CALLED[part]) or _NO_COORDINATE.search(column.lower()):
         return False
     if not side:
         return True

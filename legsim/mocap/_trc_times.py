@@ -14,6 +14,9 @@ from legsim.mocap.trajectories import written_twice
 _SLOWEST_HZ = 2.0
 """no marker is followed so slowly"""
 
+SAME_RATE = 0.02
+"""by which two rates differ that are the same"""
+
 _OTHER_UNITS = {1e-3: "milliseconds", 1e-6: "microseconds", 60.0: "minutes"}
 """seconds per unit"""
 
@@ -92,10 +95,17 @@ def _seconds(stated: FloatArray, frames: FloatArray, rate: float) -> tuple[float
         return 1 / rate, (said,)
     steps = np.diff(stated) / np.where(between > 0, between, np.nan)
     usual = np.nanmedian(steps) if np.isfinite(steps).any() else np.nan
-    for seconds, name in _OTHER_UNITS.items():
-        if abs(usual * seconds * rate - 1) <= 0.02:
-            return seconds, (f"the time column is in {name}",)
-    return 1.0, ()
+    name, seconds = unit_of(float(usual), rate)
+    return seconds, (f"the time column is in {name}",) if name else ()
+
+
+def unit_of(step: float, rate: float) -> tuple[str, float]:
+    """Unit other than seconds in which a time column goes on by ``step`` at ``rate`` (Hz), and
+    seconds per unit; none and 1 where there is none.
+    """
+    fitting = (u for u in _OTHER_UNITS.items() if abs(step * u[0] * rate - 1) <= SAME_RATE)
+    seconds, name = next(fitting, (1.0, ""))
+    return name, seconds
 
 
 def _frame_notes(
@@ -118,7 +128,7 @@ def _frame_notes(
             f"warning: a sample every {1 / found:.3g} s: no movement is followed so slowly, see "
             "whether the times are in seconds",
         )
-    if abs(found / rate - 1) < 0.02:
+    if abs(found / rate - 1) < SAME_RATE:
         return ()
     return (f"the header says {rate:g} Hz, the time column {found:.4g} Hz, which is taken",)
 

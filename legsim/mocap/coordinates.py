@@ -50,6 +50,9 @@ laboratory
 _SLOWEST_S, _FASTEST_S = 0.5, 1e-5
 """s between two samples of a motion"""
 
+_STILL = 0.1
+"""of the usual step: so short a step back is a halt"""
+
 _FEW = 20
 """samples: so few poses may be a second apart"""
 
@@ -411,12 +414,7 @@ def _jumps(motion: JointTrajectories) -> tuple[str, ...]:
         off |= (np.abs(rates[:, 0]) > limits.speed) & (np.abs(steps) > limits.floor)
         if off.any():
             worst = int(np.where(off, deviation, -1).argmax())
-            step, usually = (limits.factor * abs(x[worst]) for x in (steps, around))
-            moved = (
-                f"jumps by {step:.3g} {limits.unit}"
-                if step > usually
-                else f"halts: it moves by {step:.3g} instead of {usually:.3g} {limits.unit}"
-            )
+            moved = _moved(steps[worst] * limits.factor, around[worst] * limits.factor, limits.unit)
             notes.append(
                 f"warning: {name} {moved} "
                 f"at {motion.times[worst + 1]:.4g} s, within {dt[worst]:.3g} s"
@@ -424,3 +422,13 @@ def _jumps(motion: JointTrajectories) -> tuple[str, ...]:
                 + ": no body moves so; repair the recording"
             )
     return tuple(notes)
+
+
+def _moved(step: float, usual: float, unit: str) -> str:
+    """What a step is, beside the usual one around it: a jump on, a halt, or a jump back."""
+    onward = step * np.sign(usual)
+    if abs(step) > abs(usual) and onward >= 0:
+        return f"jumps by {abs(step):.3g} {unit}"
+    if onward >= -_STILL * abs(usual):
+        return f"halts: it moves by {abs(step):.3g} instead of {abs(usual):.3g} {unit}"
+    return f"jumps by {abs(step - usual):.3g} {unit}"

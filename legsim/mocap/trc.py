@@ -14,7 +14,7 @@ import numpy as np
 from legsim.core import files
 from legsim.core.errors import file_error, printable
 from legsim.core.values import LARGEST, FloatArray
-from legsim.mocap._trc_times import TimeColumn, row_times
+from legsim.mocap._trc_times import SAME_RATE, TimeColumn, row_times, unit_of
 from legsim.mocap.cells import number
 from legsim.mocap.raw import RawMarkers
 from legsim.mocap.trajectories import MarkerTrajectories
@@ -46,6 +46,8 @@ _HEADER_KEYS = (
 class _Header:
     rate: str
     """as it stands there"""
+    other_rates: dict[str, str]
+    """of the camera and before resampling, by key, as they stand there"""
     rate_line: int
     frames: int | None
     units: str
@@ -186,10 +188,11 @@ def _header(path: Path, lines: list[str]) -> _Header:
     frames = cells.get("numframes", "")
     labels = _names(path, names, f"line {filled[3] + 1}")
     first = filled[3] + 1
-    if len(filled) > 4 and _AXES.match(lines[filled[4]].strip(" \t,;").lower()):
+    if len(filled) > 4 and _AXES.match(re.sub("[,;]", " ", lines[filled[4]]).strip().lower()):
         first = filled[4] + 1
     return _Header(
         cells.get("datarate", ""),
+        {key: cells.get(key.lower(), "") for key in ("CameraRate", "OrigDataRate")},
         filled[2] + 1,
         int(frames) if frames.isdecimal() else None,
         cells.get("units", ""),
@@ -199,24 +202,52 @@ def _header(path: Path, lines: list[str]) -> _Header:
 
 
 def _rate(path: Path, header: _Header, stated: FloatArray) -> tuple[float, tuple[str, ...]]:
-    """Sampling rate in hertz: DataRate, or the time column's with a note where DataRate is none."""
-    try:
-        rate = float(header.rate)
-    except ValueError:
-        rate = math.nan
-    if math.isfinite(rate) and rate > 0:
+    """Sampling rate in hertz: DataRate, or the time column's with a note where DataRate is none.
+
+    Raises:
+        LegsimError: neither says it, or the column is faster than the camera.
+    """
+    rate = _positive(header.rate)
+    if math.isfinite(rate):
         return rate, ()
+    if len(stated) == 1:
+        return 1.0, (f"DataRate is {header.rate!r}: a single frame needs none",)
     steps = np.diff(stated)
-    found = 1 / float(np.median(steps)) if len(steps) and (steps > 0).all() else math.nan
-    if not _SLOWEST_HZ <= found <= _FASTEST_HZ:
+    return _rate_of_times(path, header, float(np.median(steps)) if (steps > 0).all() else math.nan)
+
+
+def _rate_of_times(path: Path, header: _Header, step: float) -> tuple[float, tuple[str, ...]]:
+    """Sampling rate in hertz by a time column's usual step, beside the header's other rates."""
+    others = {key: _positive(text) for key, text in header.other_rates.items()}
+    for key, other in others.items():
+        if unit_of(step, other)[0]:
+            return other, (f"DataRate is {header.rate!r}: the rate is {key}, {other:g} Hz",)
+    found = 1 / step
+    others = {key: other for key, other in others.items() if math.isfinite(other)}
+    said = " and ".join(f"{key} {other:g}" for key, other in others.items())
+    fastest = min(_FASTEST_HZ, (1 + SAME_RATE) * max(others.values(), default=math.inf))
+    if not _SLOWEST_HZ <= found <= fastest:
+        faster = f", and the time column's {found:.4g} Hz are more than {said}"
         raise file_error(
             path,
-            f"DataRate is {header.rate!r}, not a positive number",
+            f"DataRate is {header.rate!r}, not a positive number"
+            + (faster if others and found > _SLOWEST_HZ else ""),
             "write the sampling rate in hertz under DataRate",
             place=f"line {header.rate_line}",
         )
     note = f"DataRate is {header.rate!r}: the rate is the time column's, {found:.4g} Hz"
+    if others and not any(abs(found / other - 1) < SAME_RATE for other in others.values()):
+        note = f"warning: {note}, though {said} differ: see whether the times are in seconds"
     return found, (note,)
+
+
+def _positive(text: str) -> float:
+    """The rate that a header's cell states; NaN where it states none."""
+    try:
+        rate = float(text)
+    except ValueError:
+        return math.nan
+    return rate if math.isfinite(rate) and rate > 0 else math.nan
 
 
 def _header_numbers(keys: str, numbers: str) -> dict[str, str]:

@@ -73,7 +73,7 @@ def load_label_map(name_or_path: Path | str) -> LabelMap:
     """Reads a map: one that ships with legsim by its name, a file, or a list of numbers and names.
 
     Of a list (:mod:`legsim.phantom.label_lists`) those structures are taken whose names a shipped
-    map has; other numbers stay unknown.
+    map has; names that a shipped map leaves out are left out; other numbers stay unknown.
 
     Raises:
         LegsimError: no such map, malformed, an unknown key, tissue or segment, or a number or a
@@ -110,8 +110,11 @@ def load_label_map(name_or_path: Path | str) -> LabelMap:
 def _of_list(path: Path) -> LabelMap:
     """The structures of a list whose names a shipped map has, with its tissue and segment."""
     known: dict[tuple[str, ...], LabelEntry] = {}
+    outside: set[tuple[str, ...]] = set()
     for name in names():
-        for entry in load_label_map(name).entries:
+        shipped = load_label_map(name)
+        outside |= {label_lists.words(left) for left in shipped.left_out.values()}
+        for entry in shipped.entries:
             known.setdefault(label_lists.words(f"{entry.name} {entry.side or ''}"), entry)
     listed = label_lists.read(path)
     entries = [
@@ -126,8 +129,16 @@ def _of_list(path: Path) -> LabelMap:
             f"names no structure that legsim knows ({some})",
             "it says no tissues: write a .toml like models/label_maps/leg.toml",
         )
-    foreign = {n: name for n, name in listed.items() if n not in {e.number for e in entries}}
-    return LabelMap(path, _unlike(path, entries), {}, foreign)
+    others = {n: name for n, name in listed.items() if n not in {e.number for e in entries}}
+    left_out = {n: name for n, name in others.items() if _is_outside(outside, name)}
+    foreign = {n: name for n, name in others.items() if n not in left_out}
+    return LabelMap(path, _unlike(path, entries), left_out, foreign)
+
+
+def _is_outside(outside: set[tuple[str, ...]], name: str) -> bool:
+    """Whether shipped maps leave the name out, with its side or, of both sides, without."""
+    words = label_lists.words(name)
+    return bool({words, tuple(word for word in words if word not in ("left", "right"))} & outside)
 
 
 def _sided(known: dict[tuple[str, ...], LabelEntry], words: tuple[str, ...]) -> LabelEntry | None:

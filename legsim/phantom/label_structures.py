@@ -130,7 +130,8 @@ def _enter(
             table[n] = len(entries)
     found = table[image.labels]
     codes[found > 0] = found[found > 0]
-    left = [f"{read.left_out.get(n, 'unnamed')} ({n})" for n in there if table[n] == 0]
+    called = {n: entry.name for n, entry in known.items()} | read.foreign | read.left_out
+    left = [f"{called.get(n, 'unnamed')} ({n})" for n in there if table[n] == 0]
     if left:
         remarks.append(f"{image.path}: left out: {', '.join(left)}")
 

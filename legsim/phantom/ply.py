@@ -2,8 +2,12 @@
 
 The format is that of Turk's "The PLY Polygon File Format" (1994). Polygons become triangles about
 their first corner; colors, normals and other elements are passed over.
+
+legsim reads the format itself: trimesh refuses binary faces of mixed sizes, and plyfile is under
+the GPL.
 """
 
+import re
 import warnings
 from dataclasses import dataclass
 from pathlib import Path
@@ -77,24 +81,49 @@ def read(path: Path) -> tuple[FloatArray, np.ndarray]:
 
 def _header(content: bytes) -> tuple[str, list[_Element], int]:
     """(order of bytes, "" of text; elements; where the numbers begin)."""
-    end = content.find(b"end_header")
-    start = content.find(b"\n", end) + 1
-    if not content.startswith(b"ply") or end < 0 or start < 1:
+    end = re.search(rb"\nend_header[ \t]*\r?\n", content)
+    if not content.startswith(b"ply") or end is None:
         raise ValueError("has no header of a PLY")
     order, elements = None, list[_Element]()
-    for line in content[:end].decode("latin-1").splitlines():
+    for line in content[: end.start()].decode("latin-1").splitlines():
         match line.split():
             case ["format", name, *_] if name in _ORDERS:
                 order = _ORDERS[name]
-            case ["element", name, count]:
+            case ["element", name, count] if count.isdecimal():
                 elements.append(_Element(name, int(count), []))
-            case ["property", "list", count, kind, name]:
-                elements[-1].properties.append(_Property(name, _TYPES[kind], _TYPES[count]))
-            case ["property", kind, name]:
-                elements[-1].properties.append(_Property(name, _TYPES[kind], None))
+            case ["property", "list", count, kind, name] if elements:
+                elements[-1].properties.append(_Property(name, _type(kind), _type(count)))
+            case ["property", kind, name] if elements:
+                elements[-1].properties.append(_Property(name, _type(kind), None))
+            case ["element" | "property", *_]:
+                raise ValueError(f"its header has the line {line.strip()!r}, which is malformed")
+            case _:
+                pass  # comments, and what programs add of their own
     if order is None:
         raise ValueError("its header states no known format")
-    return order, elements, start
+    _check(elements)
+    return order, elements, end.end()
+
+
+def _type(name: str) -> str:
+    if name not in _TYPES:
+        raise ValueError(f"its header has the unknown type {name!r}; known: {', '.join(_TYPES)}")
+    return _TYPES[name]
+
+
+def _check(elements: list[_Element]) -> None:
+    """Raises ValueError where names occur twice, or a list is where a number belongs."""
+    for k, element in enumerate(elements):
+        if element.name in [other.name for other in elements[:k]]:
+            raise ValueError(f"its element {element.name!r} occurs twice")
+        named = [p.name for p in element.properties]
+        for p in element.properties:
+            if named.count(p.name) > 1:
+                raise ValueError(f"{p.name} of the element {element.name!r} occurs twice")
+            if element.name == "vertex" and p.name in ("x", "y", "z") and p.counted_by:
+                raise ValueError(f"{p.name} of its vertices is a list")
+            if element.name == "face" and p.name in _CORNERS and not p.counted_by:
+                raise ValueError(f"its {p.name} are no lists")
 
 
 def _numbers(text: bytes) -> FloatArray:
@@ -114,9 +143,10 @@ class _Binary:
 
     def rows(self, count: int, kinds: list[tuple[str, int]]) -> list[np.ndarray]:
         """Columns (count, n) of rows of (kind, n) numbers; the place stays where it is."""
-        dtype = np.dtype([(f"_{k}", self._order + kind, n) for k, (kind, n) in enumerate(kinds)])
-        if self._at + count * dtype.itemsize > len(self._content):
+        size = count * sum(np.dtype(kind).itemsize * n for kind, n in kinds)
+        if self._at + size > len(self._content):  # numpy refuses to name types beyond 2 GB
             return []
+        dtype = np.dtype([(f"_{k}", self._order + kind, n) for k, (kind, n) in enumerate(kinds)])
         found = np.frombuffer(self._content, dtype, count, self._at)
         return [found[name].reshape(count, -1) for name in dtype.names or ()]
 
@@ -187,7 +217,7 @@ def _next_row(source: _Binary | _Text, element: _Element) -> list[tuple[str, int
             if not rows:
                 raise ValueError("it is cut short")
             length = float(rows[-1][0, 0])
-            if length < 0 or length != int(length):
+            if not (length >= 0 and length.is_integer()):  # also of nan
                 raise ValueError(
                     f"a list of the element {element.name!r} has the length {length:g}"
                 )
@@ -234,7 +264,11 @@ def _triangles(faces: list[np.ndarray] | np.ndarray) -> np.ndarray:
     """(t, 3) of runs of polygons (count, n), about the first corner of each."""
     found = [np.empty((0, 3), np.int64)]
     for run in faces:
-        corners = np.asarray(run).astype(np.int64)
+        numbers = np.asarray(run)
+        broken = ~(np.abs(numbers) < 2**53) | (numbers != np.floor(numbers))  # also of nan
+        if broken.any():
+            raise ValueError(f"has the index {numbers[broken][0]:g}, which is no whole number")
+        corners = numbers.astype(np.int64)
         first = np.broadcast_to(corners[:, :1], corners[:, 2:].shape)
         found.append(np.stack([first, corners[:, 1:-1], corners[:, 2:]], axis=-1).reshape(-1, 3))
     return np.concatenate(found)

@@ -151,9 +151,10 @@ def inverted_shells(
     most = np.zeros(len(groups))
     for k, group in enumerate(groups):
         inside = samples.inside(vertices, triangles[group])
-        shares = np.bincount(samples.owners[inside], minlength=len(groups)) / samples.counts
-        shares[k] = 0.0
-        most = np.maximum(most, shares)
+        # only the shells met: an array of all per shell would make the time quadratic
+        met, hits = np.unique(samples.owners[inside], return_counts=True)
+        met, hits = met[met != k], hits[met != k]
+        most[met] = np.maximum(most[met], hits / samples.counts[met])
     alone, overlapping = [], []
     for k in inward[most[inward] < 1]:
         others = samples.owners[samples.inside(vertices, triangles[groups[k]])] != k

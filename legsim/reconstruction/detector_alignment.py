@@ -29,8 +29,12 @@ _MOST_TILT = np.radians(3.0)
 # percents
 _MOST_CUT_OFF = 0.05
 
-# of a view's largest reading: an edge that reads more in the mean cuts off the object
+# of a view's largest reading above air: an edge that reads more cuts off the object
 _CUT_READING = 0.05
+
+# quantiles of a view that are its air, and its largest reading but for hot pixels; of an edge, its
+# largest reading likewise; of all views' readings there, what is no object
+_AIR, _BRIGHTEST, _BRIGHT, _IN_NEARLY_ALL = 0.01, 0.999, 0.99, 0.1
 
 # rad by which a view's rows may be off the mean of all views before each is turned by itself:
 # attenuation is then off by a percent
@@ -142,7 +146,7 @@ def check_cut_off(detector: AlignedDetector, projections: Projections) -> None:
     ``projections`` are the scanner's.
 
     Raises:
-        LegsimError: over a twentieth of all views read something at that edge: weights that count
+        LegsimError: over a twentieth of all views show the object at that edge: weights that count
             lines alike in all views are then wrong.
     """
     views, among = detector.cut_off, len(projections.geometry)
@@ -170,17 +174,43 @@ def check_cut_off(detector: AlignedDetector, projections: Projections) -> None:
 
 
 def _views_cut_through(detector: AlignedDetector, projections: Projections) -> int:
-    """How many of the views that are cut off nearer read something there.
+    """How many of the views that are cut off nearer show something at that edge.
 
-    All, where rows are turned.
+    An edge reads what its brightest pixels show more than air does in its view. What it reads in
+    nearly all views is no object: edges behind a collimator, noise. Nearer edges are those of at
+    most about half of all views.
     """
-    if detector.turns is not None:
-        return len(detector.cut_off)
     images = projections.line_integrals
-    return sum(
-        bool(images[view, :, edge].mean() > _CUT_READING * images[view].max())
-        for view, edge in zip(detector.cut_off, detector.cut_edges, strict=True)
-    )
+    turns = np.zeros(len(images)) if detector.turns is None else detector.turns
+    air, most = np.array([_quantiles(image, _AIR, _BRIGHTEST) for image in images]).T
+    readings: dict[tuple[int, int], FloatArray] = {}
+    through = 0
+    for view, edge in zip(detector.cut_off, detector.cut_edges, strict=True):
+        lines = _scanner_lines(turns[view], edge)
+        for axis, end in lines:
+            if (axis, end) not in readings:
+                ends = images.take(end, axis)
+                reading = np.array([_quantiles(line, _BRIGHT)[0] for line in ends]) - air
+                readings[axis, end] = reading - np.quantile(reading, _IN_NEARLY_ALL)
+        least = _CUT_READING * (most[view] - air[view])
+        through += any(readings[line][view] > least for line in lines)
+    return through
+
+
+def _scanner_lines(angle: float, edge: int) -> list[tuple[int, int]]:
+    """(axis of the images (v, rows, columns), index) of the scanner's first or last rows or columns
+    that lie towards the first (0) or last (-1) column of images turned by ``angle``.
+
+    Both a row and a column where the angle is nearer to 45 degrees than to a multiple of 90.
+    """
+    outwards = np.array([np.sin(angle), np.cos(angle)]) * (1 if edge else -1)
+    return [(1 + k, -1 if out > 0 else 0) for k, out in enumerate(outwards) if abs(out) > 0.4]
+
+
+def _quantiles(values: Float32Array, *shares: float) -> FloatArray:
+    """Quantiles of the values that are finite, each one of them; 0 where none is finite."""
+    finite = values[np.isfinite(values)]
+    return np.quantile(finite, shares, method="lower") if finite.size else np.zeros(len(shares))
 
 
 def _turns(geometry: ConeBeamGeometry, arc: SourceArc) -> tuple[float, FloatArray | None]:

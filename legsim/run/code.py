@@ -75,6 +75,9 @@ STAGES = {
         ("evaluation", "deformation.files", "phantom.voxelize", "phantom.leg_phantom"),
         ("run.scores", "run.corrected", "simulation.setup"),
     ),
+    "placed": Code(
+        ("correction.image_warp", "deformation.models"), ("run.corrected", "run.reconstruction")
+    ),
     "correct": Code(("run.correct",)),
     "presentation": Code(("run.pipeline",)),
     "replay": Code(("run.replay",)),

@@ -115,14 +115,7 @@ def correct(
     on_progress("reading", 1, 1)
     about = _about(read, opened)
     with failures.reported(opened.label), RunFolder(out, about, kind="correct") as made:
-        given = Reconstructor(
-            made,
-            read.settings.reconstruction,
-            read.grid,
-            opened,
-            on_progress,
-            read.seen.projections,
-        )
+        given = Reconstructor(made, read.settings.reconstruction, read.grid, opened, on_progress)
         key = key_of(_key_of(read), code.fingerprint("correct"), opened.candidate.compiler)
         key = key_of(key, measured_aids.fingerprint(read))
         worn = measured_aids.as_worn(read)

@@ -54,8 +54,8 @@ class Reconstructor:
     grid: VolumeGrid
     device: Device
     on_progress: OnProgress
-    recorded: Projections
-    """what the methods were given"""
+    recorded: Projections | None = None
+    """what the methods were given; None where nobody asks whose the images are"""
 
     def of(self, name: str, key: str, correct: Callable[[], Correction]) -> Reconstructed:
         """Corrects and reconstructs as a stage, unless the folder has it under this key."""
@@ -89,7 +89,7 @@ class Reconstructor:
     def _own_images(self, found: Correction) -> bool:
         """Whether the images are neither those that were recorded nor these warped."""
         images = self.recorded
-        if found.projections is images:
+        if images is None or found.projections is images:
             return False
         if found.warped_by is not None:
             images = image_warp.warp_images(images, found.warped_by, self.device)

@@ -43,6 +43,12 @@ _TILTED_DEG = 30.0
 _LEFT_MG = 60.0
 """offset that no accelerometer has"""
 
+_BRIDGES: dict[Scheme, str] = {
+    "accurate": "by a cubic, or less where few samples are beside them",
+    "paper": "by straight lines between the samples beside them, as the paper's recursion reads",
+}
+"""how each scheme bridges a gap"""
+
 _CLOCK_ERROR = 0.01
 """s, an error of a clock's offset whose cost is reported"""
 
@@ -101,26 +107,9 @@ def assemble(
     joined = _joined(started, geometry)
     found = [_start(s, joined.signals, geometry, settings.methods.scheme) for s in started]
     starts = tuple(start for start, _ in found)
-    clocks = [
-        _on_clock(sensor, joined.signals, start, geometry, settings.methods.scheme)
-        for sensor, start in zip(started, starts, strict=True)
-    ]
-    gaps = [
-        note
-        for sensor, start in zip(started, starts, strict=True)
-        for note in _on_gap(sensor, joined.signals, start, geometry.times)
-    ]
+    costs = _costs(started, starts, joined.signals, geometry, settings.methods.scheme)
     joints = _joints(settings.joints, joined.signals.sensor_names, where)
     grid, chosen = _wanted(settings.grid, folder, where).of(geometry)
-    more = [folder / name for name in (settings.view_times, settings.grid.like) if name]
-    more += [
-        s.folder / s.worn.start.fiducials
-        for s in started
-        if s.worn.start is not None and s.worn.start.fiducials
-    ]
-    more += [folder / settings.beads.file] if settings.beads else []
-    more += [folder / settings.fiducials.file] if settings.fiducials else []
-    more += [described_by] if described_by else []
     rested = settings.methods.sensor_errors.calibration != "none" and all(
         _is_stated(sensor) for sensor in started
     )
@@ -131,17 +120,54 @@ def assemble(
         grid,
         {s.recording.name: s.worn.segment for s in sensors},
         tuple(s.recording.name for s in sensors if s.worn.start is None),
-        (*projection_files.files_of(settings, folder), *sensor_files, *more),
+        (
+            *projection_files.files_of(settings, folder),
+            *sensor_files,
+            *_more_files(settings, folder, started),
+            *([described_by] if described_by else []),
+        ),
         (
             *(_sentence(note) for note in (*read.notes, *chosen)),
             *joined.notes,
             *(f"In doubt: {line}." for line in plausibility.objections(joined.signals)),
             *(note for _, notes in found for note in notes),
-            *clocks,
-            *gaps,
+            *costs,
         ),
         {s.recording.name: s.worn.start for s in started if s.worn.start is not None},
         folder,
+    )
+
+
+def _more_files(
+    settings: MeasuredScanConfig, folder: Path, started: Sequence[WornSensor]
+) -> list[Path]:
+    """Files beside those of projections and sensors."""
+    found = [folder / name for name in (settings.view_times, settings.grid.like) if name]
+    found += [
+        s.folder / s.worn.start.fiducials
+        for s in started
+        if s.worn.start is not None and s.worn.start.fiducials
+    ]
+    found += [folder / given.file for given in (settings.beads, settings.fiducials) if given]
+    return found
+
+
+def _costs(
+    started: Sequence[WornSensor],
+    starts: Sequence[SensorStart],
+    signals: ImuSignals,
+    geometry: ConeBeamGeometry,
+    scheme: Scheme,
+) -> tuple[str, ...]:
+    """Sentences on what the sensors' clocks and gaps cost."""
+    both = list(zip(started, starts, strict=True))
+    return (
+        *(_on_clock(sensor, signals, start, geometry, scheme) for sensor, start in both),
+        *(
+            note
+            for sensor, start in both
+            for note in _on_gap(sensor, signals, start, geometry.times, scheme)
+        ),
     )
 
 
@@ -242,17 +268,17 @@ def _on_clock(
 
 
 def _on_gap(
-    sensor: WornSensor, signals: ImuSignals, start: SensorStart, views: FloatArray
+    sensor: WornSensor, signals: ImuSignals, start: SensorStart, views: FloatArray, scheme: Scheme
 ) -> tuple[str, ...]:
     """What the longest gap of a sensor costs; nothing without one."""
     name, seconds = sensor.recording.name, longest_gap(sensor.recording.times, views)
     if not 0 < seconds < views[-1] - views[0]:
         return ()
-    cost = gap_cost(signals.samples(name), start, views, seconds)
+    cost = gap_cost(signals.samples(name), start, views, seconds, scheme)
     return (
-        f"Sensor {name}: gaps of up to {1e3 * seconds:.0f} ms are bridged by a cubic. The same gap "
-        f"elsewhere in the scan displaces the sensor by {1e3 * cost:.3g} mm RMS at the last view, "
-        "where nothing else finds its drift.",
+        f"Sensor {name}: gaps of up to {1e3 * seconds:.0f} ms are bridged {_BRIDGES[scheme]}. The "
+        f"same gap elsewhere in the scan displaces the sensor by {1e3 * cost:.3g} mm RMS at the "
+        "last view, where nothing else finds its drift.",
     )
 
 

@@ -16,7 +16,7 @@ from legsim.correction.method import Scan
 from legsim.correction.path_measurements import BeadShadows, FiducialShadows
 from legsim.correction.rough_start import EXACT, StartErrors
 from legsim.correction.triangulation import triangulated
-from legsim.imu.catalogue import CataloguedSensor, field_of, load_sensor
+from legsim.imu.catalogue import KEYS, CataloguedSensor, Triad, field_of, load_sensor
 from legsim.imu.errors import TERMS, SensorErrors
 from legsim.imu.signals import SensorStart
 from legsim.run import measured, methods, sensors, shadow_files
@@ -103,7 +103,8 @@ def doubts(scan: MeasuredScan, names: Sequence[str]) -> tuple[str, ...]:
     }
     said = methods.undetermined(names, scan.seen, followed(scan), priors(scan), exact)
     model = scan.settings.methods.sensor_model
-    lines = [f"{line}; its errors are taken for those of {model}" for line in said]
+    whose = "methods.sensor_errors" if model == "custom" else model
+    lines = [f"{line}; its errors are taken for those of {whose}" for line in said]
     projections, given = scan.seen.projections, scan.settings
     if given.beads is not None:
         path = scan.folder / given.beads.file
@@ -127,25 +128,40 @@ def reliance(scan: MeasuredScan, names: Sequence[str]) -> tuple[str, ...]:
         return ()
     model, sensor = scan.settings.methods.sensor_model, _sensor_model(scan)
     if sensor is None:
-        return ("The sensors' errors are taken for those of methods.sensor_errors.",)
-    unconfirmed = sensors.unconfirmed_sentence(model, sensor.values)
-    changes = scan.settings.methods.sensor_errors
-    given = {"accelerometer": changes.accelerometer, "gyroscope": changes.gyroscope}
-    said = [f"The sensors' errors are taken for those of {model}.{unconfirmed}"]
+        said = ["The sensors' errors are taken for those of methods.sensor_errors."]
+    else:
+        unconfirmed = sensors.unconfirmed_sentence(model, sensor.values)
+        said = [f"The sensors' errors are taken for those of {model}.{unconfirmed}"]
+    who = model if sensor else "methods.sensor_errors"
     for term in _DECISIVE:
-        lacking = [
-            v
-            for v in sensor.values
-            if v.value is None and field_of(v) in TERMS[term] and not getattr(given[v.triad], v.key)
-        ]
+        lacking = [triad for triad in KEYS if not _is_stated(scan, sensor, triad, term)]
         if lacking:
-            triads = " and ".join(dict.fromkeys(value.triad for value in lacking))
             said.append(
-                f"In doubt: {model} states no {term} of its {triads}, which "
-                "methods take for zero: they may follow it as motion. Measure it at rest, and give "
-                "a file with it as methods.sensor_model."
+                f"In doubt: {who} states no {term} of its {' and '.join(lacking)}, which methods "
+                "take for zero: they may follow it as motion. Measure it at rest, and give it as "
+                "methods.sensor_errors, or in a file as methods.sensor_model."
             )
     return tuple(said)
+
+
+def _is_stated(
+    scan: MeasuredScan, sensor: CataloguedSensor | None, triad: Triad, term: str
+) -> bool:
+    """Whether the size of an error term is known, be it 0."""
+    given = scan.settings.methods.sensor_errors
+    calibrated = ("six-positions",) if triad == "accelerometer" else ("rest", "six-positions")
+    if term in given.off or (term == "turn-on-bias" and given.calibration in calibrated):
+        return True
+    own, sets = getattr(given, triad), KEYS[triad]
+    if any(
+        getattr(own, key) is not None for key, (field, _) in sets.items() if field in TERMS[term]
+    ):
+        return True
+    return sensor is not None and any(
+        v.value is not None
+        for v in sensor.values
+        if v.triad == triad and field_of(v) in TERMS[term]
+    )
 
 
 def fingerprint(scan: MeasuredScan) -> str:

@@ -57,6 +57,10 @@ def score_methods(
     # a folder of an older version has fewer
     measures = [f.name for kind in (RegionScores, Residual) for f in fields(kind)]
     prepared = cache(lambda: _prepared(stage, scan.setup, corrected[0].load(), regions()))
+    placing: tuple[object, ...] = ()
+    if evaluation.registered == "reconstructed":  # what the volumes' own keys held
+        settings = stage.settings.reconstruction
+        placing = code.fingerprint("placed", settings.algorithm), settings.model_dump()
     results = []
     for k, one in enumerate(corrected):
         stage.on_progress("comparing", k, len(corrected))
@@ -73,6 +77,7 @@ def score_methods(
             similarity.PROTOCOL,
             measures,
             made,
+            *placing,
         )
 
         def write(one: Reconstructed = one, path: Path = path) -> tuple[str, ...]:
@@ -149,7 +154,12 @@ def _write_all(
 
 def _files(one: Reconstructed) -> tuple[str, ...]:
     label = one.name
-    return f"volume-{label}.mha", f"motion-{label}.npz", f"warp-{label}.npz"
+    return (
+        f"volume-{label}.mha",
+        f"motion-{label}.npz",
+        f"warp-{label}.npz",
+        f"correction-{label}.json",
+    )
 
 
 def _prepared(

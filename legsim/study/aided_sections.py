@@ -10,6 +10,7 @@ from legsim.figures import BoxGroup
 from legsim.report import published_tables
 from legsim.report.page import PageSection, Picture, Table
 from legsim.report.published_tables import NONE, counted
+from legsim.study import results as study_results
 from legsim.study import statistics, tables
 from legsim.study.results import AidedScore, ScanScore, methods_of
 
@@ -73,7 +74,7 @@ def of_volumes(scores: Sequence[ScanScore]) -> tuple[PageSection, ...]:
     """Image quality by sensor and method; nothing where the study has none."""
     if not scores:
         return ()
-    whole = tables.regions(scores)[0]
+    whole = study_results.regions(scores)[0]
     take = statistics.of_region("ssim", whole)
     groups = [
         BoxGroup(
@@ -84,9 +85,8 @@ def of_volumes(scores: Sequence[ScanScore]) -> tuple[PageSection, ...]:
         for sensor, block in _by_sensor(scores)
         for method in methods_of(block)
     ]
-    caption = (
-        f"SSIM of the whole leg by sensor and method: one dot per scan. {tables.protocol(scores)}"
-    )
+    how = study_results.protocol(scores)
+    caption = f"SSIM of the whole leg by sensor and method: one dot per scan. {how}"
     drawn = figures.box_plots(groups, axis_label="SSIM, whole leg")
     picture = Picture(caption, figures.png(drawn), caption, "pictures/aided-ssim.png")
     return (
@@ -205,7 +205,7 @@ def _scan_tables(scores: Sequence[AidedScore]) -> list[Table]:
 
 def _volume_table(scores: Sequence[ScanScore]) -> Table:
     """One row per method, headed by the sensor."""
-    regions, rows = tables.regions(scores), []
+    regions, rows = study_results.regions(scores), []
     for sensor, block in _by_sensor(scores):
         count = len({(s.subject, s.posture) for s in block})
         rows.append((f"{_named(sensor)} ({counted(count, 'scan')})",))
@@ -220,5 +220,5 @@ def _volume_table(scores: Sequence[ScanScore]) -> Table:
             ]
             rows.append((method, *cells))
     columns = ("method", *(f"{m} {region}" for m in ("SSIM", "RMSE") for region in regions))
-    note = f"{tables.SPREAD_NOTE} {tables.protocol(scores)}"
+    note = f"{tables.SPREAD_NOTE} {study_results.protocol(scores)}"
     return Table("Image quality by sensor and method", columns, tuple(rows), note, "aided_volumes")

@@ -11,6 +11,7 @@ from legsim.report.page import FileNote, PageSection, Picture, ReportContent
 from legsim.report.published_tables import counted
 from legsim.run import methods
 from legsim.study import aided_sections, csv_files, sections, statistics
+from legsim.study import results as study_results
 from legsim.study import tables as study_tables
 from legsim.study.results import (
     RESULTS_FILE,
@@ -127,8 +128,8 @@ def _headlines(clean: Sequence[ScanScore]) -> list[str]:
     """The whole leg's means, one line per measure."""
     if not clean:
         return []
-    whole = study_tables.regions(clean)[0]
-    lines = [study_tables.protocol(clean)]
+    whole = study_results.regions(clean)[0]
+    lines = [study_results.protocol(clean)]
     for condition, pool in statistics.pools(clean).items():
         for measure, published_of in (
             ("SSIM", published_values.ssim),

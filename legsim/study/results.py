@@ -4,7 +4,7 @@ as results.json.
 
 import json
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -227,3 +227,23 @@ def ladder_score_from(entry: dict[str, Any]) -> LadderScore:
 def methods_of(scores: Sequence[ScanScore]) -> tuple[str, ...]:
     """Names of the methods, in the order of the scores."""
     return tuple(dict.fromkeys(score.method for score in scores))
+
+
+def regions(scores: Iterable[ScanScore]) -> tuple[str, ...]:
+    """Names of all regions; the first is the whole leg."""
+    return tuple(dict.fromkeys(m.region for score in scores for m in score.metrics.regions))
+
+
+def protocol(scores: Iterable[ScanScore]) -> str:
+    """How the volumes of the scores were compared; each way once.
+
+    Methods that change the images are named: their volumes are resampled beside reconstructed ones.
+    """
+    ways: dict[str, list[str]] = {}
+    for score in scores:
+        ways.setdefault(score.metrics.protocol, []).append(score.method)
+    usual = max(ways, key=lambda way: len(ways[way]), default="")
+    return " ".join(
+        way if way == usual else f"{', '.join(dict.fromkeys(ways[way]))}: {way}"
+        for way in sorted(ways, key=lambda way: way != usual)
+    )

@@ -10,6 +10,7 @@ from legsim.imu.noise import Convention
 from legsim.report import published_tables, published_values
 from legsim.report.page import PageSection, Picture, Table
 from legsim.report.published_values import Score
+from legsim.study import results as study_results
 from legsim.study import statistics
 from legsim.study import tables as study_tables
 from legsim.study.results import (
@@ -71,7 +72,7 @@ def _boxes(
     published_of: Callable[[str, str, str], Score | None],
 ) -> Picture:
     """Box plots of a measure of the whole leg, by posture and method."""
-    whole = study_tables.regions(clean)[0]
+    whole = study_results.regions(clean)[0]
     groups = []
     for condition, block in statistics.blocks(clean).items():
         for method in methods_of(block) if condition != "all" else ():
@@ -91,7 +92,7 @@ def _boxes(
     caption = (
         f"{measure} of the whole leg over scans: median, quartiles, whiskers from the 5th to the "
         f"95th percentile, one dot per scan{'; diamonds are the published means' * diamonds}. "
-        f"{study_tables.protocol(clean)}"
+        f"{study_results.protocol(clean)}"
     )
     figure = figures.box_plots(groups, axis_label=f"{measure}, whole leg")
     return _picture(f"box-{measure.lower()}", caption, figure)
@@ -147,7 +148,7 @@ def _test_tables(pool: tuple[ScanScore, ...], where: str, stem: str) -> tuple[li
 
     ``where`` and ``stem`` name the pool in captions and files.
     """
-    whole, tables, count = study_tables.regions(pool)[0], [], 0
+    whole, tables, count = study_results.regions(pool)[0], [], 0
     for measure in ("SSIM", "RMSE"):
         found = statistics.paired_tests(pool, statistics.of_region(measure.lower(), whole))
         count = max((test.scans for test in found), default=0)
@@ -156,7 +157,7 @@ def _test_tables(pool: tuple[ScanScore, ...], where: str, stem: str) -> tuple[li
                 f"Paired test between methods, {measure} of the whole leg{where}, n = "
                 f"{_counts(found)}"
             )
-            name, note = f"test_{measure.lower()}{stem}", study_tables.protocol(pool)
+            name, note = f"test_{measure.lower()}{stem}", study_results.protocol(pool)
             tables.append(study_tables.tests(caption, found, name, note))
     return tables, count
 

@@ -3,7 +3,7 @@ tests, and every scan with its folder.
 """
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 from legsim.evaluation.registration import RegistrationError
@@ -19,23 +19,13 @@ from legsim.study.statistics import LadderCell, Measure, PairedTest
 SPREAD_NOTE = "Mean ± standard deviation (of a sample, n − 1) over scans."
 
 
-def regions(scores: Iterable[ScanScore]) -> tuple[str, ...]:
-    """Names of all regions; the first is the whole leg."""
-    return tuple(dict.fromkeys(m.region for score in scores for m in score.metrics.regions))
-
-
-def protocol(scores: Iterable[ScanScore]) -> str:
-    """How the volumes of the scores were compared; each way once."""
-    return " ".join(dict.fromkeys(score.metrics.protocol for score in scores))
-
-
 def quality(scores: Sequence[ScanScore]) -> tuple[Table, Table]:
     """SSIM and RMSE by condition, method and region."""
     kinds = []
     for measure in ("SSIM", "RMSE"):
         entries = []
         for condition, method, group, label, of_method in _rows(scores):
-            for region in regions(scores):
+            for region in results.regions(scores):
                 ours = statistics.over_scans(
                     of_method, statistics.of_region(measure.lower(), region)
                 )
@@ -43,7 +33,7 @@ def quality(scores: Sequence[ScanScore]) -> tuple[Table, Table]:
                 entries.append(Entry(group, label, region, ours, published))
         kinds.append(entries)
     return published_tables.quality_tables(
-        kinds[0], kinds[1], "Table 1, seven scans a condition", protocol(scores)
+        kinds[0], kinds[1], "Table 1, seven scans a condition", results.protocol(scores)
     )
 
 
@@ -52,13 +42,13 @@ def to_phantom(scores: Sequence[ScanScore]) -> Table | None:
     columns = [
         (f"{measure} {region}", _mean_of(statistics.of_region(f"{field}_phantom", region), 3))
         for measure, field in (("SSIM", "ssim"), ("RMSE", "rmse"))
-        for region in regions(scores)
+        for region in results.regions(scores)
     ]
     return _by_method(
         "SSIM and RMSE to the phantom",
         scores,
         columns,
-        f"{published_tables.PHANTOM} {protocol(scores)} {SPREAD_NOTE}",
+        f"{published_tables.PHANTOM} {results.protocol(scores)} {SPREAD_NOTE}",
         "phantom",
     )
 
@@ -145,7 +135,7 @@ def sharpness(scores: Sequence[ScanScore]) -> Table | None:
     """Gradient entropy by region, and seconds."""
     columns = [
         (f"gradient entropy {r}", _mean_of(statistics.of_region("gradient_entropy", r), 3))
-        for r in regions(scores)
+        for r in results.regions(scores)
     ]
     note = (
         f"{published_tables.ENTROPY} Seconds: estimation, with the images of beads that only some "
@@ -402,7 +392,7 @@ def noisy_quality(scores: Sequence[ScanScore]) -> tuple[Table, Table]:
         ended, label = len({(s.subject, s.posture) for s in group.scores}), group.label
         if ended < len(scans):
             label = f"{label} ({ended} of {counted(len(scans), 'scan')})"
-        for region in regions(noisy):
+        for region in results.regions(noisy):
             published = squats and group.method == "rigid"
             for entries, measure, published_of in (
                 (ssim, "ssim", published_values.noisy_ssim),
@@ -414,7 +404,7 @@ def noisy_quality(scores: Sequence[ScanScore]) -> tuple[Table, Table]:
     note = (
         f"Over {counted(len(scans), 'scan')}; repetitions of a scan are averaged first. "
         f"{SPREAD_NOTE} The noise of the sensors is divided "
-        f"by 10^f_a (accelerometer) and 10^f_g (gyroscope). {protocol(noisy)}"
+        f"by 10^f_a (accelerometer) and 10^f_g (gyroscope). {results.protocol(noisy)}"
     )
     source = "Maier et al. 2021, Table 3"
     return (
@@ -463,7 +453,7 @@ def costs(stages: Sequence[StageCost]) -> Table:
 
 def every_scan(scores: Sequence[ScanScore], name: str) -> tuple[Table, ...]:
     """One row per run, linked to its folder: SSIM, then RMSE, of the whole leg by method."""
-    whole = regions(scores)[0]
+    whole = results.regions(scores)[0]
     methods = results.methods_of(scores)
     runs: dict[tuple[str, str, str], dict[str, ScanScore]] = {}
     for score in scores:
@@ -489,7 +479,7 @@ def every_scan(scores: Sequence[ScanScore], name: str) -> tuple[Table, ...]:
                 caption,
                 ("scan", *methods, "run folder"),
                 tuple(rows),
-                protocol(scores),
+                results.protocol(scores),
                 f"{name}_{measure}",
                 links,
             )

@@ -162,3 +162,34 @@ def test_the_signal_reaches_as_far_as_the_clock_may(clock: float):
         errors = np.zeros(found.size)
         errors[-1] = sigmas
         assert np.isfinite(found.path(errors).poses).all()
+
+
+GAPS = [(-0.3, 0.1), (-0.295, 0.6), (-0.9, 0.6), (-0.45, 0.02), (2.9, 3.3), (2.4, 3.26), (2.9, 3.9)]
+
+
+@pytest.mark.parametrize("clock", [0.0, 0.01])
+@pytest.mark.parametrize(("first", "last"), GAPS)
+def test_gaps_at_either_end_of_the_views_are_bridged_as_without_errors(first, last, clock):
+    """From all samples beside them, however far these are from the views."""
+    samples = np.arange(-240, 720) / 120
+    samples = samples[(samples <= first) | (samples >= last)]
+    rate, force = SWAY.signals(samples)
+    read = ImuSignals(samples, ("shank_l",), rate[:, None], force[:, None])
+    found = error_state(read, "shank_l", START, VIEWS, SensorErrors(), EXACT, clock=clock)
+    errors = np.zeros(found.size)
+    exact = strapdown.integrate(*read.samples("shank_l"), START, VIEWS)
+    np.testing.assert_allclose(found.path(errors).poses, exact, atol=1e-7)
+    for sigmas in (-5.0, 5.0) if clock else ():
+        errors[-1] = sigmas
+        late = strapdown.integrate(samples - clock * sigmas, rate, force, START, VIEWS)
+        # this one leaves a gap that the clock moved out of the views to its spline
+        np.testing.assert_allclose(found.poses(errors), late, atol=1e-5)
+
+
+def test_slow_samples_are_kept_on_both_sides_of_the_views():
+    samples = np.arange(-20, 60) * 0.32 - 0.01
+    rate, force = SWAY.signals(samples)
+    read = ImuSignals(samples, ("shank_l",), rate[:, None], force[:, None])
+    found = error_state(read, "shank_l", START, VIEWS, SensorErrors(), EXACT)
+    assert found.times[0] < VIEWS[0]
+    assert found.times[-1] > VIEWS[-1]

@@ -97,6 +97,25 @@ def test_exact_data_of_an_exact_sensor_give_the_true_path(rng: np.random.Generat
     np.testing.assert_allclose(found.bead_places, PLACES, atol=1e-7)
 
 
+@pytest.mark.parametrize("seed", [2, 16, 134])
+def test_a_few_wrong_shadows_do_not_keep_the_steps_going_in_a_circle(seed: int):
+    """A bead that is met late, and wrongly at first: whole steps end 1.1 to 2.8 px off."""
+    rng = np.random.default_rng([seed, 6])
+    state, right = sensed(rng), bead_shadows(0.15, rng)
+    pixels = right.pixels.copy()
+    pixels[:8, 1] = np.nan
+    size = rng.uniform(8, 14)
+    angle = rng.uniform(0, 6.28)
+    pixels[8:14, 1] += size * np.array([np.cos(angle), np.sin(angle)])
+    standing = StandingPrior.at(KNEE)
+    found = smoother.smooth(
+        state, standing=standing, geometry=GEOMETRY, beads=BeadShadows(pixels, 0.3)
+    )
+    assert found.settled
+    assert found.residual_px < 0.4
+    assert np.linalg.norm(missed(found), axis=-1).max() < 3e-3
+
+
 @pytest.mark.end_to_end
 @pytest.mark.parametrize("by", ["beads", "fiducials"])
 def test_normalized_errors_have_unit_variance(by: str):

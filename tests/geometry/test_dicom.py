@@ -288,3 +288,31 @@ def test_slices_that_lie_in_a_patient_are_no_projections(tmp_path, values):
     )
     with pytest.raises(LegsimError, match=r"slice that lies in the patient \(CT\), no projection"):
         dicom.read_projections(path)
+
+
+def test_enhanced_slices_keep_their_places_in_groups(tmp_path, values):
+    def placed(*heights, **elements):
+        groups = []
+        for height in heights:
+            inner, group = pydicom.Dataset(), pydicom.Dataset()
+            inner.ImagePositionPatient = [0, 0, height]
+            group.PlanePositionSequence = pydicom.Sequence([inner])
+            groups.append(group)
+        each = {"PerFrameFunctionalGroupsSequence": pydicom.Sequence(groups)}
+        return dicom.read_projections(written(tmp_path / "x.dcm", values, **each, **elements))
+
+    with pytest.raises(LegsimError, match=r"lies in the patient \(CT\)"):
+        placed(*range(6), Modality="CT")
+    with pytest.raises(LegsimError, match=r"lies in the patient \(no modality\)"):
+        placed(*range(6))
+    with pytest.raises(LegsimError, match=r"lies in the patient \(RF\)"):
+        placed(*6 * [0], Modality="RF", SOPClassUID=pydicom.uid.EnhancedCTImageStorage)
+    np.testing.assert_array_equal(placed(*6 * [0], Modality="RF").values, values)
+
+
+def test_captured_views_whose_place_is_0_are_views(tmp_path, values):
+    place = {"ImagePositionPatient": [0, 0, 0], "ImageOrientationPatient": [1, 0, 0, 0, 1, 0]}
+    found = dicom.read_projections(written(tmp_path / "x.dcm", values, Modality="RF", **place))
+    np.testing.assert_array_equal(found.values, values)
+    with pytest.raises(LegsimError, match=r"lies in the patient \(MR\)"):
+        dicom.read_projections(written(tmp_path / "x.dcm", values, Modality="MR", **place))

@@ -97,5 +97,37 @@ def test_offsets_that_are_not_finite_are_refused(written, place, code, number):
 def test_a_matrix_of_another_spacing_than_stated_is_refused(written):
     """ITK would place the voxels by the spacing, others by the matrix."""
     doubled = 2 * np.array([[-2, 0, 0, 0], [0, -2, 0, 0], [0, 0, 3, 0]])
-    with pytest.raises(LegsimError, match="states voxels of 2, 2, 3, and of 4, 4, 6 by its sform"):
+    with pytest.raises(
+        LegsimError, match="voxels of 2, 2, 3 by pixdim, and of 4, 4, 6 by its sform"
+    ):
         load_label_image(written(sform=doubled, codes=(0, 1)))
+
+
+@pytest.mark.parametrize(
+    ("pixdim", "spacing", "read"),
+    [
+        ((0, 0, 0), (1, 1, 1), True),
+        ((2, 2, 0), (2, 2, 1), True),
+        ((0, 2, 3), (2, 2, 3), False),
+        ((2, 2, -3), (2, 2, 3), False),
+        ((-1, -1, -1), (1, 1, 1), False),
+    ],
+)
+def test_spacings_of_0_or_less_are_read_where_itk_takes_the_matrix(written, pixdim, spacing, read):
+    """ITK takes 0 for 1, and mirrors an axis whose spacing is negative."""
+    matrix = np.diag([*spacing, 1.0])[:3] * [[-1], [-1], [1]]
+    path = written(sform=matrix, codes=(0, 1))
+    content = bytearray(path.read_bytes())
+    struct.pack_into("<3f", content, 80, *pixdim)
+    path.write_bytes(content)
+    if not read:
+        with pytest.raises(LegsimError, match="by pixdim, and of"):
+            load_label_image(path)
+        found = sitk.ReadImage(str(path))
+        right = np.diag(found.GetDirection()[::4]) @ np.diag(found.GetSpacing())
+        assert not np.allclose(right, np.diag(spacing)), "what ITK alone makes of it"
+        return
+    image = sitk.ReadImage(str(path))
+    assert image.GetDirection() == (1, 0, 0, 0, 1, 0, 0, 0, 1)
+    assert image.GetSpacing() == spacing
+    assert load_label_image(path).labels.all()

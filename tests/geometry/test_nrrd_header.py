@@ -5,6 +5,7 @@ import sys
 
 import numpy as np
 import pytest
+import SimpleITK as sitk
 
 from legsim.core.errors import LegsimError
 from legsim.geometry import image_files
@@ -58,5 +59,30 @@ def test_lengths_in_another_unit_are_refused(with_line):
     path, _ = with_line(b'space units: "mm" "cm" "cm"')
     with pytest.raises(LegsimError, match=r"line \d+\): its lengths are in 'cm'; write it in mm"):
         image_files.load_volume(path)
-    for same in (b'"mm" "mm" "mm"', b'"" "" ""', b'"millimeters" "MM" "mm"'):
+    for same in (b'"mm" "mm" "mm"', b'"" "" ""', b'"???" "???" "???"', b'"millimeters" "MM" "mm"'):
         image_files.load_volume(with_line(b"space units: " + same)[0])
+
+
+@pytest.mark.parametrize("field", [b"Space Units", b"SPACE UNITS", b"spaceunits"])
+def test_units_are_looked_at_in_all_spellings_that_itk_reads(with_line, field):
+    path, _ = with_line(field + b': "um" "um" "um"')
+    assert sitk.ReadImage(str(path)).GetDimension() == 3, "ITK passes over it"
+    with pytest.raises(LegsimError, match=r"its lengths are in 'um'; write it in mm"):
+        image_files.load_volume(path)
+
+
+def test_units_of_axes_are_looked_at(with_line):
+    """`units` belongs to files with `spacings`, without a space."""
+    path, _ = with_line(b"kinds: domain domain domain")
+    head, numbers = path.read_bytes().split(b"\n\n", 1)
+    kept = [line for line in head.split(b"\n") if not line.startswith((b"space", b"kinds"))]
+    lines = [*kept, b"spacings: 2 2 3", b'units: "um" "um" "um"']
+    path.write_bytes(b"\n".join(lines) + b"\n\n" + numbers)
+    assert sitk.ReadImage(str(path)).GetSpacing() == (2, 2, 3), "ITK passes over it"
+    with pytest.raises(LegsimError, match=r"its lengths are in 'um'; write it in mm"):
+        image_files.load_volume(path)
+
+
+def test_a_key_that_is_called_units_is_no_field(with_line):
+    path, volume = with_line(b'units:="um"')
+    np.testing.assert_allclose(image_files.load_volume(path).attenuation, volume.attenuation)

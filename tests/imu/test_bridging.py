@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from legsim.imu import strapdown
-from legsim.imu.bridging import bridged
+from legsim.imu.bridging import about, bridged
 from legsim.imu.signals import SensorStart
 from tests.references.sway import Sway
 
@@ -48,6 +48,18 @@ def test_noise_does_not_grow_in_a_gap(rng, count):
     assert filled[~there].std() < 1.0
 
 
+@pytest.mark.parametrize("after", [7, 8, 200])
+@pytest.mark.parametrize("before", [1, 2, 3, 4, 7, 30])
+@pytest.mark.parametrize("count", [3, 8, 10, 30, 100, 300])
+def test_noise_does_not_grow_where_a_side_is_short(count, before, after):
+    times, there = with_gap(count, before, before + count + after)
+    # column k is how much of sample k's noise each filled sample has
+    gain = bridged(times[there], np.eye(there.sum()), times)[1][~there]
+    assert np.sqrt((gain**2).sum(1).mean()) < 1.0
+    np.testing.assert_allclose(gain.sum(1), 1.0, atol=1e-9)
+    np.testing.assert_allclose(gain @ times[there], times[~there], atol=1e-9)
+
+
 def test_noise_adds_little_to_what_a_third_of_a_second_costs(rng):
     """Of somebody who stands, through sensors with ordinary noise (2 mg, 0.1 deg/s); a spline
     through them would add 10 m.
@@ -69,3 +81,15 @@ def test_noise_adds_little_to_what_a_third_of_a_second_costs(rng):
         ]
         added.append(np.linalg.norm((ends[3] - ends[2]) - (ends[1] - ends[0])))
     assert np.sqrt(np.mean(np.square(added))) < 0.1
+
+
+def test_samples_about_a_scan_reach_beyond_gaps():
+    times = np.r_[0:4, 4.0, 4.7:8:0.1, 8.0]
+    for at, beside, ends in (
+        ([4.85, 7.95], 4, [3.0, 8.0]),
+        ([4.85, 7.95], 1, [4.7, 8.0]),
+        ([4.25], 1, [4.0, 4.7]),
+        ([5.55, 6.55], 1, [5.4, 6.7]),
+    ):
+        near = times[about(times, np.array(at), 0.2, beside)]
+        np.testing.assert_allclose(near[[0, -1]], ends)

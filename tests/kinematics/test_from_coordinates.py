@@ -282,6 +282,8 @@ def test_coordinates_that_are_not_a_legs_are_refused(tmp_path):
         ("knee_angle_r", "tib_fem_r"),
         ("hip_flexion_r", "hip_r_rx"),
         ("pelvis_tilt", "pelvis_rx"),
+        ("pelvis_tx", "pelvis_x"),
+        ("pelvis_ty", "pelvis_height"),
     ],
 )
 def test_a_flexion_of_another_name_is_not_taken_for_a_stiff_joint(tmp_path, solved, name, other):
@@ -289,6 +291,27 @@ def test_a_flexion_of_another_name_is_not_taken_for_a_stiff_joint(tmp_path, solv
     opensim.save(tmp_path / "c.mot", JointTrajectories(solved.times, names, solved.values))
     with pytest.raises(LegsimError, match=f"has no {name}, but {other}.* by --model, or name"):
         from_recording.solve_kinematics(str(tmp_path / "c.mot"))
+
+
+@pytest.mark.parametrize(("name", "other"), [
+    ("pelvis_tx", "pelvis_obliquity"),
+    ("pelvis_list", "pelvis_translation_x"),
+    ("knee_angle_r", "knee_r_tx"),
+    ("knee_angle_r", "knee_contact_r_fx"),
+    ("knee_angle_l", "knee_jrf_l"),
+    ("knee_angle_r", "knee_cop_r"),
+    ("knee_angle_l", "left_knee_RMS"),
+    ("pelvis_tilt", "pelvis_marker_error"),
+    ("hip_flexion_r", "hip_r_on_femur_in_ground_fx"),
+])  # fmt: skip
+def test_a_load_an_error_or_the_other_kind_is_not_offered_for_a_coordinate(
+    tmp_path, solved, name, other
+):
+    names = tuple(other if k == name else k for k in solved.coordinate_names)
+    opensim.save(tmp_path / "c.mot", JointTrajectories(solved.times, names, solved.values))
+    notes = from_recording.solve_kinematics(str(tmp_path / "c.mot")).notes
+    assert any(f"has no {name}: taken as" in note for note in notes)
+    assert any(f"no coordinates of the leg: {other}" in note for note in notes)
 
 
 @pytest.mark.parametrize("other", ["knee_moment_r", "knee_angle_l_beta", "wrist_r", "hip_force_l"])

@@ -7,7 +7,7 @@ import pytest
 
 from legsim.core import transforms
 from legsim.core.errors import LegsimError
-from legsim.kinematics import _ik_problem, inverse_kinematics, marker_sites
+from legsim.kinematics import _ik_problem, _stance, inverse_kinematics, marker_sites
 from legsim.kinematics.ik_options import (
     CoordinateLock,
     CoordinatePrior,
@@ -344,6 +344,26 @@ def test_markers_of_a_foot_go_where_it_stands_flat():
     found = inverse_kinematics.calibrate(LEG, shown, true, foot)
     rows = [true.index(name) for name in foot]
     np.testing.assert_allclose(found.positions[rows], true.positions[rows], atol=5e-3)
+
+
+@pytest.mark.parametrize(("hidden", "flat"), [(1, True), (2, False)])
+def test_a_foot_is_not_flat_in_swing_where_stance_hides_its_markers(hidden, flat):
+    foot = ("heel_r", "meta1_r", "meta5_r")
+    stance = np.arange(400) % 100 < 60
+    places = np.full((400, 3, 3), 0.02)
+    places[~stance, :, 1] += 0.08 + 0.01 * np.sin(np.flatnonzero(~stance))[:, None]
+    places[np.ix_(stance, range(hidden))] = np.nan
+    motion = MarkerTrajectories(np.arange(400) / 100, foot, places)
+    found = _stance.flat_feet(motion, sites(foot))
+    np.testing.assert_array_equal(found["calcn_r"], stance & flat)
+
+
+def test_a_heel_that_rises_unseen_is_not_flat():
+    foot = ("heel_r", "meta1_r", "meta5_r")
+    places = np.full((100, 3, 3), 0.02)
+    places[60:, 0] = np.nan
+    found = _stance.flat_feet(MarkerTrajectories(np.arange(100) / 100, foot, places), sites(foot))
+    np.testing.assert_array_equal(found["calcn_r"], np.arange(100) < 60)
 
 
 LAID_DOWN = {

@@ -155,6 +155,21 @@ def test_somebody_who_stops_for_a_sample_halts():
     assert note.startswith("warning: pelvis_tx halts: it moves by 0 instead of 0.05 m at 1 s")
 
 
+@pytest.mark.parametrize(("step", "said"), [
+    (-3.5, "jumps by 7.5 degrees"),
+    (-0.1, "halts: it moves by 0.1 instead of 4 degrees"),
+    (0.5, "halts: it moves by 0.5 instead of 4 degrees"),
+    (9.0, "jumps by 9 degrees"),
+])  # fmt: skip
+def test_a_step_back_is_a_jump_from_where_the_joint_would_be(step, said):
+    steps = np.full(39, 4.0)
+    steps[20] = step
+    knee = np.radians(np.cumsum([-100, *steps]))
+    file = raw(knee[:, None], times=np.arange(40) / 240, names=("knee_angle_r",))
+    (note,) = file.to_plausible_motion()[1]
+    assert note.startswith(f"warning: knee_angle_r {said} at 0.0875 s")
+
+
 @pytest.mark.parametrize("noise", [0.0, 0.002])
 def test_a_jump_of_somebody_alive_is_no_step(noise, rng):
     """3 m/s and 20 rad/s, as in sprints and kicks, seen by a pose estimator with noise."""

@@ -294,9 +294,48 @@ def test_without_a_rate_the_time_columns_is_taken(write, rate):
     assert found.notes == (f"DataRate is {rate!r}: the rate is the time column's, 100 Hz",)
 
 
-def test_the_line_of_axes_may_begin_with_words(write):
+def of_no_rate(rows, camera="100"):
+    """A file whose DataRate is 0."""
+    return text(rows, rate=camera, frames=len(rows)).replace(f"\n{camera}\t", "\n0\t", 1)
+
+
+@pytest.mark.parametrize(("unit", "seconds", "digits"), [
+    ("milliseconds", 1e-3, 1), ("microseconds", 1e-6, 0), ("minutes", 60.0, 6),
+])  # fmt: skip
+def test_without_a_rate_the_cameras_shows_the_unit_of_the_times(write, unit, seconds, digits):
+    rows = [f"{k}\t{k / 100 / seconds:.{digits}f}\t1\t2\t3\t4\t5\t6" for k in range(20)]
+    found = trc.read(write(of_no_rate(rows)))
+    np.testing.assert_allclose(found.times, np.arange(20) / 100, atol=5e-5)
+    assert found.notes == (
+        "DataRate is '0': the rate is CameraRate, 100 Hz",
+        f"the time column is in {unit}",
+    )
+
+
+def test_without_a_rate_one_other_than_the_cameras_is_doubted(write):
+    slower = trc.read(write(of_no_rate(ROWS, "250")))
+    np.testing.assert_allclose(slower.times, [0, 0.01, 0.02], atol=1e-12)
+    (note,) = slower.notes
+    assert note.startswith(
+        "warning: DataRate is '0': the rate is the time column's, 100 Hz, though"
+    )
+    with pytest.raises(
+        LegsimError, match=r"line 3\): .* column's 100 Hz are more than CameraRate 30"
+    ):
+        trc.read(write(of_no_rate(ROWS, "30")))
+
+
+@pytest.mark.parametrize("time", ["0.25", ""])
+def test_a_single_frame_needs_no_rate(write, time):
+    found = trc.read(write(of_no_rate([f"1\t{time}\t1\t2\t3\t4\t5\t6"])))
+    np.testing.assert_array_equal(found.times, [float(time or 0)])
+    assert found.notes[0] == "DataRate is '0': a single frame needs none"
+
+
+@pytest.mark.parametrize("mark", ["\t", ",", ";"])
+def test_the_line_of_axes_may_begin_with_words(write, mark):
     axes = "Frame#\ts\tX1\tY1\tZ1\tX2\tY2\tZ2\n\n"
-    found = trc.read(write(text(ROWS, axes=axes)))
+    found = trc.read(write(text(ROWS, axes=axes).replace("\t", mark)))
     np.testing.assert_array_equal(found.positions[0], [[1, 2, 3], [4, 5, 6]])
 
 

@@ -64,6 +64,49 @@ def test_names_without_a_known_tissue_stay_unknown(tmp_path):
     assert found.foreign == {9: "screw"}
 
 
+@pytest.mark.parametrize("name", ["脂肪", "Кожа", "???", "of the", "left", "Fémur", "Fe\u0301mur"])
+def test_a_name_without_known_words_is_nothing(tmp_path, name):
+    (tmp_path / "a.json").write_text(json.dumps({"1": "tibia", "2": name}), "utf-8")
+    found = label_maps.load_label_map(tmp_path / "a.json")
+    assert [e.number for e in found.entries] == [1]
+    assert found.foreign == {2: name}
+
+
+@pytest.mark.parametrize("name", ["bone", "Bone", "the bone"])
+def test_bone_by_itself_is_a_name(tmp_path, name):
+    (tmp_path / "a.json").write_text(json.dumps({"2": name}))
+    (found,) = label_maps.load_label_map(tmp_path / "a.json").entries
+    assert (found.name, found.tissue) == ("bone", "bone")
+
+
+def test_names_that_shipped_maps_leave_out_are_left_out(tmp_path):
+    names = {"1": "femur_left", "5": "liver", "27": "vertebrae_L5", "9": "deltoid_right"}
+    (tmp_path / "a.json").write_text(json.dumps(names))
+    found = label_maps.load_label_map(tmp_path / "a.json")
+    assert [e.number for e in found.entries] == [1]
+    assert found.left_out == {5: "liver", 27: "vertebrae_L5", 9: "deltoid_right"}
+    assert not found.foreign
+
+
+def segments(path, *layers):
+    """A segmentation of 3D Slicer with one segment of the number 1 per layer."""
+    image = sitk.GetImageFromArray(np.ones((3, 3, 3), np.uint8))
+    for k, (name, layer) in enumerate(layers):
+        for key, value in (("Name", name), ("LabelValue", "1"), ("Layer", layer)):
+            image.SetMetaData(f"Segment{k}_{key}", value)
+    sitk.WriteImage(image, str(path))
+
+
+@pytest.mark.parametrize(
+    ("layers", "said"),
+    [("01", "segments of 2 layers"), ("00", "number 1 has two names, femur and tibia")],
+)
+def test_segments_that_overlap_are_refused(tmp_path, layers, said):
+    segments(tmp_path / "a.seg.nrrd", *zip(("femur", "tibia"), layers, strict=True))
+    with pytest.raises(LegsimError, match=said):
+        label_lists.read(tmp_path / "a.seg.nrrd")
+
+
 @pytest.mark.parametrize(
     ("name", "text", "said"),
     [
@@ -72,6 +115,9 @@ def test_names_without_a_known_tissue_stay_unknown(tmp_path):
         ("a.txt", "1 2 3\n", "no numbers with names"),
         ("a.json", '{"1": "screw"}', r"knows \(screw\); it says no tissues"),
         ("a.json", '{"1": "femur", "2": "Femur bone"}', "names femur twice, 1 and 2"),
+        ("a.json", '{"femur": 1, "tibia": 1}', "number 1 has two names, femur and tibia"),
+        ("a.json", '{"1": "femur", "1": "tibia"}', "the key '1' occurs twice"),
+        ("a.ctbl", "1 femur 0 0 0 0\n1 tibia 0 0 0 0\n", "number 1 has two names"),
     ],
 )
 def test_what_is_no_list_is_refused(tmp_path, name, text, said):

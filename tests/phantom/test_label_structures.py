@@ -77,6 +77,15 @@ def test_unknown_numbers_are_named_and_refused_unless_ignored():
     assert any("liver (9)" in line for line in known.remarks)
 
 
+def test_what_is_left_out_is_called_as_its_list_calls_it():
+    labels = np.zeros((4, 4, 4), np.uint16)
+    labels[1], labels[2], labels[3] = 1, 2, 3
+    bones = (entry(1, "hip", segment="pelvis"), entry(2, "sacrum", segment="pelvis"))
+    known = LabelMap(Path("a.json"), bones, {}, {3: "screw"})
+    grid = structure_grid([image(labels)], [known], side=None, ignore=[2, 3])
+    assert "left out: sacrum (2), screw (3)" in " ".join(grid.remarks)
+
+
 def test_islands_join_what_is_around_them():
     labels = np.ones((20, 20, 20), int)
     labels[5:15, 5:15, 5:15] = 2

@@ -70,10 +70,37 @@ def test_a_file_that_is_cut_short_is_refused(tmp_path, form):
         ("ply", "plx", "no header"),
         ("4 3 2 1 0", "x 3 2 1 0", "no number"),
         ("4 3 2 1 0", "4.5 3 2 1 0", "the length 4.5"),
+        ("4 3 2 1 0", "nan 3 2 1 0", "the length nan"),
+        ("4 3 2 1 0", "4 2.7 2 1 0", "index 2.7, which is no whole number"),
+        ("4 3 2 1 0", "4 nan 2 1 0", "index nan, which is no whole number"),
+        ("property float x", "property real x", "unknown type 'real'"),
+        ("element vertex 5", "element vertex -5", "line 'element vertex -5'"),
+        ("element vertex 5\n", "", "line 'property float x'"),
+        ("property float x", "property float", "line 'property float'"),
+        ("property float y", "property float x", "x of the element 'vertex' occurs twice"),
+        ("element face", "element vertex", "element 'vertex' occurs twice"),
+        ("list uchar int vertex_indices", "int vertex_indices", "vertex_indices are no lists"),
+        ("property float x", "property list uchar float x", "x of its vertices is a list"),
     ],
 )
 def test_what_a_header_or_row_lacks_is_named(tmp_path, old, new, said):
     path = written(tmp_path / "a.ply", "ascii")
     path.write_text(path.read_text().replace(old, new, 1))
     with pytest.raises(ValueError, match=said):
+        ply.read(path)
+
+
+def test_a_comment_does_not_end_the_header(tmp_path):
+    path = written(tmp_path / "a.ply", "ascii")
+    path.write_text(
+        path.read_text().replace("a pyramid", "the end_header follows\nobj_info end_header")
+    )
+    assert len(ply.read(path)[1]) == 6
+
+
+def test_a_length_beyond_any_file_is_refused(tmp_path):
+    path = written(tmp_path / "a.ply", "binary_little_endian", length="int")
+    face = struct.pack("<i4i", 4, *FACES[0])
+    path.write_bytes(path.read_bytes().replace(face, struct.pack("<i4i", 2**31 - 1, *FACES[0])))
+    with pytest.raises(ValueError, match="cut short"):
         ply.read(path)

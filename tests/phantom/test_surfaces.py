@@ -123,6 +123,24 @@ def test_shells_behind_one_another_are_only_compared_where_their_boxes_meet() ->
     assert (len(alone), overlapping) == (400, [])
 
 
+def test_inverted_boxes_are_those_that_comparing_each_pair_finds(rng: np.random.Generator) -> None:
+    count, box = 120, trimesh.creation.box((2, 2, 2))
+    middles, halves = rng.uniform(0, 8, (count, 3)), rng.uniform(0.1, 1.5, (count, 3))
+    corners = middles[:, None] + halves[:, None] * box.vertices
+    inward = rng.random(count) < 0.5
+    faces = [box.faces[:, ::-1] if inward[k] else box.faces for k in range(count)]
+    triangles = np.concatenate([face + 8 * k for k, face in enumerate(faces)])
+    # (k, j): share of the corners of box k in box j
+    beside = np.abs(corners[:, None] - middles[None, :, None]) / halves[None, :, None]
+    shares = (beside < 1).all(axis=-1).mean(axis=-1) * (1 - np.eye(count))
+    reached = inward & (shares.max(axis=1) < 1)
+    touched = (shares > 0).any(axis=1) | (shares > 0).any(axis=0)
+    found = surfaces.inverted_shells(corners.reshape(-1, 3), triangles, surfaces.shells(triangles))
+    for groups, expected in zip(found, (reached & ~touched, reached & touched), strict=True):
+        assert [int(g[0]) // 12 for g in groups] == list(np.flatnonzero(expected))
+        assert expected.any()
+
+
 def test_a_moebius_strip_stays_as_it_is() -> None:
     around = np.linspace(0, np.pi, 13)[:-1]
     side = np.stack([np.cos(2 * around), np.sin(2 * around), 0 * around], -1)

@@ -11,6 +11,7 @@ from legsim.core.errors import LegsimError
 from legsim.correction.fiducials import FIDUCIAL_NAMES, Fiducials, project_fiducials
 from legsim.geometry.volume import VolumeGrid
 from legsim.imu.files import save_imu
+from legsim.imu.gap_cost import gap_cost
 from legsim.imu.signals import ImuSignals
 from legsim.reconstruction import field_of_view
 from tests.examples import measured
@@ -93,22 +94,27 @@ def test_the_cost_of_a_wrong_clock_is_that_of_shifted_signals(tmp_path):
     assert off > 0.05
 
 
-def test_what_a_gap_costs_is_noted(tmp_path):
-    path = measured.write(tmp_path)
+@pytest.mark.parametrize(
+    ("scheme", "bridge"), [("accurate", "by a cubic, or less"), ("paper", "by straight lines")]
+)
+def test_what_a_gap_costs_is_noted(tmp_path, scheme, bridge):
+    path = measured.write(tmp_path, f'{SCAN}\n[methods]\nscheme = "{scheme}"\n')
     whole = measured.signals()
     kept = (whole.times <= 2.0) | (whole.times >= 2.3)
-    save_imu(
-        tmp_path / "imu.csv",
-        ImuSignals(
-            whole.times[kept],
-            whole.sensor_names,
-            whole.angular_velocity[kept],
-            whole.specific_force[kept],
-        ),
+    recorded = ImuSignals(
+        whole.times[kept],
+        whole.sensor_names,
+        whole.angular_velocity[kept],
+        whole.specific_force[kept],
     )
-    (note,) = [n for n in ls.load_measured_scan(path).notes if "bridged by a cubic" in n]
-    assert note.startswith("Sensor shank_l: gaps of up to 300 ms are bridged by a cubic.")
-    assert float(note.split(" mm RMS")[0].split()[-1]) < 100
+    save_imu(tmp_path / "imu.csv", recorded)
+    scan = ls.load_measured_scan(path)
+    (note,) = [n for n in scan.notes if "bridged" in n]
+    assert note.startswith(f"Sensor shank_l: gaps of up to 300 ms are bridged {bridge}")
+    stated = float(note.split(" mm RMS")[0].split()[-1])
+    samples, views = scan.seen.signals.samples("shank_l"), scan.seen.times
+    cost = gap_cost(samples, scan.seen.starts[0], views, 0.3, scheme)
+    assert stated == pytest.approx(1e3 * cost, rel=5e-3)
 
 
 def test_fiducials_give_the_start(tmp_path):

@@ -143,6 +143,29 @@ def test_a_sensor_without_a_stated_bias_is_in_doubt(tmp_path):
     )
 
 
+@pytest.mark.parametrize(
+    "known",
+    [
+        'off = ["turn-on-bias"]',
+        'calibration = "six-positions"',
+        "accelerometer = {turn_on_bias_mg = 0}\ngyroscope = {turn_on_bias_deg_per_s = 0}",
+    ],
+)
+def test_a_bias_that_is_known_to_be_gone_is_in_no_doubt(tmp_path, known: str):
+    more = BEADS + MODEL.format("adis16505") + f"[methods.sensor_errors]\n{known}\n"
+    (said,) = measured_aids.reliance(loaded(tmp_path, more=more), ["fused-beads"])
+    assert "In doubt" not in said
+
+
+def test_a_sensor_of_which_nothing_is_stated_is_in_doubt(tmp_path):
+    scan = loaded(tmp_path, more=BEADS + MODEL.format("custom"))
+    said = measured_aids.reliance(scan, ["fused-beads"])
+    assert [line.split(" of its")[0] for line in said[1:]] == [
+        "In doubt: methods.sensor_errors states no turn-on-bias",
+        "In doubt: methods.sensor_errors states no white-noise",
+    ]
+
+
 def test_methods_that_find_the_start_begin_where_the_sensor_was_strapped_on(tmp_path):
     """A biased gyroscope makes standing_start run after its drift."""
     scan = loaded(tmp_path)
@@ -249,7 +272,7 @@ def test_a_scan_without_beads_says_where_they_go(tmp_path):
 def test_shadows_that_fit_no_path_of_the_sensor_are_doubted_and_move_nothing(tmp_path):
     path = write(tmp_path, beads=table(bead_pixels()[::-1]))
     result = ls.correct(path, ["fused-beads"], tmp_path / "o")
-    assert any("In doubt: fused-beads: no path of the sensor fits" in n for n in result.notes)
+    assert any("In doubt: fused-beads: the shadows are 3 px RMS from" in n for n in result.notes)
     assert (tmp_path / "o/volume-fused-beads.mha").read_bytes() == (
         tmp_path / "o/volume-uncorrected.mha"
     ).read_bytes()

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from legsim.evaluation.registration import RegistrationError
+from legsim.study import results as study_results
 from legsim.study import statistics, tables
 from legsim.study.results import LadderScore, NoiseLevel, SensorScore, StageCost
 from tests.examples import study as example_study
@@ -65,8 +66,24 @@ def test_every_table_of_image_quality_names_the_scaling():
     found = statistics.paired_tests(CLEAN, statistics.of_region("ssim", "leg"))
     for scores, words in ((CLEAN, "one map, the range"), (other, "its own minimum and maximum")):
         shown = [*tables.quality(scores), *tables.every_scan(scores, "scans")]
-        shown += [tables.to_phantom(scores), tables.tests("", found, "", tables.protocol(scores))]
+        shown += [
+            tables.to_phantom(scores),
+            tables.tests("", found, "", study_results.protocol(scores)),
+        ]
         assert all(words in table.note for table in shown if table is not None)
+
+
+def test_a_method_that_is_compared_in_another_way_is_named():
+    mixed = [
+        replace(s, metrics=replace(s.metrics, registered="reconstructed"))
+        if s.method != "rigid"
+        else s
+        for s in CLEAN
+    ]
+    usual, other = study_results.protocol(mixed).split(" rigid: ")
+    assert "reconstructed where they lie" in usual
+    assert "resampled" in other
+    assert "resampled" not in usual
 
 
 def test_a_method_that_failed_somewhere_says_how_many_scans_it_has():
