@@ -15,7 +15,7 @@ from legsim.core.values import FloatArray
 from legsim.imu import table_rows, tables
 from legsim.imu.recording import ImuRecording
 from legsim.imu.signals import ImuSignals
-from legsim.imu.tables import SensorColumns, TableLayout
+from legsim.imu.table_layout import SensorColumns, TableLayout
 from legsim.imu.units import AccelerationUnit, AngularVelocityUnit
 from legsim.mocap.c3d_analog import load_analog
 from legsim.mocap.cells import number

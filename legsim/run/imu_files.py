@@ -14,7 +14,7 @@ from legsim.core.files import load_toml
 from legsim.imu import files, recording, tables
 from legsim.imu.recording import ImuRecording
 from legsim.imu.signals import ImuSignals
-from legsim.imu.tables import SensorColumns, TableLayout
+from legsim.imu.table_layout import SensorColumns, TableLayout
 from legsim.kinematics.skeleton import SEGMENTS
 from legsim.mocap.c3d_analog import has_points
 
