@@ -4,7 +4,6 @@ Filtered images reach beyond the pixels that were measured, and so must the colu
 back-projection reads.
 """
 
-import warnings
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,7 +14,6 @@ from legsim.core.errors import LegsimError
 from legsim.core.values import Float32Array, FloatArray
 from legsim.geometry.cone_beam import ConeBeamGeometry, Projections
 from legsim.reconstruction.source_path import SourceArc, fan_angles, source_arc
-from legsim.reconstruction.weights import ShortScanWarning
 
 # of the detector's width: views whose sides differ by less count each ray as measured twice, as RTK
 # does
@@ -24,17 +22,6 @@ _LEAST_OFFSET = 0.1
 # rad by which a scan's rows may be off before its images are turned: small tilts cost less than
 # interpolation does
 _MOST_TILT = np.radians(3.0)
-
-# share of the views whose nearer edge may cut off the object: beyond, attenuation is off by
-# percents
-_MOST_CUT_OFF = 0.05
-
-# of a view's largest reading above air: an edge that reads more cuts off the object
-_CUT_READING = 0.05
-
-# quantiles of a view that are its air, and its largest reading but for hot pixels; of an edge, its
-# largest reading likewise; of all views' readings there, what is no object
-_AIR, _BRIGHTEST, _BRIGHT, _IN_NEARLY_ALL = 0.01, 0.999, 0.99, 0.1
 
 # rad by which a view's rows may be off the mean of all views before each is turned by itself:
 # attenuation is then off by a percent
@@ -138,79 +125,6 @@ def align(geometry: ConeBeamGeometry, seen: ConeBeamGeometry | None = None) -> A
         shape_vu=(shape_vu[0], shape_vu[1] + sum(added)),
     )
     return AlignedDetector(aligned, tilt, turns, shape_vu, added, homographies, *cut)
-
-
-def check_cut_off(detector: AlignedDetector, projections: Projections) -> None:
-    """Warns (:class:`ShortScanWarning`) of views that the detector's edge cuts off nearer.
-
-    ``projections`` are the scanner's.
-
-    Raises:
-        LegsimError: over a twentieth of all views show the object at that edge: weights that count
-            lines alike in all views are then wrong.
-    """
-    views, among = detector.cut_off, len(projections.geometry)
-    if not views:
-        return
-    named = ", ".join(map(str, views[:5])) + (", ..." if len(views) > 5 else "")
-    found = (
-        f"the detector stands farther to one side in {len(views)} of {among} "
-        f"views ({named}): lines that pass the axis at {1e3 * detector.radius:.0f} mm or more are "
-        "missing there"
-    )
-    through = _views_cut_through(detector, projections)
-    if through > _MOST_CUT_OFF * among:
-        raise LegsimError(
-            f"{found}, and {through} of them show the object at that edge; filtered "
-            "back-projection weights all views alike: reconstruct by cgls, which takes each view "
-            "as it is, or views of one side alone"
-        )
-    warnings.warn(
-        f"{found}, and are estimated; reconstruct by cgls, which takes each view as it is, or "
-        "leave these views out",
-        ShortScanWarning,
-        stacklevel=4,
-    )
-
-
-def _views_cut_through(detector: AlignedDetector, projections: Projections) -> int:
-    """How many of the views that are cut off nearer show something at that edge.
-
-    An edge reads what its brightest pixels show more than air does in its view. What it reads in
-    nearly all views is no object: edges behind a collimator, noise. Nearer edges are those of at
-    most about half of all views.
-    """
-    images = projections.line_integrals
-    turns = np.zeros(len(images)) if detector.turns is None else detector.turns
-    air, most = np.array([_quantiles(image, _AIR, _BRIGHTEST) for image in images]).T
-    readings: dict[tuple[int, int], FloatArray] = {}
-    through = 0
-    for view, edge in zip(detector.cut_off, detector.cut_edges, strict=True):
-        lines = _scanner_lines(turns[view], edge)
-        for axis, end in lines:
-            if (axis, end) not in readings:
-                ends = images.take(end, axis)
-                reading = np.array([_quantiles(line, _BRIGHT)[0] for line in ends]) - air
-                readings[axis, end] = reading - np.quantile(reading, _IN_NEARLY_ALL)
-        least = _CUT_READING * (most[view] - air[view])
-        through += any(readings[line][view] > least for line in lines)
-    return through
-
-
-def _scanner_lines(angle: float, edge: int) -> list[tuple[int, int]]:
-    """(axis of the images (v, rows, columns), index) of the scanner's first or last rows or columns
-    that lie towards the first (0) or last (-1) column of images turned by ``angle``.
-
-    Both a row and a column where the angle is nearer to 45 degrees than to a multiple of 90.
-    """
-    outwards = np.array([np.sin(angle), np.cos(angle)]) * (1 if edge else -1)
-    return [(1 + k, -1 if out > 0 else 0) for k, out in enumerate(outwards) if abs(out) > 0.4]
-
-
-def _quantiles(values: Float32Array, *shares: float) -> FloatArray:
-    """Quantiles of the values that are finite, each one of them; 0 where none is finite."""
-    finite = values[np.isfinite(values)]
-    return np.quantile(finite, shares, method="lower") if finite.size else np.zeros(len(shares))
 
 
 def _turns(geometry: ConeBeamGeometry, arc: SourceArc) -> tuple[float, FloatArray | None]:

@@ -15,6 +15,7 @@ from legsim.opencl.device import Device, open_device
 from legsim.reconstruction import (
     _backprojection_plan,
     backprojection,
+    cut_off_edges,
     detector_alignment,
     filtering,
 )
@@ -119,7 +120,7 @@ def fdk_slabs(
     detector = detector_alignment.align(
         images.geometry, object_geometry(images.geometry, grid, motion)
     )
-    detector_alignment.check_cut_off(detector, images)
+    cut_off_edges.check_cut_off(detector, images)
     decided = _decided(detector.geometry, grid, device, motion, options)
     weights_geometry = object_geometry(detector.geometry, grid, motion)
     mirrored = np.array(decided.mirrored)

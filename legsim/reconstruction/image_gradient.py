@@ -30,6 +30,7 @@ from legsim.opencl.device import Device, open_device
 from legsim.reconstruction import (
     _backprojection_plan,
     backprojection,
+    cut_off_edges,
     detector_alignment,
     fdk,
     filtering,
@@ -322,7 +323,7 @@ def filtered_scan(
     projections, motion = images_and_motion(projections, motion)
     given = projections.geometry
     detector = detector_alignment.align(given, fdk.object_geometry(given, grid, motion))
-    detector_alignment.check_cut_off(detector, projections)
+    cut_off_edges.check_cut_off(detector, projections)
     weights_geometry = fdk.object_geometry(detector.geometry, grid, motion)
     upright = np.zeros(len(projections.geometry), bool)
     batches = filtering.filtered_views(

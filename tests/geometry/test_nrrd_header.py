@@ -85,4 +85,6 @@ def test_units_of_axes_are_looked_at(with_line):
 
 def test_a_key_that_is_called_units_is_no_field(with_line):
     path, volume = with_line(b'units:="um"')
-    np.testing.assert_allclose(image_files.load_volume(path).attenuation, volume.attenuation)
+    np.testing.assert_allclose(
+        image_files.load_volume(path).attenuation, volume.attenuation, rtol=1e-6
+    )

@@ -12,10 +12,11 @@ from legsim.geometry.cone_beam import ConeBeamGeometry, Projections
 from legsim.geometry.volume import VolumeGrid
 from legsim.opencl.device import Device
 from legsim.reconstruction import fdk
-from legsim.reconstruction.detector_alignment import align, check_cut_off
+from legsim.reconstruction.detector_alignment import align
 from legsim.reconstruction.source_path import fan_angles, source_arc
 from legsim.reconstruction.weights import ShortScanWarning, redundancy_weights
 from tests.references.backprojection import Ellipsoid, project
+from tests.references.half_fans import COLUMNS, half_fan, shifted_by_view
 
 SOLIDS = [
     Ellipsoid((0.0, 0.0, 0.0), (0.08, 0.06, 0.07), 20.0),
@@ -121,29 +122,6 @@ def test_attenuation_is_absolute_however_the_detector_is_turned(
     index = np.rint((places - grid.origin) / grid.spacing_xyz).astype(int)
     found = [volume[tuple(slice(i - 1, i + 2) for i in at[::-1])].mean() for at in index]
     np.testing.assert_allclose(found, [20.0, 30.0, 20.0, 20.0, 20.0], atol=0.005 * 30)
-
-
-COLUMNS = 90
-
-
-def half_fan(
-    shift: float, *, span_deg: float = 360.0, views: int = 180, mirrored: bool = False
-) -> ConeBeamGeometry:
-    """A detector moved by ``shift`` columns towards higher ones, so that the axis is seen ``shift``
-    columns before its middle.
-    """
-    base = ConeBeamGeometry.circular(
-        times=np.arange(views) * 1.0,
-        angles=np.radians(np.linspace(0, span_deg, views, endpoint=False)),
-        source_isocenter=0.78,
-        source_detector=1.198,
-        shape_vu=(80, COLUMNS),
-        pixel_pitch=3.2e-3,
-    )
-    flip = np.array([[-1.0, 0, COLUMNS - 1], [0, 1, 0], [0, 0, 1]]) if mirrored else np.eye(3)
-    return replace(
-        base, matrices=flip @ np.array([[1.0, 0, -shift], [0, 1, 0], [0, 0, 1]]) @ base.matrices
-    )
 
 
 @pytest.mark.parametrize(
@@ -323,13 +301,6 @@ def test_a_half_fan_in_a_partial_turn_says_from_where_on_lines_are_missing(
     assert inside.mean() == pytest.approx(20, rel=0.005), "what is seen by all views is complete"
 
 
-def shifted_by_view(geometry: ConeBeamGeometry, columns: np.ndarray) -> ConeBeamGeometry:
-    """The detector moved by columns (v,) more, towards higher ones."""
-    sideways = np.repeat(np.eye(3)[None], len(geometry), 0)
-    sideways[:, 0, 2] = -columns
-    return replace(geometry, matrices=sideways @ geometry.matrices)
-
-
 @pytest.mark.parametrize("odd", [-14.0, -30.0])
 @pytest.mark.parametrize("mirrored", [False, True])
 def test_one_odd_view_leaves_a_half_fan_one(device: Device, odd: float, mirrored: bool) -> None:
@@ -360,82 +331,6 @@ def test_a_detector_that_changes_its_side_is_refused_where_it_cuts_the_object(
     with pytest.warns(ShortScanWarning, match="180 of 180 views"):
         found = fdk.fdk(project(geometry, small), grid, device=device)
     np.testing.assert_allclose(found.attenuation, 20, rtol=0.01)
-
-
-def rolled(geometry: ConeBeamGeometry, degrees: float) -> ConeBeamGeometry:
-    """Its detector turned about its middle; a quarter turn changes its rows to columns."""
-    a = np.radians(degrees)
-    rows, columns = geometry.shape_vu
-    shape_vu = (columns, rows) if degrees % 180 == 90 else (rows, columns)
-    from_middle = np.array([[1, 0, -0.5 * (columns - 1)], [0, 1, -0.5 * (rows - 1)], [0, 0, 1]])
-    turn = np.array([[np.cos(a), -np.sin(a), 0], [np.sin(a), np.cos(a), 0], [0, 0, 1]])
-    back = np.array([[1, 0, 0.5 * (shape_vu[1] - 1)], [0, 1, 0.5 * (shape_vu[0] - 1)], [0, 0, 1]])
-    return replace(
-        geometry, matrices=back @ turn @ from_middle @ geometry.matrices, shape_vu=shape_vu
-    )
-
-
-def of_changing_side(radius: float, degrees: float = 0.0) -> Projections:
-    """A ball before a detector that changes its side by 40 columns in every view."""
-    geometry = rolled(shifted_by_view(half_fan(0), 20.0 * (-1.0) ** np.arange(180)), degrees)
-    ball = Ellipsoid((0.005, 0.0, 0.0), (radius,) * 3, 20.0)
-    return project(geometry, [ball])
-
-
-def cut_off(projections: Projections) -> str:
-    """What is said of it: the refusal, else the warning."""
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
-        try:
-            check_cut_off(align(projections.geometry), projections)
-        except LegsimError as error:
-            return str(error)
-    return str(caught[0].message)
-
-
-@pytest.mark.parametrize("degrees", [0.0, 12.0, -40.0, 90.0, -90.0, 170.0])
-def test_only_what_the_cut_edge_shows_is_refused_however_rows_are_turned(degrees: float) -> None:
-    assert "180 of them show the object" in cut_off(of_changing_side(0.06, degrees))
-    assert "and are estimated" in cut_off(of_changing_side(0.02, degrees))
-
-
-def test_pixels_that_are_hot_or_missing_hide_no_cut_off() -> None:
-    seen = of_changing_side(0.06)
-    for value in (1e4, np.nan, np.inf):
-        images = seen.line_integrals.copy()
-        images[:, 5, 50] = images[:, 7, 0] = value
-        assert "180 of them show the object" in cut_off(Projections(seen.geometry, images))
-
-
-def test_two_rows_that_are_cut_off_are_enough() -> None:
-    seen = of_changing_side(0.06)
-    images = np.zeros_like(seen.line_integrals)
-    images[:, 39:41] = seen.line_integrals[:, 39:41]
-    assert "180 of them show the object" in cut_off(Projections(seen.geometry, images))
-
-
-@pytest.mark.parametrize(
-    ("radius", "said"), [(0.02, "and are estimated"), (0.06, "180 of them show")]
-)
-def test_air_that_reads_something_is_no_object(
-    radius: float, said: str, rng: np.random.Generator
-) -> None:
-    seen = of_changing_side(radius)
-    images = seen.line_integrals + np.float32(0.2)
-    images[::3] += 0.1
-    assert said in cut_off(Projections(seen.geometry, images))
-    noisy = images + rng.normal(0, 0.02, images.shape).astype(np.float32)
-    assert said in cut_off(Projections(seen.geometry, noisy))
-
-
-def test_a_collimator_and_a_hot_pixel_at_the_edges_are_no_object() -> None:
-    seen = of_changing_side(0.02)
-    images = seen.line_integrals.copy()
-    images[:, :, :2] = images[:, :, -2:] = 4.0
-    assert "and are estimated" in cut_off(Projections(seen.geometry, images))
-    images = seen.line_integrals.copy()
-    images[::2, 7, [0, -1]] = 9.0
-    assert "and are estimated" in cut_off(Projections(seen.geometry, images))
 
 
 def test_small_wobbles_of_the_detector_are_no_news(rng: np.random.Generator) -> None:
