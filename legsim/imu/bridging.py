@@ -2,9 +2,10 @@
 
 A spline of fifth degree multiplies the samples' noise by 60 across 20 missing ones, and by 2000 in
 the integral over 30. So every longer gap is filled before any spline: with the cubic of least
-squares through about as much time beside the gap as is missing in it, half on each side. Where one
-side is too short for a cubic, a parabola or a line takes its place, so that the noise in the gap
-(RMS) is never greater than beside it. What a movement did there alone stays unknown.
+squares through about as much time beside the gap as is missing in it, half on each side. Where
+that is too little for a cubic, as where uneven samples crowd there or one side is short, up to
+twice as many samples carry it, or a parabola or a line takes its place: the noise in the gap (RMS)
+is never greater than beside it. What a movement did there alone stays unknown.
 """
 
 import numpy as np
@@ -69,30 +70,31 @@ def _across(
 ) -> FloatArray:
     """Values (m, ...) in the gap after sample ``before``, by the polynomial about it."""
     reach = max(_BESIDE, (missing + 1) // 2)
-    beside = slice(max(before + 1 - reach, 0), before + 1 + reach)
-    middle = 0.5 * (times[before] + times[before + 1])
-    half = float(np.abs(times[beside] - middle).max())
-    read, wanted = (times[beside] - middle) / half, (at - middle) / half
-    powers, factors = _fitted(read, wanted)
-    filled = powers @ (factors @ values[beside].reshape(len(read), -1))
+    # where uneven samples crowd beside the gap, up to twice as many carry the cubic
+    cubics = [(further, 3) for further in range(reach, 2 * reach + 1, reach // 4)]
+    for further, degree in (*cubics, (reach, 2)):
+        beside = _beside(before, further)
+        powers, factors = _polynomial(times[beside], at, degree)
+        # variances against that of a sample
+        if (powers @ (factors @ factors.T) * powers).sum() <= len(at):
+            break
+    else:  # between samples a line has at most their noise
+        beside = _beside(before, reach)
+        powers, factors = _polynomial(times[beside], at, 1)
+    filled = powers @ (factors @ values[beside].reshape(factors.shape[1], -1))
     return np.asarray(filled, float).reshape(len(at), *values.shape[1:])
 
 
-def _fitted(read: FloatArray, wanted: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Polynomial of the highest degree in which noise does not grow.
-
-    Returns the powers (m, d) of the wanted times (m,), and their factors (d, n) per value at the
-    times (n,) that were read.
-    """
-    for degree in (3, 2):
-        powers, factors = _polynomial(read, wanted, degree)
-        # variances against that of a sample
-        if (powers @ (factors @ factors.T) * powers).sum() <= len(wanted):
-            return powers, factors
-    # between samples a line has at most their noise
-    return _polynomial(read, wanted, 1)
+def _beside(before: int, reach: int) -> slice:
+    """So many samples on each side of the gap after sample ``before``, where there are."""
+    return slice(max(before + 1 - reach, 0), before + 1 + reach)
 
 
 def _polynomial(read: FloatArray, wanted: FloatArray, degree: int) -> tuple[FloatArray, FloatArray]:
-    factors = np.asarray(np.linalg.pinv(np.vander(read, degree + 1)), float)
-    return np.vander(wanted, degree + 1), factors
+    """Powers (m, d) of wanted times (m,), and their factors (d, n) per value at the times (n,) that
+    were read, by least squares.
+    """
+    middle = float(wanted.mean())
+    half = float(np.abs(read - middle).max())
+    factors = np.linalg.pinv(np.vander((read - middle) / half, degree + 1))
+    return np.vander((wanted - middle) / half, degree + 1), np.asarray(factors, float)

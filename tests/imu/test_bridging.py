@@ -60,6 +60,20 @@ def test_noise_does_not_grow_where_a_side_is_short(count, before, after):
     np.testing.assert_allclose(gain @ times[there], times[~there], atol=1e-9)
 
 
+def test_uneven_samples_are_bridged_by_cubics_without_more_noise(rng):
+    """At random times there are gaps everywhere, and samples that crowd beside them."""
+    times = np.sort(rng.uniform(0, 8, 800))
+    values = np.column_stack([times**3, np.eye(len(times))])
+    new, filled = bridged(times, values, times)
+    inside = ~np.isin(new, times)
+    assert inside.sum() > 200
+    gain = np.sqrt((filled[inside, 1:] ** 2).sum(1))
+    off = np.abs(filled[inside, 0] - new[inside] ** 3)
+    assert np.sqrt(np.mean(gain**2)) < 1
+    assert np.median(off) < 1e-9
+    assert (off > 1e-9).mean() < 0.1
+
+
 def test_noise_adds_little_to_what_a_third_of_a_second_costs(rng):
     """Of somebody who stands, through sensors with ordinary noise (2 mg, 0.1 deg/s); a spline
     through them would add 10 m.
