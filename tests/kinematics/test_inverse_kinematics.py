@@ -352,7 +352,7 @@ def test_a_foot_is_not_flat_in_swing_where_stance_hides_its_markers(hidden, flat
     stance = np.arange(400) % 100 < 60
     places = np.full((400, 3, 3), 0.02)
     places[~stance, :, 1] += 0.08 + 0.01 * np.sin(np.flatnonzero(~stance))[:, None]
-    places[np.ix_(stance, range(hidden))] = np.nan
+    places[stance, :hidden] = np.nan
     motion = MarkerTrajectories(np.arange(400) / 100, foot, places)
     found = _stance.flat_feet(motion, sites(foot))
     np.testing.assert_array_equal(found["calcn_r"], stance & flat)
