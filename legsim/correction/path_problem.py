@@ -61,6 +61,10 @@ class _Shadows(NamedTuple):
     weights: FloatArray
     """(v, p)"""
 
+    def squares(self) -> tuple[float, float]:
+        """Weighted sum of squared distances along u and v together, and sum of the weights."""
+        return float((self.weights * (self.miss**2).sum(-1)).sum()), float(self.weights.sum())
+
 
 class Normal(NamedTuple):
     """Normal equations; beads' places are independent of each other."""
@@ -288,6 +292,5 @@ def believed(problem: PathProblem, path: SensorPath, places: FloatArray) -> Path
 
 def _misfit(shadows: _Shadows) -> float:
     """RMS distance along u and v of the shadows that have weight, in standard deviations."""
-    total = 2 * float(shadows.weights.sum())
-    squares = float((shadows.weights * (shadows.miss**2).sum(-1)).sum())
-    return float(np.sqrt(squares / total)) if total else 0.0
+    squares, total = shadows.squares()
+    return float(np.sqrt(squares / (2 * total))) if total else 0.0

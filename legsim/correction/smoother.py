@@ -149,11 +149,9 @@ def smoothed(
 ) -> SmoothedPath:
     seen = [s for s in problem.shadows(path.poses, places) if s is not None]
     sizes = [g.error_px for g in (problem.beads, problem.fiducials) if g is not None]
-    squares = sum(
-        float((s.weights * (s.miss**2).sum(-1)).sum()) * px**2
-        for s, px in zip(seen, sizes, strict=True)
-    )
-    total = sum(float(s.weights.sum()) for s in seen)
+    sums = [s.squares() for s in seen]
+    squares = sum(of * px**2 for (of, _), px in zip(sums, sizes, strict=True))
+    total = sum(weight for _, weight in sums)
     residual = float(np.sqrt(squares / total)) if total else float("nan")
     views = problem.state.views
     return SmoothedPath(views, path, errors, covariance, places, residual, settled)

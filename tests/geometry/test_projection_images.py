@@ -222,17 +222,21 @@ def test_images_without_a_pixel_are_refused(tmp_path):
         read_images(tmp_path / "none.npy")
 
 
-def test_views_along_the_second_axis_are_refused_with_the_way_out(tmp_path):
-    """ASTRA's arrays are (rows, views, columns)."""
-    np.save(tmp_path / "astra.npy", np.zeros((6, 20, 9), np.float32))
-    geometry = ConeBeamGeometry.circular(
+def twenty_views(rows: int) -> ConeBeamGeometry:
+    return ConeBeamGeometry.circular(
         times=np.arange(20.0),
         angles=np.linspace(0, 6, 20),
         source_isocenter=0.7,
         source_detector=1.1,
-        shape_vu=(6, 9),
+        shape_vu=(rows, 9),
         pixel_pitch=4e-3,
     )
+
+
+def test_views_along_the_second_axis_are_refused_with_the_way_out(tmp_path):
+    """ASTRA's arrays are (rows, views, columns)."""
+    np.save(tmp_path / "astra.npy", np.zeros((6, 20, 9), np.float32))
+    geometry = twenty_views(6)
     with pytest.raises(LegsimError, match="views seem to be the second axis, as ASTRA stores"):
         projection_images.read_projections(tmp_path / "astra.npy", geometry)
 
@@ -240,13 +244,6 @@ def test_views_along_the_second_axis_are_refused_with_the_way_out(tmp_path):
 def test_views_that_are_missing_are_not_taken_for_another_order(tmp_path):
     """As many rows as views: the second axis has their count without being theirs."""
     np.save(tmp_path / "few.npy", np.zeros((18, 20, 9), np.float32))
-    geometry = ConeBeamGeometry.circular(
-        times=np.arange(20.0),
-        angles=np.linspace(0, 6, 20),
-        source_isocenter=0.7,
-        source_detector=1.1,
-        shape_vu=(20, 9),
-        pixel_pitch=4e-3,
-    )
+    geometry = twenty_views(20)
     with pytest.raises(LegsimError, match="give the geometry file that belongs to these"):
         projection_images.read_projections(tmp_path / "few.npy", geometry)
