@@ -153,7 +153,11 @@ def merged(
         increasing_times(f"times of sensor {name!r}", times)
         check_steady(name, times)
     notes = tuple(dict.fromkeys(note for times, _ in seen for note in gap_note(name, times)))
-    if not np.array_equal(seen[0][0], seen[1][0]):
+    first, last = max(t[0] for t, _ in seen), min(t[-1] for t, _ in seen)
+    both = [(t[k], v[k]) for t, v in seen for k in ((t >= first) & (t <= last),)]
+    if enough(len(both[0][0])) and np.array_equal(both[0][0], both[1][0]):
+        seen = both
+    else:
         times = _shared_times([times for times, _ in seen])
         if len(times) < _FEWEST:
             spans = " and ".join(f"{t[0]:.10g} to {t[-1]:.10g} s" for t, _ in seen)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from legsim.core.constants import STANDARD_GRAVITY
 from legsim.core.errors import LegsimError, file_error
 from legsim.core.values import FloatArray
-from legsim.imu import moments, packets, recording, same_times, units
+from legsim.imu import moments, packets, recording, same_times, turns, units
 from legsim.imu.losses import gap_note
 from legsim.imu.recording import ImuRecording, check_steady, checked
 from legsim.imu.table_layout import ONE_CLOCK, SensorColumns, TableLayout
@@ -38,6 +38,8 @@ class _Vectors:
     """(n, 3) per sensor; NaN where a cell is empty"""
     notes: tuple[str, ...]
     """oddities of the file"""
+    rows: turns.Numbered | None = None
+    """lines of the rows, and the packets' numbers, or what else is their clock; None for a C3D"""
 
 
 def load(
@@ -97,18 +99,41 @@ def _merged(
 def _in_turn(path: Path, layout: TableLayout, rows_by: Column) -> tuple[ImuRecording, ...]:
     """Sensors of a table in which sensors or instruments take turns."""
     pairs = [_turns_of(path, layout, sensor, rows_by) for sensor in layout.sensors]
-    texts = ((s.acceleration_rows, s.angular_velocity_rows) for s in layout.sensors)
+    texts = [(s.acceleration_rows, s.angular_velocity_rows) for s in layout.sensors]
     read = [one for of in zip(texts, pairs, strict=True) for one in zip(*of, strict=True)]
     _check_counted(path, layout, {text: len(vectors.times) for text, vectors in read})
+    later, said = _in_order(layout, dict(read))
+    if layout.rate_hz is not None:
+        put = [_later(one, later.get(text, 0.0), layout.rate_hz) for text, one in read]
+        pairs = list(zip(put[::2], put[1::2], strict=True))
     made = [
         recording_of(path, sensor.name, rate.times, rate.values[-1], force.values[0])
-        if force is rate
+        if sensor.acceleration_rows == sensor.angular_velocity_rows
         else _merged(
             path, sensor.name, (force.times, force.values[0]), (rate.times, rate.values[0])
         )
         for sensor, (force, rate) in zip(layout.sensors, pairs, strict=True)
     ]
-    return _noted(made, tuple(dict.fromkeys(note for _, one in read for note in one.notes)))
+    notes = [*(note for _, one in read for note in one.notes), *said]
+    return _noted(made, tuple(dict.fromkeys(notes)))
+
+
+def _in_order(
+    layout: TableLayout, read: Mapping[str, _Vectors]
+) -> tuple[Mapping[str, float], tuple[str, ...]]:
+    """Packets that the rows of each text begin later than the first of all, and notes."""
+    rows = {text: one.rows for text, one in read.items() if one.rows is not None}
+    if layout.rate_hz is None or len(rows) < 2:
+        return {}, ()
+    if layout.counter is None:
+        lines = {text: lines for text, (lines, _) in rows.items()}
+        return {}, turns.out_of_turn(lines, layout.rate_hz)
+    return turns.first_packets(rows, layout.counter_period)
+
+
+def _later(one: _Vectors, count: float, rate_hz: float) -> _Vectors:
+    """The same rows, so many packets later; times of equal packets stay equal to the last bit."""
+    return replace(one, times=(np.rint(one.times * rate_hz) + count) / rate_hz)
 
 
 def _turns_of(
@@ -183,7 +208,7 @@ def _read(
     vectors = (
         np.stack([scale[c] * found.columns[c] for c in three], -1) for three in (*forces, *rates)
     )
-    return _Vectors(found.times, tuple(vectors), found.notes)
+    return _Vectors(found.times, tuple(vectors), found.notes, found.rows)
 
 
 @dataclass(frozen=True, slots=True)
@@ -200,6 +225,8 @@ class _Found:
     """unit at the end of its name, where nothing is stated"""
     notes: tuple[str, ...] = ()
     """oddities of the file"""
+    rows: turns.Numbered | None = None
+    """lines of the rows of text, and the packets' numbers or what else is their clock"""
 
 
 def _of_text(
@@ -224,6 +251,7 @@ def _of_text(
             path, lines, cells[0], layout.time, unit
         )
     ticks, present = _ticks(columns, layout, len(lines))
+    numbered = np.array(lines, float)[present], ticks
     rows = np.stack([columns[c][present] for c in wanted], -1)
     ticks, rows, said = same_times.joined(ticks, rows)
     if layout.time is not None:
@@ -231,10 +259,13 @@ def _of_text(
         times, more = same_times.spread(ticks)
         said += more
     else:
+        rate_hz = layout.rate_hz or 1.0
         sent = ticks if layout.counter is None else packets.unwrapped(ticks, layout.counter_period)
-        times = sent / (layout.rate_hz or 1.0)
+        said += packets.sparse_note(sent, rate_hz)
+        times = sent / rate_hz
     notes = tuple(f"{path.name}: {one}." for one in said)
-    return _Found(times, {c: rows[:, k] for k, c in enumerate(wanted)}, stated, hints, notes)
+    read = {c: rows[:, k] for k, c in enumerate(wanted)}
+    return _Found(times, read, stated, hints, notes, numbered)
 
 
 def _of_channels(path: Path, layout: TableLayout, wanted: Sequence[Column]) -> _Found:

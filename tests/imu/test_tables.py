@@ -438,3 +438,32 @@ def test_rows_alone_are_no_clock_of_instruments_with_unlike_numbers_of_them(tmp_
     layout = replace(layout, rows_by=None, sensors=(SensorColumns("shank", xyz, xyz),))
     with pytest.raises(LegsimError, match=r"unlike numbers of rows \(80 of .*A\.csv', 40 of"):
         load(files[0], layout, angular_velocity_file=files[1])
+
+
+@pytest.mark.parametrize("begin", [0, 65500])
+def test_a_packet_counter_puts_instruments_in_turn_on_each_other(tmp_path, begin):
+    """Rows that one instrument lost at the start do not move it against the other."""
+    one, xyz = swaying(), ("x", "y", "z")
+    both = zip(one.specific_force.tolist(), one.angular_velocity.tolist(), strict=True)
+    rows = [row for k, (f, w) in enumerate(both)
+            for row in (["A", (begin + k) % 65536, *f], ["G", (begin + k) % 65536, *w])]  # fmt: skip
+    lost = [row for k, row in enumerate(rows) if not (k < 40 and row[0] == "G")]
+    path = write(tmp_path / "a.csv", lost, names=("k", "n", *xyz))
+    sensor = SensorColumns("shank", xyz, xyz, "A", "G")
+    (read,) = load(path, TableLayout((sensor,), rate_hz=100.0, counter="n", rows_by="k"))
+    np.testing.assert_array_equal(read.times, one.times[20:])
+    np.testing.assert_array_equal(read.specific_force, one.specific_force[20:])
+    np.testing.assert_array_equal(read.angular_velocity, one.angular_velocity[20:])
+    assert read.notes == ()
+
+
+def test_rows_lost_from_both_instruments_are_in_doubt_without_a_counter(tmp_path):
+    one, xyz = still(count=80), ("x", "y", "z")
+    pairs = zip(one.specific_force.tolist(), one.angular_velocity.tolist(), strict=True)
+    rows = [row for f, w in pairs for row in (["A", *f], ["G", *w])]
+    layout = TableLayout((SensorColumns("shank", xyz, xyz, "A", "G"),), rate_hz=100.0, rows_by="k")
+    assert load(write(tmp_path / "a.csv", rows, names=("k", *xyz)), layout)[0].notes == ()
+    del rows[120], rows[41]  # an acceleration, and 40 samples before it an angular velocity
+    (read,) = load(write(tmp_path / "a.csv", rows, names=("k", *xyz)), layout)
+    assert "from line 45 on: rows were lost, or changed places" in read.notes[0]
+    assert "up to 1 samples (10 ms) apart" in read.notes[0]
