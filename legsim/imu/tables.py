@@ -253,9 +253,11 @@ def _of_text(
     ticks, present = _ticks(columns, layout, len(lines))
     numbered = np.array(lines, float)[present], ticks
     rows = np.stack([columns[c][present] for c in wanted], -1)
-    ticks, rows, said = same_times.joined(ticks, rows)
+    ticks, rows, again = same_times.without_repeats(ticks, rows)
+    ticks, rows, twice = same_times.joined(ticks, rows)
+    said = again + twice
     if layout.time is not None:
-        _check_order(ticks)
+        same_times.check_order(ticks)
         times, more = same_times.spread(ticks)
         said += more
     else:
@@ -453,16 +455,6 @@ def _ticks(
         fix = " and give rate_hz" if column == layout.time else ""
         raise LegsimError(f"column {column!r} is empty; name another, or leave it out{fix}")
     return table[column][present], present
-
-
-def _check_order(times: FloatArray) -> None:
-    late = np.flatnonzero(np.diff(times) < 0)
-    if late.size:
-        k = late[0]
-        raise LegsimError(
-            f"time {times[k + 1]:.13g} s comes after {times[k]:.13g} s (sample {k + 1}); sort the "
-            "samples, or leave the column of times out and give rate_hz"
-        )
 
 
 def _in_file(path: Path, error: LegsimError) -> LegsimError:

@@ -91,7 +91,7 @@ def broken(change):
     [
         (
             lambda r: r[3].__setitem__(0, 0.0),
-            "a.csv: time 0 s comes after 0.02 s .sample 3.; sort the",
+            "a.csv: time 0 s comes after 0.02 s .sample 3.; that row has",
         ),
         (lambda r: r[3].__setitem__(2, "x7"), "line 7.: 'x7' in column 'ay' is not a number"),
         (lambda r: r.__setitem__(3, r[3][:4]), "line 7.: the row has 4 cells, the header 7"),
