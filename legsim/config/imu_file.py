@@ -54,6 +54,16 @@ class StartConfig(ConfigSection):
             )
         return self
 
+    @property
+    def is_given(self) -> bool:
+        """Whether its pose is taken as it stands: neither leveled anew nor found in the images."""
+        return self.known == "exactly" and not self.fiducials
+
+    @property
+    def is_exact(self) -> bool:
+        """Whether that pose has no stated error either."""
+        return self.is_given and not (self.position_sd_mm or self.heading_sd_deg)
+
 
 class WornSensorConfig(ConfigSection):
     """One sensor of a file, and where it is worn."""

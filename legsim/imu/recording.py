@@ -450,15 +450,25 @@ def join(recordings: Sequence[ImuRecording]) -> JoinedSignals:
             f"{fastest.name} by cubic splines, {times[0]:.13g} to {times[-1]:.13g} s.",
         )
     rate, force = (np.stack([one[k] for one in sampled], 1) for k in range(2))
-    signals = ImuSignals(times, names, rate, force)
+    there = np.isfinite(force).any((1, 2))
+    signals = ImuSignals(times[there], names, rate[there], force[there])
     return JoinedSignals(signals, (*(n for r in recordings for n in r.notes), *notes))
 
 
 def _shared_times(clocks: Sequence[FloatArray]) -> FloatArray:
-    """Times (n,) of the fastest of the ``clocks``, within what all of them cover."""
+    """Times (n,) of the fastest of the ``clocks``, within what all of them cover; where it has a
+    longer gap and others have samples, they are even.
+    """
     first, last = max(times[0] for times in clocks), min(times[-1] for times in clocks)
     fastest = min(clocks, key=lambda times: float(np.median(np.diff(times))))
-    return fastest[(fastest >= first) & (fastest <= last)]
+    parts = [fastest]
+    for k in np.flatnonzero(wide_steps(fastest)):
+        begin, end = fastest[k : k + 2]
+        others = max(int(((times > begin) & (times < end)).sum()) for times in clocks)
+        missing = int(np.rint((end - begin) / np.median(np.diff(fastest)))) - 1 if others else 0
+        parts.append(np.linspace(begin, end, missing + 2)[1:-1])
+    whole = np.sort(np.concatenate(parts))
+    return whole[(whole >= first) & (whole <= last)]
 
 
 def _at(own: FloatArray, values: FloatArray, times: FloatArray) -> FloatArray:

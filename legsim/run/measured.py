@@ -111,7 +111,7 @@ def assemble(
     joints = _joints(settings.joints, joined.signals.sensor_names, where)
     grid, chosen = _wanted(settings.grid, folder, where).of(geometry)
     rested = settings.methods.sensor_errors.calibration != "none" and all(
-        _is_stated(sensor) for sensor in started
+        sensor.worn.start is not None and sensor.worn.start.is_given for sensor in started
     )
     signals = _at_rest(joined.signals, starts) if rested else joined.signals
     return MeasuredScan(
@@ -225,12 +225,6 @@ def _joined(sensors: Sequence[WornSensor], geometry: ConeBeamGeometry) -> Joined
     return joined
 
 
-def _is_stated(sensor: WornSensor) -> bool:
-    """Whether a start is taken as its pose is given."""
-    start = sensor.worn.start
-    return start is not None and start.known == "exactly" and not start.fiducials
-
-
 def _at_rest(signals: ImuSignals, starts: Sequence[SensorStart]) -> ImuSignals:
     """The signals after a rest, upon which the starts were leveled: upwards, as these have it."""
     up = [start.world_from_sensor[1, :3] for start in starts]
@@ -271,7 +265,8 @@ def _on_gap(
     sensor: WornSensor, signals: ImuSignals, start: SensorStart, views: FloatArray, scheme: Scheme
 ) -> tuple[str, ...]:
     """What the longest gap of a sensor costs; nothing without one."""
-    name, seconds = sensor.recording.name, longest_gap(sensor.recording.times, views)
+    name = sensor.recording.name
+    seconds = longest_gap(signals.samples(name)[0], views)
     if not 0 < seconds < views[-1] - views[0]:
         return ()
     cost = gap_cost(signals.samples(name), start, views, seconds, scheme)
@@ -308,7 +303,7 @@ def _start(
             return found.start, (initialization.conditioning(name, found),)
         pose = stated_pose(given)
         doubts = _doubtful_place(name, given, geometry)
-        if given.known == "exactly":
+        if given.is_given:
             return SensorStart(pose, 1e-3 * np.array(given.velocity_mm_s)), doubts
         stands = standing_start(signals, name, pose, geometry.times, scheme=scheme)
     except LegsimError as error:

@@ -218,6 +218,29 @@ def test_what_one_of_several_sensors_lost_for_long_is_marked():
     )
     signals = join([gappy, other]).signals
     lost = np.isnan(signals.sensor("shank")[0]).all(-1)
-    np.testing.assert_array_equal(lost, (signals.times > 4) & (signals.times < 6))
+    np.testing.assert_array_equal(lost, (signals.times > 3.9901) & (signals.times < 6.0099))
+    assert lost.sum() > 190
     assert np.isfinite(signals.sensor("thigh")[0]).all()
     assert len(signals.samples("shank")[0]) == (~lost).sum()
+
+
+def test_a_gap_of_the_fastest_sensor_is_none_of_the_others():
+    """Its times lack what they recorded."""
+    slow = swaying(rate_hz=100.0)
+    fast = swaying(rate_hz=128.0).named("fast")
+    kept = np.abs(fast.times - 6.0) > 0.4
+    gappy = replace(fast, times=fast.times[kept], angular_velocity=fast.angular_velocity[kept],
+                    specific_force=fast.specific_force[kept])  # fmt: skip
+    signals = join([slow, gappy]).signals
+    assert np.diff(signals.samples("shank")[0]).max() < 0.011
+    assert np.diff(signals.samples("fast")[0]).max() == np.diff(gappy.times).max()
+    times, rate, _ = signals.samples("shank")
+    true = swaying(rate_hz=100.0)
+    for k in range(3):
+        np.testing.assert_allclose(
+            rate[:, k], np.interp(times, true.times, true.angular_velocity[:, k]), atol=2e-3
+        )
+    both = replace(slow, times=slow.times[np.abs(slow.times - 6.0) > 0.4],
+                   angular_velocity=slow.angular_velocity[np.abs(slow.times - 6.0) > 0.4],
+                   specific_force=slow.specific_force[np.abs(slow.times - 6.0) > 0.4])  # fmt: skip
+    assert np.diff(join([both, gappy]).signals.times).max() > 0.7
