@@ -37,8 +37,8 @@ def first_packets(
         if abs(off) > within:
             notes.append(
                 f"In doubt: the packets' numbers of {against!r} and {name!r} are {abs(later):.0f} "
-                "apart in the same place of the table: they are taken for counters of their own, and "
-                "put on each other by the order of the rows"
+                "apart in the same place of the table: they are taken for counters of their own, "
+                "and put on each other by the order of the rows"
             )
             off = 0.0
         first[name] = float(counts[name][0]) - later + off

@@ -128,6 +128,7 @@ def assemble(
         ),
         (
             *(_sentence(note) for note in (*read.notes, *chosen)),
+            *(projection_files.time_doubts(geometry.times) if started else ()),
             *joined.notes,
             *(f"In doubt: {line}." for line in plausibility.objections(joined.signals)),
             *(note for _, notes in found for note in notes),
@@ -217,10 +218,13 @@ def _joined(sensors: Sequence[WornSensor], geometry: ConeBeamGeometry) -> Joined
     views, times = geometry.times, joined.signals.times
     if views[0] < times[0] - 1e-9 or views[-1] > times[-1] + 1e-9:
         names = ", ".join(joined.signals.sensor_names)
+        guess = projection_files.unit_guess(float(views[-1] - views[0]))
+        other = f", or correct the times of the views: {guess}" if guess else ""
         raise LegsimError(
             f"the views are from {views[0]:.13g} to {views[-1]:.13g} s, sensors {names} recorded "
-            f"{times[0]:.13g} to {times[-1]:.13g} s by the views' clock; give clock_offset_s "
-            "(sensors' clock minus the views')"
+            f"{times[0]:.13g} to {times[-1]:.13g} s by the views' clock, and begin "
+            f"{times[0] - views[0]:.13g} s after them; give clock_offset_s (sensors' clock minus "
+            f"the views'){other}"
         )
     return joined
 
@@ -241,9 +245,10 @@ def _on_clock(
     """What is assumed of a sensor's clock, and what an error of it costs."""
     name, views = sensor.recording.name, geometry.times
     before, after = views[0] - signals.times[0], signals.times[-1] - views[-1]
+    stated = "clock_offset_s" if sensor.clock_stated else "assumed: clock_offset_s is not given"
     said = (
         f"Sensor {name}: its clock is taken to read {sensor.clock_offset + 0.0:g} s more than the "
-        f"views' (clock_offset_s); it recorded {before:.2g} s before and {after:.2g} s after them."
+        f"views' ({stated}); it recorded {before:.2g} s before and {after:.2g} s after them."
     )
     if max(before, after) < _CLOCK_ERROR:
         return said

@@ -73,7 +73,7 @@ def test_a_clocks_offset_is_taken_off(tmp_path):
     assert scan.seen.times[0] == 1.0
     np.testing.assert_allclose(scan.seen.signals.times[0], 0.25)
     said = scan.notes[-1]
-    assert "its clock is taken to read -0.25 s more than the views'" in said
+    assert "its clock is taken to read -0.25 s more than the views' (clock_offset_s)" in said
     assert "it recorded 0.75 s before" in said
 
 
@@ -109,6 +109,7 @@ def test_what_a_gap_costs_is_noted(tmp_path, scheme, bridge):
     )
     save_imu(tmp_path / "imu.csv", recorded)
     scan = ls.load_measured_scan(path)
+    assert any("(assumed: clock_offset_s is not given)" in n for n in scan.notes)
     (note,) = [n for n in scan.notes if "bridged" in n]
     assert note.startswith(f"Sensor shank_l: gaps of up to 300 ms are bridged {bridge}")
     stated = float(note.split(" mm RMS")[0].split()[-1])
@@ -201,6 +202,7 @@ def test_a_sensor_without_a_start_is_left_out(tmp_path):
     [
         ("view_rate_hz = 5.0", "", "geometry.xml: does not say when its views were taken"),
         ("view_rate_hz = 5.0", "view_rate_hz = 0.5", "views are from 0 to 46 s, sensors shank_l"),
+        ("_hz = 5.0", "_hz = 0.005", r"begin 0 s after them; .* views: in ms they would be 4\.6 s"),
         ("view_rate_hz", "view_rate", "unknown key; valid here: projections"),
         ("[grid]", "[grid]\nlike = 'x.mha'", "like already says the grid"),
         ("spacing_mm = [5.0, 5.0, 5.0]", "", "shape_zyx without spacing_mm; give both"),
