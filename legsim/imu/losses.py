@@ -28,6 +28,9 @@ of a smooth peak come near it first"""
 _LEAST_RATE, _LEAST_FORCE = float(np.radians(100.0)), 15.0
 """rad/s and m/s^2 that the least ranges of such sensors hold (125 deg/s, 2 g)"""
 
+_APART_S, _APART = 0.5, 0.05
+"""s, and share of a recording, by which one instrument may end before the other"""
+
 _QUANTITIES, _ALL = ("angular velocities", "accelerations"), "readings"
 
 _TOGETHER, _WINDOW, _EVENLY = 8, 16, 0.8
@@ -56,6 +59,24 @@ def gap_note(name: str, times: FloatArray) -> tuple[str, ...]:
     return (
         f"Sensor {name}: {lost.sum():.0f} of {len(times) + lost.sum():.0f} samples are missing, "
         f"the longest gap is {_stretch(float(steps[longest]), float(times[longest]))}.",
+    )
+
+
+def ends_note(name: str, rate: FloatArray, force: FloatArray) -> tuple[str, ...]:
+    """Doubts times (n,) and (m,) s of angular velocities and accelerations, of one table, of which
+    one ends long before the other; nothing where they end together.
+
+    Columns of another rate, with times of their own, end there if they are taken for rows.
+    """
+    first, last = sorted((float(rate[-1]), float(force[-1])))
+    whole = last - min(float(rate[0]), float(force[0]))
+    if last - first < max(_APART_S, _APART * whole):
+        return ()
+    earlier, later = _QUANTITIES if rate[-1] < force[-1] else _QUANTITIES[::-1]
+    return (
+        f"In doubt: sensor {name}: its {earlier} end {last - first:.3g} s before its {later}, as "
+        "columns of another rate do: if the table has a column of times for each, give time and "
+        "angular_velocity_time.",
     )
 
 

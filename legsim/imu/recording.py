@@ -331,8 +331,9 @@ def _check_rate(where: str, recording: ImuRecording) -> None:
     if correlation < -_CLEARLY and scale >= _PUSHED:
         raise LegsimError(
             f"{where}: gravity turns the other way in the accelerometer than by the gyroscope; "
-            "turn the sign of one of them: at rest the acceleration points upwards; or the columns "
-            "of both are not in the order x, y, z"
+            "turn the signs of the angular velocity (columns as \"-gx\"), or, where the axes are "
+            "left-handed, the sign of one axis of both; or the columns of both are not in the "
+            "order x, y, z"
         )
     if correlation > _CLEARLY and not 0.1 < scale < 10:
         unit = "rad/s" if scale > 10 else "deg/s"

@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 from legsim.core.constants import STANDARD_GRAVITY
 from legsim.core.errors import LegsimError, file_error
 from legsim.core.values import FloatArray
-from legsim.imu import moments, packets, recording, same_times, turns, units
-from legsim.imu.losses import gap_note
+from legsim.imu import losses, moments, packets, recording, same_times, turns, units
 from legsim.imu.recording import ImuRecording, check_steady, checked
 from legsim.imu.table_layout import ONE_CLOCK, SensorColumns, TableLayout
 from legsim.imu.table_rows import Column, RowsOf, number_in, read_rows
@@ -53,8 +52,8 @@ def load(
     Args:
         path: of the table.
         layout: what its columns are.
-        angular_velocity_file: a second table, of the same clock, with the angular velocities;
-            where its times are others, the slower of the two is put on the times of the faster one
+        angular_velocity_file: a second table, of the same clock, with the angular velocities, or
+            the same one where these have a column of times of their own; where its times are others, the slower of the two is put on the times of the faster one
             by cubic splines, which is noted.
 
     Raises:
@@ -66,7 +65,7 @@ def load(
     rates = [s.angular_velocity for s in layout.sensors]
     if layout.rows_by is not None:
         return _in_turn(path, layout, layout.rows_by)
-    if angular_velocity_file is None:
+    if angular_velocity_file is None and layout.angular_velocity_time is None:
         _check_apart(path, layout)
         both = _read(path, layout, forces, rates)
         count = len(forces)
@@ -76,9 +75,9 @@ def load(
         ]
         return _noted(made, both.notes)
     force = _read(path, layout, forces, [])
-    rate = _read(angular_velocity_file, layout, [], rates)
-    read = ((str(path), force), (str(angular_velocity_file), rate))
-    _check_counted(path, layout, {name: len(one.times) for name, one in read})
+    other = angular_velocity_file or path
+    rate = _read(other, replace(layout, time=layout.angular_velocity_time or layout.time), [], rates)
+    _check_counted(path, layout, {str(path): len(force.times), str(other): len(rate.times)})
     made = []
     for k, sensor in enumerate(layout.sensors):
         pair = (force.times, force.values[k]), (rate.times, rate.values[k])
@@ -170,7 +169,8 @@ def _check_counted(path: Path, layout: TableLayout, rows: Mapping[str, int]) -> 
 def _check_apart(path: Path, layout: TableLayout) -> None:
     """Refuses columns that hold both quantities, row by row."""
     for sensor in layout.sensors:
-        if set(sensor.acceleration) & set(sensor.angular_velocity):
+        both = (sensor.acceleration, sensor.angular_velocity)
+        if set.intersection(*({_sign(c)[1] for c in columns} for columns in both)):
             raise file_error(
                 path,
                 f"sensor {sensor.name!r} has columns that are accelerations and angular velocities",
@@ -193,7 +193,7 @@ def _read(
     only: RowsOf | None = None,
 ) -> _Vectors:
     """Accelerations, then angular velocities; of some rows alone where ``only`` says which."""
-    of_force, of_rate = ([c for three in kind for c in three] for kind in (forces, rates))
+    of_force, of_rate = ([_sign(c)[1] for v in kind for c in v] for kind in (forces, rates))
     try:
         if path.suffix.lower() == ".c3d":
             found = _of_channels(path, layout, [*of_force, *of_rate])
@@ -206,9 +206,17 @@ def _read(
     except LegsimError as error:
         raise _in_file(path, error) from error
     vectors = (
-        np.stack([scale[c] * found.columns[c] for c in three], -1) for three in (*forces, *rates)
+        np.stack([sign * scale[c] * found.columns[c] for sign, c in map(_sign, three)], -1)
+        for three in (*forces, *rates)
     )
     return _Vectors(found.times, tuple(vectors), found.notes, found.rows)
+
+
+def _sign(column: Column) -> tuple[float, Column]:
+    """1 or -1, and the column itself, of one that may be meant with the other sign, as "-ax"."""
+    if isinstance(column, int):
+        return (-1.0, -column) if column < 0 else (1.0, column)
+    return (-1.0, column[1:]) if column[:1] == "-" and column[1:] else (1.0, column)
 
 
 @dataclass(frozen=True, slots=True)
@@ -398,14 +406,16 @@ def recording_of(
         raise file_error(
             path,
             f"sensor {name!r} has numbers in {int(seen.sum())} of {own.sum()} samples",
-            "check its columns, or export it again",
+            "check its columns; where each instrument has times of its own, give time and "
+            "angular_velocity_time",
         )
     try:
         if apart:  # rows of accelerations and rows of angular velocities
             return checked(recording.merged(name, (times, force), (times, rate)))
         check_steady(name, times[seen])
         made = checked(ImuRecording(name, times[seen], rate[seen], force[seen]))
-        return replace(made, notes=(*gap_note(name, made.times), *made.notes))
+        ends = losses.ends_note(name, times[by_rate], times[by_force])
+        return replace(made, notes=(*losses.gap_note(name, made.times), *ends, *made.notes))
     except LegsimError as error:
         raise _in_file(path, error) from error
 

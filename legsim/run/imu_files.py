@@ -20,6 +20,7 @@ from legsim.mocap.c3d_analog import has_points
 
 _OF_COLUMNS = (
     "time",
+    "angular_velocity_time",
     "time_unit",
     "counter",
     "counter_period",
@@ -152,6 +153,7 @@ def _recordings(path: Path, settings: ImuFileConfig) -> tuple[ImuRecording, ...]
             acceleration_unit=settings.acceleration_unit,
             angular_velocity_unit=settings.angular_velocity_unit,
             time=settings.time,
+            angular_velocity_time=settings.angular_velocity_time,
             time_unit=settings.time_unit,
             rate_hz=settings.rate_hz,
             counter=settings.counter,

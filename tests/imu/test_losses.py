@@ -151,3 +151,12 @@ def test_samples_lost_at_random_are_counted_whatever_their_share(rng, share):
     kept = times[rng.random(4000) > share]
     (note,) = gap_note("shank", kept)
     assert int(note.split()[2]) == round(100 * float(kept[-1] - kept[0])) + 1 - len(kept)
+
+
+def test_instruments_that_end_apart_are_in_doubt():
+    times = np.arange(1000) / 100
+    assert losses.ends_note("a", times, times[:-40]) == ()
+    (note,) = losses.ends_note("a", times[:500], times)
+    assert "its angular velocities end 5 s before its accelerations" in note
+    (note,) = losses.ends_note("a", times, times[:500])
+    assert "its accelerations end 5 s before its angular velocities" in note

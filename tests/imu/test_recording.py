@@ -40,6 +40,15 @@ def test_a_gyroscope_that_turns_the_other_way_is_refused():
     one = swaying()
     with pytest.raises(LegsimError, match=r"turns the other way.*turn the sign"):
         check_plausible(replace(one, angular_velocity=-one.angular_velocity))
+    # gravity's sign is no part of it, as the axes' handedness is
+    with pytest.raises(LegsimError, match="turns the other way"):
+        check_plausible(replace(one, angular_velocity=-one.angular_velocity,
+                                specific_force=-one.specific_force))  # fmt: skip
+    left = np.array([1, 1, -1])
+    mirrored = replace(one, angular_velocity=one.angular_velocity * left,
+                       specific_force=one.specific_force * left)  # fmt: skip
+    with pytest.raises(LegsimError, match="or, where the axes are left-handed, the sign of one"):
+        check_plausible(mirrored)
 
 
 def test_a_rate_beyond_all_gyroscopes_is_refused():

@@ -467,3 +467,47 @@ def test_rows_lost_from_both_instruments_are_in_doubt_without_a_counter(tmp_path
     (read,) = load(write(tmp_path / "a.csv", rows, names=("k", *xyz)), layout)
     assert "from line 45 on: rows were lost, or changed places" in read.notes[0]
     assert "up to 1 samples (10 ms) apart" in read.notes[0]
+
+
+def test_a_column_may_be_meant_with_the_other_sign(tmp_path):
+    """As phones that read gravity downwards, or axes that are left-handed."""
+    one = still(count=40)
+    path = write(tmp_path / "a.csv", rows_of(one))
+    names = ("-ax", "ay", "-az"), ("gx", "-gy", "gz")
+    for columns in (names, ((-2, 3, -4), (5, -6, 7))):
+        (read,) = load(path, TableLayout((SensorColumns("shank", *columns),), time=1))
+        np.testing.assert_array_equal(read.specific_force, one.specific_force * [-1, 1, -1])
+        np.testing.assert_array_equal(read.angular_velocity, one.angular_velocity * [1, -1, 1])
+    with pytest.raises(LegsimError, match="that are accelerations and angular velocities"):
+        load(path, TableLayout((SensorColumns("shank", ("-ax", "ay", "az"), ("ax", "gy", "gz")),),
+                               time="t"))  # fmt: skip
+    with pytest.raises(LegsimError, match="has no column 0"):
+        load(path, TableLayout((SensorColumns("shank", (0, 3, 4), (5, 6, 7)),), time="t"))
+
+
+def paired(every: int) -> tuple[ImuRecording, list[list[object]]]:
+    """Rows of two instruments, each beside times of its own, of which the gyroscope is slower."""
+    one = swaying(lean=0.3)
+    slow = np.column_stack([one.times, one.angular_velocity])[::every].tolist()
+    rest = [[""] * 4] * (len(one.times) - len(slow))
+    fast = np.column_stack([one.times, one.specific_force]).tolist()
+    return one, [[*a, *b] for a, b in zip(fast, slow + rest, strict=True)]
+
+
+@pytest.mark.parametrize("every", [1, 2, 3])
+def test_instruments_with_times_of_their_own_in_one_table_are_read(tmp_path, every):
+    one, rows = paired(every)
+    path = write(tmp_path / "a.csv", rows, names=("X[s]", *"xyz", "X[s]", *"abc"))
+    layout = TableLayout((SensorColumns("shank", (2, 3, 4), (6, 7, 8)),), time=1)
+    (read,) = load(path, replace(layout, angular_velocity_time=5))
+    inside = one.times <= read.times[-1] + 1e-9
+    np.testing.assert_allclose(read.times, one.times[inside])
+    np.testing.assert_allclose(read.angular_velocity, one.angular_velocity[inside], atol=2e-3)
+    if every < 3:
+        (squeezed,) = load(path, layout)
+        assert any("angular velocities end" in note for note in squeezed.notes) == (every > 1)
+    else:
+        with pytest.raises(LegsimError, match="400 of 1200 samples; .* and angular_velocity_time"):
+            load(path, layout)
+    with pytest.raises(LegsimError, match="angular_velocity_time is beside time"):
+        replace(layout, time=None, rate_hz=100.0, angular_velocity_time=5)
