@@ -321,7 +321,9 @@ def _names(
     """Number of lines down to the names, delimiter, and all names."""
     for k, line in enumerate(lines[:within]):
         for delimiter in _DELIMITERS:
-            names = _names_of(line, delimiter)
+            # a name that is given with the mark of a comment before it, as %time, is meant so
+            bare = _names_of(line, delimiter)
+            names = bare if set(wanted) <= set(bare) else cells_of(line, delimiter)
             if set(wanted) <= set(names):
                 doubled = [name for name in wanted if names.count(name) > 1]
                 if doubled:
@@ -389,9 +391,10 @@ def _missing(path: Path, lines: Sequence[str], wanted: Sequence[str]) -> LegsimE
                 best, place, names = set(wanted) & set(cells), k, cells
     missing = ", ".join(repr(name) for name in wanted if name not in best)
     known = f"; the line has {', '.join(n for n in names if n)}" if best else ""
+    other = "" if "".join(wanted).isascii() else ", or give their numbers where it is not in UTF-8"
     return file_error(
         path,
         f"has no line with the column{'s' * (len(wanted) - len(best) > 1)} {missing}{known}",
-        "correct the names of the columns",
+        f"correct the names of the columns{other}",
         place=f"line {place + 1}" if best else f"first {_HEADER_WITHIN} lines",
     )

@@ -261,6 +261,9 @@ def _of_text(
     ticks, present = _ticks(columns, layout, len(lines))
     numbered = np.array(lines, float)[present], ticks
     rows = np.stack([columns[c][present] for c in wanted], -1)
+    read = np.isfinite(rows).any(-1)
+    if layout.time is not None and read.any():  # rows of events are no samples
+        ticks, rows = ticks[read], rows[read]
     ticks, rows, again = same_times.without_repeats(ticks, rows)
     ticks, rows, twice = same_times.joined(ticks, rows)
     said = again + twice
@@ -274,8 +277,8 @@ def _of_text(
         said += packets.sparse_note(sent, rate_hz)
         times = sent / rate_hz
     notes = tuple(f"{path.name}: {one}." for one in said)
-    read = {c: rows[:, k] for k, c in enumerate(wanted)}
-    return _Found(times, read, stated, hints, notes, numbered)
+    kept = {c: rows[:, k] for k, c in enumerate(wanted)}
+    return _Found(times, kept, stated, hints, notes, numbered)
 
 
 def _of_channels(path: Path, layout: TableLayout, wanted: Sequence[Column]) -> _Found:

@@ -511,3 +511,13 @@ def test_instruments_with_times_of_their_own_in_one_table_are_read(tmp_path, eve
             load(path, layout)
     with pytest.raises(LegsimError, match="angular_velocity_time is beside time"):
         replace(layout, time=None, rate_hz=100.0, angular_velocity_time=5)
+
+
+def test_rows_of_events_between_samples_are_passed_over(tmp_path):
+    """Their times are of their own: they are no samples that were lost, or are out of order."""
+    one = still(count=40)
+    rows = rows_of(one)
+    rows.insert(10, [0.104, *[""] * 6])
+    (read,) = load(write(tmp_path / "a.csv", rows), TableLayout((SENSOR,), time="t"))
+    np.testing.assert_array_equal(read.times, one.times)
+    assert read.notes == ()
