@@ -25,6 +25,12 @@ _PACKETS = 0.02
 _RATES_HZ = (10.0, 20e3)
 """sampling rates that sensors on a body have"""
 
+_USUAL_HZ = (25.0, 2000.0)
+"""those that most have"""
+
+_CLOCKS = {"ns": 1e-9, "ticks of 100 ns": 1e-7, "us": 1e-6, "ms": 1e-3, "days": 86400.0}
+"""s per unit of what writes times"""
+
 _AT_REST = (0.75 * STANDARD_GRAVITY, 1.35 * STANDARD_GRAVITY)
 """median magnitude of the specific force of a person who stands, squats or walks"""
 
@@ -248,10 +254,23 @@ def check_plausible(recording: ImuRecording) -> None:
     if not _RATES_HZ[0] <= recording.rate_hz <= _RATES_HZ[1]:
         raise LegsimError(
             f"{where} has {recording.rate_hz:.4g} samples per second, which no such sensor takes; "
-            "state the unit of the times (s, ms or us) or the rate"
+            f"{_clock_fix(recording)}"
         )
     _check_force(where, recording)
     _check_rate(where, recording)
+
+
+def _clock_fix(recording: ImuRecording) -> str:
+    """What helps where times are not in the unit that they are said to be in."""
+    if (np.diff(recording.times) == 1).all():
+        return "its times count the samples: leave the column of times out, and give rate_hz"
+    usual = [
+        f"{unit} taken for s have {rate:.4g} per second"
+        for unit, seconds in _CLOCKS.items()
+        if _USUAL_HZ[0] <= (rate := recording.rate_hz / seconds) <= _USUAL_HZ[1]
+    ]
+    guess = f": {', '.join(usual)}" if usual else ""
+    return f"state the unit of the times (s, ms, us or ns), convert them to it, or the rate{guess}"
 
 
 def _doubts(recording: ImuRecording) -> tuple[str, ...]:

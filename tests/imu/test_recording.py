@@ -57,11 +57,20 @@ def test_a_rate_beyond_all_gyroscopes_is_refused():
         check_plausible(replace(one, angular_velocity=one.angular_velocity + 40.0))
 
 
-@pytest.mark.parametrize("factor", [1e3, 1e-3])
-def test_times_in_another_unit_are_refused(factor):
+@pytest.mark.parametrize(
+    ("factor", "said"),
+    [
+        (1e3, ": ms taken for s have 100 per second"),
+        (1e7, ": ticks of 100 ns taken for s have 100 per second"),
+        (1 / 86400, ": days taken for s have 100 per second"),
+        (1e-3, "or the rate$"),
+        (100.0, "its times count the samples: leave the column of times out, and give rate_hz"),
+    ],
+)
+def test_times_in_another_unit_are_refused(factor, said):
     one = still()
-    with pytest.raises(LegsimError, match=r"samples per second.*unit of the times"):
-        check_plausible(replace(one, times=factor * one.times))
+    with pytest.raises(LegsimError, match=rf"samples per second.*{said}"):
+        check_plausible(replace(one, times=np.round(factor * one.times, 12)))
 
 
 def test_a_dead_gyroscope_is_refused():
