@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from legsim.core.constants import STANDARD_GRAVITY
 from legsim.core.errors import LegsimError, file_error
 from legsim.core.values import FloatArray
-from legsim.imu import losses, moments, packets, recording, same_times, turns, units
+from legsim.imu import joining, losses, moments, packets, recording, same_times, turns, units
 from legsim.imu.recording import ImuRecording, check_steady, checked
 from legsim.imu.table_layout import ONE_CLOCK, SensorColumns, TableLayout
 from legsim.imu.table_rows import Column, RowsOf, number_in, read_rows
@@ -52,9 +52,9 @@ def load(
     Args:
         path: of the table.
         layout: what its columns are.
-        angular_velocity_file: a second table, of the same clock, with the angular velocities, or
-            the same one where these have a column of times of their own; where its times are others, the slower of the two is put on the times of the faster one
-            by cubic splines, which is noted.
+        angular_velocity_file: a second table, of the same clock, with the angular velocities; None
+            where they are in the first. Where their times are others, the slower instrument is put
+            on the times of the faster one by cubic splines, which is noted.
 
     Raises:
         LegsimError: missing columns, cells that are no numbers, times that do not increase, units
@@ -76,7 +76,9 @@ def load(
         return _noted(made, both.notes)
     force = _read(path, layout, forces, [])
     other = angular_velocity_file or path
-    rate = _read(other, replace(layout, time=layout.angular_velocity_time or layout.time), [], rates)
+    rate = _read(
+        other, replace(layout, time=layout.angular_velocity_time or layout.time), [], rates
+    )
     _check_counted(path, layout, {str(path): len(force.times), str(other): len(rate.times)})
     made = []
     for k, sensor in enumerate(layout.sensors):
@@ -90,7 +92,7 @@ def _merged(
 ) -> ImuRecording:
     """The checked recording of two instruments with times of their own."""
     try:
-        return checked(recording.merged(name, force, rate))
+        return checked(joining.merged(name, force, rate))
     except LegsimError as error:
         raise _in_file(path, error) from error
 
@@ -414,7 +416,7 @@ def recording_of(
         )
     try:
         if apart:  # rows of accelerations and rows of angular velocities
-            return checked(recording.merged(name, (times, force), (times, rate)))
+            return checked(joining.merged(name, (times, force), (times, rate)))
         check_steady(name, times[seen])
         made = checked(ImuRecording(name, times[seen], rate[seen], force[seen]))
         ends = losses.ends_note(name, times[by_rate], times[by_force])

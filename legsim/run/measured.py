@@ -20,9 +20,9 @@ from legsim.correction.method import Scan
 from legsim.correction.standing_start import standing_start
 from legsim.geometry.cone_beam import ConeBeamGeometry, Projections
 from legsim.geometry.volume import VolumeGrid
-from legsim.imu import plausibility, recording, strapdown
+from legsim.imu import joining, plausibility, strapdown
 from legsim.imu.gap_cost import gap_cost, longest_gap
-from legsim.imu.recording import JoinedSignals
+from legsim.imu.joining import JoinedSignals
 from legsim.imu.signals import ImuSignals, SensorStart
 from legsim.imu.strapdown import Scheme
 from legsim.run import imu_files, projection_files, shadow_files
@@ -214,7 +214,7 @@ def _joined(sensors: Sequence[WornSensor], geometry: ConeBeamGeometry) -> Joined
     if not sensors:
         none = np.zeros((len(geometry), 0, 3))
         return JoinedSignals(ImuSignals(geometry.times, (), none, none), ())
-    joined = recording.join([s.recording for s in sensors])
+    joined = joining.join([s.recording for s in sensors])
     views, times = geometry.times, joined.signals.times
     if views[0] < times[0] - 1e-9 or views[-1] > times[-1] + 1e-9:
         names = ", ".join(joined.signals.sensor_names)

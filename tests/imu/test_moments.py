@@ -43,7 +43,10 @@ def test_dates_of_any_order_are_one_moment(cells):
 
 
 def test_of_a_date_that_may_be_either_the_day_is_what_changes():
-    for cells in (["3/4/2025 23:59:59", "3/5/2025 0:00:01"], ["4/3/2025 23:59:59", "5/3/2025 0:0:1"]):
+    for cells in (
+        ["3/4/2025 23:59:59", "3/5/2025 0:00:01"],
+        ["4/3/2025 23:59:59", "5/3/2025 0:0:1"],
+    ):
         assert np.diff(read(cells)) == [2.0]
 
 

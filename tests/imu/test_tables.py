@@ -507,7 +507,7 @@ def test_instruments_with_times_of_their_own_in_one_table_are_read(tmp_path, eve
         (squeezed,) = load(path, layout)
         assert any("angular velocities end" in note for note in squeezed.notes) == (every > 1)
     else:
-        with pytest.raises(LegsimError, match="400 of 1200 samples; .* and angular_velocity_time"):
+        with pytest.raises(LegsimError, match=r"400 of 1200 samples; .* and angular_velocity_time"):
             load(path, layout)
     with pytest.raises(LegsimError, match="angular_velocity_time is beside time"):
         replace(layout, time=None, rate_hz=100.0, angular_velocity_time=5)
