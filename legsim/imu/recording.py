@@ -9,7 +9,7 @@ from scipy.signal import butter, sosfiltfilt
 from legsim.core.constants import STANDARD_GRAVITY
 from legsim.core.errors import LegsimError
 from legsim.core.values import FloatArray, frozen, increasing_times
-from legsim.imu.axes_order import axes_doubt
+from legsim.imu.axes_order import axes_doubt, tilt_doubt
 from legsim.imu.losses import clipped_note, held_note
 
 FEWEST = 16
@@ -242,7 +242,8 @@ def _doubts(recording: ImuRecording) -> tuple[str, ...]:
         )
     even = _evenly(recording)
     if even is not None and recording.times[-1] - recording.times[0] >= _TURNS_S:
-        notes += axes_doubt(recording.name, recording.rate_hz, *even)
+        ordered = axes_doubt(recording.name, recording.rate_hz, *even)
+        notes += ordered or tilt_doubt(recording.name, recording.rate_hz, *even)
     return tuple(notes)
 
 

@@ -23,6 +23,8 @@ from legsim.mocap.c3d_analog import load_analog
 
 Units = tuple[AccelerationUnit, AngularVelocityUnit]
 
+_DOUBT = "In doubt: "
+
 _FEW = 6
 """names of channels of one kind in an error"""
 
@@ -115,7 +117,7 @@ def _in_turn(path: Path, layout: TableLayout, rows_by: Column) -> tuple[ImuRecor
         )
         for sensor, (force, rate) in zip(layout.sensors, pairs, strict=True)
     ]
-    notes = [*(note for _, one in read for note in one.notes), *said]
+    notes = [*(note for _, one in read for note in one.notes), *_of_file(path, said)]
     return _noted(made, tuple(dict.fromkeys(notes)))
 
 
@@ -130,6 +132,15 @@ def _in_order(
         lines = {text: lines for text, (lines, _) in rows.items()}
         return {}, turns.out_of_turn(lines, layout.rate_hz)
     return turns.first_packets(rows, layout.counter_period)
+
+
+def _of_file(path: Path, said: Sequence[str]) -> tuple[str, ...]:
+    """Sentences that name the file, behind the doubt that they may begin with."""
+    parted = [one.removeprefix(_DOUBT) for one in said]
+    return tuple(
+        f"{_DOUBT * (one != rest)}{path.name}: {rest}."
+        for one, rest in zip(said, parted, strict=True)
+    )
 
 
 def _later(one: _Vectors, count: float, rate_hz: float) -> _Vectors:
@@ -278,7 +289,7 @@ def _of_text(
         sent = ticks if layout.counter is None else packets.unwrapped(ticks, layout.counter_period)
         said += packets.sparse_note(sent, rate_hz)
         times = sent / rate_hz
-    notes = tuple(f"{path.name}: {one}." for one in said)
+    notes = _of_file(path, said)
     kept = {c: rows[:, k] for k, c in enumerate(wanted)}
     return _Found(times, kept, stated, hints, notes, numbered)
 

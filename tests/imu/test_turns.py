@@ -166,5 +166,6 @@ def test_rows_lost_from_both_instruments_are_in_doubt_without_a_counter(tmp_path
     assert load(write(tmp_path / "a.csv", rows, names=("k", *xyz)), layout)[0].notes == ()
     del rows[120], rows[41]  # an acceleration, and 40 samples before it an angular velocity
     (read,) = load(write(tmp_path / "a.csv", rows, names=("k", *xyz)), layout)
+    assert read.notes[0].startswith("In doubt: a.csv: rows of 'A' and 'G' do not always take turns")
     assert "from line 45 on: rows were lost, or changed places" in read.notes[0]
     assert "up to 1 samples (10 ms) apart" in read.notes[0]
