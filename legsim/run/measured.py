@@ -40,6 +40,9 @@ _FAR = 900.0
 _TILTED_DEG = 30.0
 """by which a hand is not off"""
 
+_AFTER_S = 0.5
+"""s after the first view whose mean specific force is about gravity in its pose"""
+
 _LEFT_MG = 60.0
 """offset that no accelerometer has"""
 
@@ -305,11 +308,13 @@ def _start(
                 scheme=scheme,
                 detector=given.detector,
             )
-            return found.start, (initialization.conditioning(name, found),)
+            doubts = _doubtful_gravity(name, found.start, signals, geometry.times)
+            return found.start, (initialization.conditioning(name, found), *doubts)
         pose = stated_pose(given)
         doubts = _doubtful_place(name, given, geometry)
         if given.is_given:
-            return SensorStart(pose, 1e-3 * np.array(given.velocity_mm_s)), doubts
+            start = SensorStart(pose, 1e-3 * np.array(given.velocity_mm_s))
+            return start, (*doubts, *_doubtful_gravity(name, start, signals, geometry.times))
         stands = standing_start(signals, name, pose, geometry.times, scheme=scheme)
     except LegsimError as error:
         raise LegsimError(f"start of sensor {name}: {error}") from error
@@ -335,15 +340,33 @@ def _doubtful_place(name: str, given: StartConfig, geometry: ConeBeamGeometry) -
     )
 
 
+def _tilted(name: str, tilted: float) -> tuple[str, ...]:
+    """A doubt of a pose by which gravity is ``tilted`` rad off; nothing where a hand may be."""
+    if np.degrees(tilted) <= _TILTED_DEG:
+        return ()
+    return (
+        f"In doubt: gravity in sensor {name} is {np.degrees(tilted):.0f} deg from where its pose "
+        "has it: check the rotation (of world from sensor, in degrees), the order and signs of the "
+        "acceleration's columns, and that at rest it points upwards.",
+    )
+
+
+def _doubtful_gravity(
+    name: str, start: SensorStart, signals: ImuSignals, views: FloatArray
+) -> tuple[str, ...]:
+    """Doubts a pose at the first view by the specific force just after it."""
+    times, _, force = signals.samples(name)
+    after = (times >= views[0]) & (times <= views[0] + _AFTER_S)
+    if not after.any():
+        return ()
+    felt = start.world_from_sensor[:3, :3] @ force[after].mean(0)
+    upwards = felt[1] / max(float(np.linalg.norm(felt)), 1e-9)
+    return _tilted(name, float(np.arccos(np.clip(upwards, -1, 1))))
+
+
 def _on_standing(name: str, given: StartConfig, tilted: float, vertical: float) -> tuple[str, ...]:
     heading = np.radians(given.heading_sd_deg)
-    doubts = []
-    if np.degrees(tilted) > _TILTED_DEG:
-        doubts.append(
-            f"In doubt: gravity in sensor {name} is {np.degrees(tilted):.0f} deg from where the "
-            "given pose has it: check the rotation (of world from sensor, in degrees), the order "
-            "and signs of the acceleration's columns, and that at rest it points upwards."
-        )
+    doubts = [*_tilted(name, tilted)]
     if abs(vertical) > _LEFT_MG * 9.80665e-3:
         doubts.append(
             f"In doubt: {vertical / 9.80665e-3:.0f} mg along the vertical are more than the error "

@@ -1,6 +1,7 @@
 """A measured scan is read from files of any make, and what it lacks is named."""
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -172,14 +173,25 @@ def test_a_start_that_may_be_is_not_doubted(tmp_path, scan):
     [
         ("[0.0, -20.0, 20.0]", "[0.0, -0.02, 0.02]", "these look like meters"),
         ("[0.0, -20.0, 20.0]", "[0.0, -20.0, 20000.0]", "farther than any of a scanned leg"),
-        ("[-90.0, 0.0, 0.0]", "[-1.57, 0.0, 0.0]", "gravity in sensor shank_l is 88 deg from"),
+        ("[-90.0, 0.0, 0.0]", "[-1.57, 0.0, 0.0]", "gravity in sensor shank_l is 8"),
         ("[-90.0, 0.0, 0.0]", "[90.0, 0.0, 0.0]", "gravity in sensor shank_l is 1"),
     ],
     ids=["meters", "far", "radians", "upside down"],
 )
-def test_a_start_in_another_unit_or_sense_is_doubted(tmp_path, old, new, said):
-    (line,) = doubts(tmp_path, ROUGH.replace(old, new))
+@pytest.mark.parametrize("scan", [SCAN, ROUGH])
+def test_a_start_in_another_unit_or_sense_is_doubted(tmp_path, scan, old, new, said):
+    (line,) = doubts(tmp_path, scan.replace(old, new))
     assert said in line
+
+
+@pytest.mark.parametrize("scan", [SCAN, ROUGH])
+def test_gravity_that_reads_downwards_is_doubted(tmp_path, scan):
+    """As phones have it; no sensor's file by itself says so."""
+    path, read = measured.write(tmp_path, scan), measured.signals()
+    save_imu(tmp_path / "imu.csv", replace(read, specific_force=-read.specific_force))
+    said = [note for note in ls.load_measured_scan(path).notes if "In doubt: gravity" in note]
+    assert len(said) == 1
+    assert "gravity in sensor shank_l is 1" in said[0]
 
 
 def test_joints_are_followed_in_the_order_of_a_leg(tmp_path):
