@@ -11,6 +11,7 @@ from legsim.core.errors import LegsimError
 from legsim.core.values import FloatArray, frozen, increasing_times
 from legsim.imu.axes_order import axes_doubt, tilt_doubt
 from legsim.imu.losses import clipped_note, held_note
+from legsim.imu.odd_samples import odd_notes
 
 FEWEST = 16
 """samples that say something"""
@@ -32,6 +33,9 @@ _AT_REST = (0.75 * STANDARD_GRAVITY, 1.35 * STANDARD_GRAVITY)
 
 _FASTEST = np.radians(2000.0)
 """rad/s, the widest range of common gyroscopes"""
+
+_FEW = 0.05
+"""share of samples that may stand for lost ones"""
 
 _CALM_SHARE = 0.1
 """of the samples: those at which a sensor turns least, where it feels little but gravity"""
@@ -159,7 +163,8 @@ def checked(recording: ImuRecording) -> ImuRecording:
     check_plausible(recording)
     held = held_note(recording.name, recording.times, recording.readings)
     cut = clipped_note(recording.name, recording.readings)
-    return replace(recording, notes=(*recording.notes, *held, *cut, *_doubts(recording)))
+    odd = odd_notes(recording.name, recording.times, recording.readings)
+    return replace(recording, notes=(*recording.notes, *held, *cut, *odd, *_doubts(recording)))
 
 
 def check_steady(name: str, times: FloatArray) -> None:
@@ -293,7 +298,7 @@ def _check_rate(where: str, recording: ImuRecording) -> None:
     if fastest > _FASTEST:
         raise LegsimError(
             f"{where}: the angular velocity reaches {np.degrees(fastest):.4g} deg/s, beyond the "
-            "2000 deg/s of such sensors; state its unit as deg/s, or check its columns"
+            f"2000 deg/s of such sensors; {_rate_fix(recording)}"
         )
     scale, correlation = gyroscope_scale(recording)
     if correlation < -_CLEARLY and scale >= _PUSHED:
@@ -311,6 +316,18 @@ def _check_rate(where: str, recording: ImuRecording) -> None:
             "columns"
         )
     _check_still(where, recording)
+
+
+def _rate_fix(recording: ImuRecording) -> str:
+    """What helps where angular velocities are beyond all sensors: in most samples, or in a few."""
+    beyond = np.linalg.norm(recording.angular_velocity, axis=-1) > _FASTEST
+    if beyond.mean() > _FEW:
+        return "state its unit as deg/s, or check its columns"
+    first = float(recording.times[np.argmax(beyond)])
+    return (
+        f"it does so in {beyond.sum()} of {len(beyond)} samples, from {first:.13g} s on: leave "
+        "their cells empty where they stand for lost packets; else state its unit as deg/s"
+    )
 
 
 def _check_still(where: str, recording: ImuRecording) -> None:
