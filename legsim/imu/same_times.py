@@ -15,6 +15,9 @@ _ROUNDED = 1 / 3
 _CLOSE = 0.5
 """of the usual step, by which sorted times are apart where they are not of one even clock"""
 
+_ACROSS = 10.0
+"""usual steps at most, across which a clock starts at 0 again"""
+
 _REACH = 64
 """rows within which a packet may come again"""
 
@@ -41,6 +44,26 @@ def without_repeats(
         return ticks, rows, ()
     note = f"{again.sum()} rows are there again, some rows later; the first of each is taken"
     return ticks[~again], rows[~again], (note,)
+
+
+def going_on(times: FloatArray, unit: float) -> tuple[FloatArray, tuple[str, ...]]:
+    """Times (n,) s of a clock of 16 or 32 bits that counts units of so many seconds, without its
+    starts at 0, with a note on these.
+    """
+    steps = np.diff(times)
+    back = np.flatnonzero(steps < 0)
+    if not back.size or not (steps > 0).any():
+        return times, ()
+    usual = float(np.median(steps[steps > 0]))
+    for bits in (16, 32):
+        period = unit * 2.0**bits
+        across = period + steps[back]
+        if ((across > 0) & (across < _ACROSS * usual)).all():
+            anew = np.zeros(len(times))
+            anew[back + 1] = period
+            note = f"its times start at 0 again {back.size} times, after {bits} bits, and go on"
+            return times + np.cumsum(anew), (note,)
+    return times, ()
 
 
 def check_order(times: FloatArray) -> None:

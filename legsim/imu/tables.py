@@ -266,6 +266,7 @@ def _of_text(
         for k, c in enumerate(asked)
         if c != layout.time
     }
+    unit: TimeUnit = "s"
     if layout.time is not None:
         unit = layout.time_unit or _time_unit(stated[layout.time], hints[layout.time], cells[0])
         columns[layout.time] = units.SECONDS[unit] * _moments(
@@ -281,6 +282,8 @@ def _of_text(
     ticks, rows, twice = same_times.joined(ticks, rows)
     said = again + twice
     if layout.time is not None:
+        ticks, anew = same_times.going_on(ticks, units.SECONDS[unit])
+        said += anew
         same_times.check_order(ticks)
         times, more = same_times.spread(ticks)
         said += more

@@ -99,3 +99,13 @@ def test_a_counter_that_starts_again_at_rest_repeats_no_packet():
 def test_times_that_go_back_are_refused_with_what_helps(change, said):
     with pytest.raises(LegsimError, match=rf"comes after .* \(sample \d+\); .*{said}"):
         same_times.check_order(change(np.arange(200) / 100))
+
+
+@pytest.mark.parametrize(("bits", "unit"), [(16, 1e-3), (32, 1e-6), (32, 1e-3)])
+def test_a_clock_that_starts_at_0_again_goes_on(bits, unit):
+    counts = 2**bits - 1000 + 10 * np.arange(300)
+    found, (note,) = same_times.going_on(unit * (counts % 2**bits), unit)
+    np.testing.assert_allclose(np.diff(found), 10 * unit, rtol=1e-6)
+    assert note == f"its times start at 0 again 1 times, after {bits} bits, and go on"
+    for other in (unit * counts, unit * (counts % 50_000)):
+        assert same_times.going_on(other, unit)[1] == ()
