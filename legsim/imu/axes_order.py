@@ -24,6 +24,10 @@ _TILTED, _AS_STRONG, _STRENGTH_HZ = 0.08, 0.12, 1.5
 _UNRELATED = 0.5
 """correlation up to which a gyroscope knows nothing of a tilt"""
 
+_ALIKE, _AS_FAST = 0.95, (0.87, 1.15)
+"""correlation from which the ratio of a tilt by both instruments counts, and what it may be: the
+scales of cheap ones are off by 3 %"""
+
 _RATIO = (0.4, 1.6)
 """of gravity's turn by both instruments, where the sensor is tilted rather than pushed"""
 
@@ -68,7 +72,8 @@ def tilt_doubt(
     name: str, rate_hz: float, rate: FloatArray, force: FloatArray, low: FloatArray
 ) -> tuple[str, ...]:
     """A sentence where the accelerometer tilts and the gyroscope knows nothing of it, as where its
-    columns are angles or another instrument's; arguments as those of :func:`axes_doubt`.
+    columns are angles or another instrument's, or has it otherwise as fast, as where the sampling
+    rate is another; arguments as those of :func:`axes_doubt`.
 
     What pushes a sensor aside so that it seems to tilt by an angle makes the force stronger, by
     half its square; a tilt leaves it as strong as gravity.
@@ -83,6 +88,12 @@ def tilt_doubt(
         return ()
     power = float(np.sqrt((turned**2).sum() * (seen**2).sum()))
     correlation = float((turned * seen).sum()) / power if power > 0 else 0.0
+    ratio = float((turned * seen).sum()) / float((turned**2).sum()) if power > 0 else 1.0
+    if correlation > _ALIKE and not _AS_FAST[0] < ratio < _AS_FAST[1]:
+        return (
+            f"In doubt: sensor {name}: its accelerometer sees it tilt {ratio:.2f} times as fast as "
+            "its gyroscope does: check the sampling rate, and the scale of the gyroscope.",
+        )
     if abs(correlation) > _UNRELATED:
         return ()
     return (

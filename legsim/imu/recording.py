@@ -239,7 +239,8 @@ def _doubts(recording: ImuRecording) -> tuple[str, ...]:
         )
     scale, correlation = gyroscope_scale(recording)
     pushed = correlation < -_CLEARLY and scale < _PUSHED
-    if pushed or (correlation > _CLEARLY and scale > _FAST):
+    other_scale = pushed or (correlation > _CLEARLY and scale > _FAST)
+    if other_scale:
         notes.append(
             f"{where}: its accelerometer sees gravity turn {scale:.2g} times as fast as its "
             "gyroscope does, as where the sampling rate or a scale is wrong, or where it was "
@@ -248,7 +249,9 @@ def _doubts(recording: ImuRecording) -> tuple[str, ...]:
     even = _evenly(recording)
     if even is not None and recording.times[-1] - recording.times[0] >= _TURNS_S:
         ordered = axes_doubt(recording.name, recording.rate_hz, *even)
-        notes += ordered or tilt_doubt(recording.name, recording.rate_hz, *even)
+        if not (ordered or other_scale):
+            notes += tilt_doubt(recording.name, recording.rate_hz, *even)
+        notes += ordered
     return tuple(notes)
 
 

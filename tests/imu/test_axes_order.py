@@ -64,3 +64,12 @@ def test_a_sensor_that_is_pushed_aside_does_not_tilt(rng, shift):
     push = shift * np.sin(2 * np.pi * 0.4 * one.times)[:, None] * [1, 0, 0]
     pushed = replace(one, specific_force=one.specific_force + push)
     assert not [note for note in checked(pushed).notes if "knows nothing" in note]
+
+
+@pytest.mark.parametrize("factor", [0.6, 0.8, 1.2, 1.9])
+def test_a_wrong_rate_is_seen_in_how_fast_a_sensor_tilts(factor):
+    one = swaying(seconds=30.0, lean=0.3)
+    (note,) = checked(replace(one, times=factor * one.times)).notes
+    assert f"sees it tilt {1 / factor:.2f} times as fast as its gyroscope does" in note
+    near = replace(one, angular_velocity=1.05 * one.angular_velocity)
+    assert checked(near).notes == ()
