@@ -46,6 +46,8 @@ class Rows:
     """unit that the file states per column, in its name or in the line below; None where none"""
     hints: tuple[str | None, ...]
     """unit at the end of a column's name, without brackets; None where none"""
+    names: tuple[str, ...] = ()
+    """of all columns of the table"""
 
 
 _OTHERS = {
@@ -116,7 +118,8 @@ def read_rows(path: Path, wanted: Sequence[Column], only: RowsOf | None = None) 
         raise _nobodys(path, only, seen)
     if len(rows) < 2:
         raise file_error(path, "holds no samples below its names", "export it again")
-    return Rows(tuple(rows), tuple(stated), tuple(units.hinted(title) for title in table.titles))
+    hints = tuple(units.hinted(title) for title in table.titles)
+    return Rows(tuple(rows), tuple(stated), hints, tuple(table.names))
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,15 +6,24 @@ A table is of text, or the analog channels of a C3D file, whose clock is that of
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from legsim.core.constants import STANDARD_GRAVITY
 from legsim.core.errors import LegsimError, file_error
 from legsim.core.values import FloatArray
-from legsim.imu import joining, losses, moments, packets, recording, same_times, turns, units
+from legsim.imu import (
+    joining,
+    losses,
+    moments,
+    other_clock,
+    packets,
+    recording,
+    same_times,
+    turns,
+    units,
+)
+from legsim.imu.column_units import ByColumn, force_scale, rate_scale
 from legsim.imu.recording import ImuRecording, check_steady, checked
 from legsim.imu.table_layout import ONE_CLOCK, SensorColumns, TableLayout
 from legsim.imu.table_rows import Column, RowsOf, number_in, read_rows
@@ -213,8 +222,8 @@ def _read(
         else:
             found = _of_text(path, layout, [*of_force, *of_rate], only)
         scale = {
-            **dict.fromkeys(of_force, _force_scale(layout, found, of_force)),
-            **dict.fromkeys(of_rate, _rate_scale(layout, found, of_rate)),
+            **dict.fromkeys(of_force, force_scale(layout, *found.units_of(of_force))),
+            **dict.fromkeys(of_rate, rate_scale(layout, *found.units_of(of_rate))),
         }
     except LegsimError as error:
         raise _in_file(path, error) from error
@@ -240,14 +249,18 @@ class _Found:
     """(n,) s"""
     columns: Mapping[Column, FloatArray]
     """(n,) each, in its own unit"""
-    stated: Mapping[Column, str | None]
+    stated: ByColumn
     """unit that the file states"""
-    hints: Mapping[Column, str | None]
+    hints: ByColumn
     """unit at the end of its name, where nothing is stated"""
     notes: tuple[str, ...] = ()
     """oddities of the file"""
     rows: turns.Numbered | None = None
     """lines of the rows of text, and the packets' numbers or what else is their clock"""
+
+    def units_of(self, columns: Sequence[Column]) -> tuple[ByColumn, ByColumn]:
+        """Units of some columns that the file states, and that their names hint."""
+        return {c: self.stated[c] for c in columns}, {c: self.hints[c] for c in columns}
 
 
 def _of_text(
@@ -291,6 +304,8 @@ def _of_text(
         rate_hz = layout.rate_hz or 1.0
         sent = ticks if layout.counter is None else packets.unwrapped(ticks, layout.counter_period)
         said += packets.sparse_note(sent, rate_hz)
+        others = [name for name in found.names if name not in asked]
+        said += other_clock.rate_doubts(path, others, only, rate_hz, float(sent[-1] - sent[0]))
         times = sent / rate_hz
     notes = _of_file(path, said)
     kept = {c: rows[:, k] for k, c in enumerate(wanted)}
@@ -332,72 +347,6 @@ def some_channels(labels: Sequence[str]) -> str:
     shown += [name for name in labels if name not in shown][: max(2 * _FEW - len(shown), 0)]
     others = len(labels) - len(shown)
     return ", ".join(shown) + f" and {others} others" * (others > 0)
-
-
-def _force_scale(layout: TableLayout, found: _Found, columns: Sequence[Column]) -> float:
-    """m/s^2 per number."""
-    if layout.counts_per_g is not None:
-        return STANDARD_GRAVITY / layout.counts_per_g
-    usual = _hint(found.hints, columns, units.ACCELERATION) or "m/s2"
-    unit = _unit("acceleration_unit", layout.acceleration_unit, usual, found.stated, columns)
-    return _factor(unit, units.ACCELERATION, "acceleration")
-
-
-def _rate_scale(layout: TableLayout, found: _Found, columns: Sequence[Column]) -> float:
-    """rad/s per number."""
-    if layout.counts_per_deg_per_s is not None:
-        return units.ANGULAR_VELOCITY["deg/s"] / layout.counts_per_deg_per_s
-    usual = _hint(found.hints, columns, units.ANGULAR_VELOCITY) or "rad/s"
-    given = layout.angular_velocity_unit
-    unit = _unit("angular_velocity_unit", given, usual, found.stated, columns)
-    return _factor(unit, units.ANGULAR_VELOCITY, "angular velocity")
-
-
-def _hint(
-    hints: Mapping[Column, str | None], columns: Sequence[Column], known: Mapping[Any, float]
-) -> str | None:
-    """The unit of one quantity at the end of all names; None where they have none, or several."""
-    found = {hints[column] for column in columns}
-    unit = found.pop() if len(found) == 1 else None
-    return unit if unit in known else None
-
-
-def _unit(
-    setting: str,
-    given: str | None,
-    default: str,
-    stated: Mapping[Column, str | None],
-    columns: Sequence[Column],
-) -> str:
-    """The unit of the columns, as given, else as the table states it, else the default."""
-    for column in columns:
-        own = stated[column]
-        if own is not None and given is None and not units.is_known(own):
-            raise LegsimError(
-                f"column {column!r} is stated to be in {own!r}, which is no unit that is read; "
-                f"state {setting}, or convert it"
-            )
-        if own is not None and given is not None and own != given and units.is_known(own):
-            raise LegsimError(
-                f"column {column!r} is stated to be in {own}, but {setting} is {given}; correct "
-                "one of them"
-            )
-    there = {own for column in columns if (own := stated[column]) and units.is_known(own)}
-    if len(there) > 1:
-        raise LegsimError(
-            f"columns of one quantity are in {' and '.join(sorted(there))}; read their "
-            "sensors by a TOML each"
-        )
-    return given or next(iter(there), None) or default
-
-
-def _factor(unit: str, factors: Mapping[Any, float], quantity: str) -> float:
-    if unit not in factors:
-        raise LegsimError(
-            f"the columns of the {quantity} are stated to be in {unit}; check which columns they "
-            "are"
-        )
-    return factors[unit]
 
 
 def in_si(rate: FloatArray, force: FloatArray, given: Units) -> tuple[FloatArray, FloatArray]:
