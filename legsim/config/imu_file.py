@@ -11,6 +11,9 @@ Vector = tuple[float, float, float]
 Column = str | Annotated[int, Field(ge=1, le=10_000)]
 """name of a table's column, or its number from 1 on"""
 
+Axis = str | Annotated[int, Field(ge=-10_000, le=10_000)]
+"""the same; "-ax", or -2, is a column with the other sign"""
+
 Positive = Annotated[float, Field(gt=0, le=1e12)]
 
 
@@ -54,6 +57,16 @@ class StartConfig(ConfigSection):
             )
         return self
 
+    @property
+    def is_given(self) -> bool:
+        """Whether its pose is taken as it stands: neither leveled anew nor found in the images."""
+        return self.known == "exactly" and not self.fiducials
+
+    @property
+    def is_exact(self) -> bool:
+        """Whether that pose has no stated error either."""
+        return self.is_given and not (self.position_sd_mm or self.heading_sd_deg)
+
 
 class WornSensorConfig(ConfigSection):
     """One sensor of a file, and where it is worn."""
@@ -63,9 +76,9 @@ class WornSensorConfig(ConfigSection):
     """its name in the file; empty: the same, or the file's only sensor"""
     segment: str = ""
     """that carries it, as tibia_l"""
-    acceleration: tuple[Column, Column, Column] | None = None
+    acceleration: tuple[Axis, Axis, Axis] | None = None
     """columns of x, y, z; only for tables that do not say themselves what they hold"""
-    angular_velocity: tuple[Column, Column, Column] | None = None
+    angular_velocity: tuple[Axis, Axis, Axis] | None = None
     acceleration_rows: str = ""
     """what the file's rows_by holds in rows of its accelerations"""
     angular_velocity_rows: str = ""
@@ -93,6 +106,8 @@ class ImuFileConfig(ConfigSection):
     rate_hz: float | None = Field(default=None, ge=1e-3, le=1e9)
     time: Column | None = None
     """column of times"""
+    angular_velocity_time: Column | None = None
+    """column of times of the angular velocities, where ``time`` is that of the accelerations"""
     time_unit: Literal["s", "ms", "us", "ns", "date-time"] | None = None
     """None takes the one that the table states, date-time where its times are such, else s"""
     counter: Column | None = None

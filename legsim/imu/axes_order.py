@@ -8,13 +8,25 @@ one order and one set of signs of the gyroscope's axes, as far as the sensor tur
 import itertools
 
 import numpy as np
-from scipy.signal import sosfiltfilt
+from scipy.signal import butter, sosfiltfilt
 
+from legsim.core.constants import STANDARD_GRAVITY
 from legsim.core.values import FloatArray
 
 _FITS, _MISFITS, _BETTER = 0.8, 0.4, 0.4
 """correlation from which another order fits, up to which the given one does not, and their least
 difference"""
+
+_TILTED, _AS_STRONG, _STRENGTH_HZ = 0.08, 0.12, 1.5
+"""rad of a tilt, share of its square by which the force may change in strength (what is pushed has
+0.35), and below which frequency"""
+
+_UNRELATED = 0.5
+"""correlation up to which a gyroscope knows nothing of a tilt"""
+
+_ALIKE, _AS_FAST = 0.95, (0.87, 1.15)
+"""correlation from which the ratio of a tilt by both instruments counts, and what it may be: the
+scales of cheap ones are off by 3 %"""
 
 _RATIO = (0.4, 1.6)
 """of gravity's turn by both instruments, where the sensor is tilted rather than pushed"""
@@ -53,6 +65,41 @@ def axes_doubt(
         f"In doubt: sensor {name}: gravity turns in its accelerometer as by its gyroscope with the "
         f"axes ({axes}) of it (correlation {correlation:.2f}), not as they are ({given:.2f}): "
         "check the order and the signs of the columns of both.",
+    )
+
+
+def tilt_doubt(
+    name: str, rate_hz: float, rate: FloatArray, force: FloatArray, low: FloatArray
+) -> tuple[str, ...]:
+    """A sentence where the accelerometer tilts and the gyroscope knows nothing of it, as where its
+    columns are angles or another instrument's, or has it otherwise as fast, as where the sampling
+    rate is another; arguments as those of :func:`axes_doubt`.
+
+    What pushes a sensor aside so that it seems to tilt by an angle makes the force stronger, by
+    half its square; a tilt leaves it as strong as gravity.
+    """
+    turned = sosfiltfilt(low, -np.cumsum(np.cross(rate, force), axis=0) / rate_hz, axis=0)
+    up = force.mean(0) / np.linalg.norm(force.mean(0))
+    turned, seen = (v - np.outer(v @ up, up) for v in (turned, sosfiltfilt(low, force, axis=0)))
+    angle = float(np.sqrt((seen**2).sum(-1).mean())) / STANDARD_GRAVITY
+    slow = butter(2, min(_STRENGTH_HZ, 0.4 * rate_hz), fs=rate_hz, output="sos")
+    strength = float(sosfiltfilt(slow, np.linalg.norm(force, axis=-1)).std()) / STANDARD_GRAVITY
+    if angle < _TILTED or strength > _AS_STRONG * angle**2:
+        return ()
+    power = float(np.sqrt((turned**2).sum() * (seen**2).sum()))
+    correlation = float((turned * seen).sum()) / power if power > 0 else 0.0
+    ratio = float((turned * seen).sum()) / float((turned**2).sum()) if power > 0 else 1.0
+    if correlation > _ALIKE and not _AS_FAST[0] < ratio < _AS_FAST[1]:
+        return (
+            f"In doubt: sensor {name}: its accelerometer sees it tilt {ratio:.2f} times as fast as "
+            "its gyroscope does: check the sampling rate, and the scale of the gyroscope.",
+        )
+    if abs(correlation) > _UNRELATED:
+        return ()
+    return (
+        f"In doubt: sensor {name}: by its accelerometer it tilts by {np.degrees(angle):.0f} deg "
+        f"RMS, of which its gyroscope knows nothing (correlation {correlation:.2f}): check that "
+        "those columns are angular velocities, and of the same sensor and time.",
     )
 
 

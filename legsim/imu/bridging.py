@@ -19,7 +19,7 @@ _SPLINED = 2
 _BESIDE = 4
 """samples on each side at least, to which the polynomial is fitted, where there are so many"""
 
-_MOST = 4096
+MOST = 4096
 """samples in one gap"""
 
 
@@ -39,7 +39,7 @@ def bridged(times: FloatArray, values: FloatArray, at: FloatArray) -> tuple[Floa
     step = float(np.median(steps))
     new_times, new_values, first = [], [], 0
     for k in wide:
-        missing = int(min(np.rint(steps[k] / step) - 1, _MOST))
+        missing = int(min(np.rint(steps[k] / step) - 1, MOST))
         within = times[k] + steps[k] * np.arange(1, missing + 1) / (missing + 1)
         new_times += [times[first : k + 1], within]
         new_values += [values[first : k + 1], _across(times, values, int(k), missing, within)]

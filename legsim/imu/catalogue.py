@@ -166,7 +166,15 @@ def load_sensor(name_or_path: str | Path) -> CataloguedSensor:
     """
     path = Path(name_or_path)
     if path.suffix.lower() != ".toml":
-        if str(name_or_path).lower() not in names():
+        known = str(name_or_path).lower() in names()
+        if not known and files.is_file(path):
+            raise file_error(
+                path,
+                "is no sensor's TOML",
+                "readings that were recorded are read by legsim.read_imu, and set beside markers "
+                "by `legsim replay --imu`",
+            )
+        if not known:
             raise LegsimError(
                 f"unknown sensor {str(name_or_path)!r}; known: {', '.join(names())}, or give a "
                 "TOML file"

@@ -18,6 +18,12 @@ LONG_GAP = 0.1
 _CHANCE = 1e-6
 """by which digits of a sensor at rest may repeat as long as that"""
 
+_MOVING_FORCE, _MOVING_RATE = 0.3, 0.1
+"""m/s^2 and rad/s of deviation of a sensor that moves: at rest all digits may repeat"""
+
+_MOSTLY_LONG = 0.75
+"""share of runs of more than one repeat, from which on they are not by chance"""
+
 _FEWEST, _SLOWER = 16, 0.05
 """repeats, and least share of them, of a sensor that is read faster than it measures"""
 
@@ -27,6 +33,9 @@ of a smooth peak come near it first"""
 
 _LEAST_RATE, _LEAST_FORCE = float(np.radians(100.0)), 15.0
 """rad/s and m/s^2 that the least ranges of such sensors hold (125 deg/s, 2 g)"""
+
+_APART_S, _APART = 0.5, 0.05
+"""s, and share of a recording, by which one instrument may end before the other"""
 
 _QUANTITIES, _ALL = ("angular velocities", "accelerations"), "readings"
 
@@ -59,6 +68,24 @@ def gap_note(name: str, times: FloatArray) -> tuple[str, ...]:
     )
 
 
+def ends_note(name: str, rate: FloatArray, force: FloatArray) -> tuple[str, ...]:
+    """Doubts times (n,) and (m,) s of angular velocities and accelerations, of one table, of which
+    one ends long before the other; nothing where they end together.
+
+    Columns of another rate, with times of their own, end there if they are taken for rows.
+    """
+    first, last = sorted((float(rate[-1]), float(force[-1])))
+    whole = last - min(float(rate[0]), float(force[0]))
+    if last - first < max(_APART_S, _APART * whole):
+        return ()
+    earlier, later = _QUANTITIES if rate[-1] < force[-1] else _QUANTITIES[::-1]
+    return (
+        f"In doubt: sensor {name}: its {earlier} end {last - first:.3g} s before its {later}, as "
+        "columns of another rate do: if the table has a column of times for each, give time and "
+        "angular_velocity_time.",
+    )
+
+
 def _are_rounded(steps: FloatArray, usual: NDArray[np.bool_]) -> bool:
     """Whether the ``usual`` of the steps (n,) differ as an even clock's do in rounded times:
     shorter and longer ones so alternate that times stay within the rounding of a straight line.
@@ -77,8 +104,8 @@ def _are_rounded(steps: FloatArray, usual: NDArray[np.bool_]) -> bool:
 
 
 def held_note(name: str, times: FloatArray, readings: FloatArray) -> tuple[str, ...]:
-    """Describes angular velocities and specific forces (n, 6) that repeat at a beat, or all in
-    stretches longer than chance has them; nothing where there is neither.
+    """Describes angular velocities and specific forces (n, 6) that repeat at a beat, or in
+    stretches longer than chance has them, both or one of them; nothing where there is neither.
     """
     repeats = (np.diff(readings, axis=0) == 0).reshape(-1, 2, 3).all(-1)
     rate_hz = 1 / float(np.median(np.diff(times)))
@@ -92,17 +119,50 @@ def held_note(name: str, times: FloatArray, readings: FloatArray) -> tuple[str, 
             "faster is not in them: log it at its own rate.",
         )
     same = repeats.all(-1)
-    first, count = _stretches(same)
-    held = np.array(
-        [_beyond_chance(same, *one, rate_hz) for one in zip(first, count, strict=True)], bool
-    )
+    runs = _stretches(same)
+    held = [_beyond_chance(same, *one, rate_hz) for one in zip(*runs, strict=True)]
+    if any(held):
+        return _held(name, _ALL, times, *runs, np.array(held, bool))
+    notes = []
+    for k, (what, least) in enumerate(zip(_QUANTITIES, (_MOVING_FORCE, _MOVING_RATE), strict=True)):
+        other = readings[:, 3:] if k == 0 else readings[:, :3]
+        first, count = _stretches(repeats[:, k])
+        spread = [other[a : a + n + 1].std(0).max() for a, n in zip(first, count, strict=True)]
+        moving = np.array(spread) > least
+        first, count = first[moving], count[moving]
+        notes += _held(name, what, times, first, count, _beyond_others(count))
+    return tuple(notes)
+
+
+def _beyond_others(count: NDArray[np.intp]) -> NDArray[np.bool_]:
+    """Which runs of ``count`` (n,) repeats of one instrument, while the other one moves, are longer
+    than others have by chance.
+
+    Runs by chance get rarer from one repeat on by an even ratio; where few are that short, none is
+    by chance.
+    """
+    goes_on = 1 - float((count == 1).mean()) if count.size else 0.0
+    ratio = goes_on if 0.5 < goes_on < _MOSTLY_LONG else 0.5
+    return np.asarray(len(count) * ratio ** (count - 1.0) < _CHANCE)
+
+
+def _held(
+    name: str,
+    what: str,
+    times: FloatArray,
+    first: NDArray[np.intp],
+    count: NDArray[np.intp],
+    held: NDArray[np.bool_],
+) -> tuple[str, ...]:
+    """Describes the stretches of repeats (n,) that are ``held``."""
     if not held.any():
         return ()
     first, count = first[held], count[held]
     seconds = times[np.minimum(first + count + 1, len(times) - 1)] - times[first]
     longest = int(np.argmax(seconds))
+    of = f"all {what}" if what == _ALL else f"the {what}"
     return (
-        f"Sensor {name}: {count.sum()} of {len(times)} samples repeat all readings of the one "
+        f"Sensor {name}: {count.sum()} of {len(times)} samples repeat {of} of the one "
         "before, as where packets were lost; the longest stretch is "
         f"{_stretch(float(seconds[longest]), float(times[first[longest]]))}.",
     )

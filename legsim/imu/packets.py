@@ -27,7 +27,7 @@ def unwrapped(counter: ArrayLike, period: int | None = None) -> FloatArray:
         raise LegsimError("the packet counter holds values that are no whole numbers from 0")
     steps = np.diff(counts)
     if (steps < 0).any():
-        wraps_at = period or _period(counts, steps)
+        wraps_at = period or _wraps_at(counts, steps)
         if wraps_at is None or counts.max() - (0 if period else counts.min()) >= wraps_at:
             raise LegsimError(
                 f"the packet counter reaches {counts.max():.0f}, beyond its period of {wraps_at}; "
@@ -49,8 +49,28 @@ def unwrapped(counter: ArrayLike, period: int | None = None) -> FloatArray:
     return np.concatenate([[0.0], np.cumsum(steps)])
 
 
-def _period(counts: FloatArray, steps: FloatArray) -> int | None:
-    """Count after which numbers (n,) start again; None where they are beyond any."""
+def sparse_note(sent: FloatArray, rate_hz: float) -> tuple[str, ...]:
+    """Describes numbers of packets (n,) that mostly grow by more than 1; nothing where they do not.
+
+    Such a counter counts the packets of other sensors too, or ticks of a clock.
+    """
+    step = float(np.median(np.diff(sent))) if len(sent) > 1 else 1.0
+    if step <= 1:
+        return ()
+    return (
+        f"In doubt: the packets' numbers grow by {step:g} from one sample to the next; rate_hz is "
+        f"taken for {rate_hz:g} numbers per second, which makes {rate_hz / step:.4g} samples of "
+        "them",
+    )
+
+
+def found_period(counts: FloatArray) -> int | None:
+    """Count after which numbers (n,) start again; None where they do not, or are beyond any."""
+    steps = np.diff(counts)
+    return _wraps_at(counts, steps) if (steps < 0).any() else None
+
+
+def _wraps_at(counts: FloatArray, steps: FloatArray) -> int | None:
     falls = np.flatnonzero(steps < 0)
     least, most = counts.min(), counts.max()
     whole = int(((counts[falls] == most) & (counts[falls + 1] == least)).sum())

@@ -1,22 +1,19 @@
-"""What one real sensor recorded, checked for units that cannot be, and several as one set."""
+"""What one real sensor recorded, checked for units that cannot be."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.interpolate import make_interp_spline
 from scipy.signal import butter, sosfiltfilt
 
 from legsim.core.constants import STANDARD_GRAVITY
 from legsim.core.errors import LegsimError
 from legsim.core.values import FloatArray, frozen, increasing_times
-from legsim.imu.axes_order import axes_doubt
-from legsim.imu.bridging import bridged, wide_steps
-from legsim.imu.losses import clipped_note, gap_note, held_note
-from legsim.imu.signals import ImuSignals
+from legsim.imu.axes_order import axes_doubt, tilt_doubt
+from legsim.imu.losses import clipped_note, held_note
+from legsim.imu.odd_samples import odd_notes
 
-_FEWEST = 16
+FEWEST = 16
 """samples that say something"""
 
 _PACKETS = 0.02
@@ -25,11 +22,20 @@ _PACKETS = 0.02
 _RATES_HZ = (10.0, 20e3)
 """sampling rates that sensors on a body have"""
 
+_USUAL_HZ = (25.0, 2000.0)
+"""those that most have"""
+
+_CLOCKS = {"ns": 1e-9, "ticks of 100 ns": 1e-7, "us": 1e-6, "ms": 1e-3, "days": 86400.0}
+"""s per unit of what writes times"""
+
 _AT_REST = (0.75 * STANDARD_GRAVITY, 1.35 * STANDARD_GRAVITY)
 """median magnitude of the specific force of a person who stands, squats or walks"""
 
 _FASTEST = np.radians(2000.0)
 """rad/s, the widest range of common gyroscopes"""
+
+_FEW = 0.05
+"""share of samples that may stand for lost ones"""
 
 _CALM_SHARE = 0.1
 """of the samples: those at which a sensor turns least, where it feels little but gravity"""
@@ -128,51 +134,7 @@ class ImuRecording:
         return replace(self, times=self.times + seconds)
 
 
-def merged(
-    name: str, force: tuple[FloatArray, FloatArray], rate: tuple[FloatArray, FloatArray]
-) -> ImuRecording:
-    """Makes one recording of two instruments with times of their own.
-
-    Args:
-        name: of the sensor.
-        force: times (n,) s and specific forces (n, 3) m/s^2; samples that are NaN are left out.
-        rate: times (m,) s, of the same clock, and angular velocities (m, 3) rad/s.
-
-    Raises:
-        LegsimError: times that do not increase, or that do not overlap.
-    """
-    felt = np.where(_lost(force[1]), np.nan, force[1])
-    seen = [
-        (times[known], values[known])
-        for times, values in ((force[0], felt), rate)
-        for known in (np.isfinite(values).all(-1),)
-    ]
-    if any(len(times) < _FEWEST for times, _ in seen):
-        raise LegsimError(f"sensor {name!r} has fewer than {_FEWEST} samples; record longer")
-    for times, _ in seen:
-        increasing_times(f"times of sensor {name!r}", times)
-        check_steady(name, times)
-    notes = tuple(dict.fromkeys(note for times, _ in seen for note in gap_note(name, times)))
-    if not np.array_equal(seen[0][0], seen[1][0]):
-        times = _shared_times([times for times, _ in seen])
-        if len(times) < _FEWEST:
-            spans = " and ".join(f"{t[0]:.10g} to {t[-1]:.10g} s" for t, _ in seen)
-            raise LegsimError(
-                f"accelerations and angular velocities of sensor {name!r} hardly overlap in time: "
-                f"{spans}; give files of one recording, by one clock"
-            )
-        force_at, rate_at = (_at(own, values, times) for own, values in seen)
-        known = np.isfinite(force_at).all(-1) & np.isfinite(rate_at).all(-1)
-        times = times[known]
-        seen = [(times, force_at[known]), (times, rate_at[known])]
-        notes += (
-            f"Sensor {name}: accelerations and angular velocities have times of their own; both "
-            "are put on those of the faster by cubic splines.",
-        )
-    return ImuRecording(name, seen[0][0], seen[1][1], seen[0][1], notes)
-
-
-def _lost(force: FloatArray) -> NDArray[np.bool_]:
+def lost(force: FloatArray) -> NDArray[np.bool_]:
     """(n, 1) where specific forces (n, 3) are exactly 0, 0, 0.
 
     Loggers write so what they lost; integrated it would be a free fall.
@@ -182,13 +144,13 @@ def _lost(force: FloatArray) -> NDArray[np.bool_]:
 
 def without_lost(rate: FloatArray, force: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Angular velocities and specific forces (n, 3) with NaN where the sample was lost."""
-    lost = _lost(force)
-    return np.where(lost, np.nan, rate), np.where(lost, np.nan, force)
+    gone = lost(force)
+    return np.where(gone, np.nan, rate), np.where(gone, np.nan, force)
 
 
 def enough(samples: int) -> bool:
     """Whether so many samples say something."""
-    return samples >= _FEWEST
+    return samples >= FEWEST
 
 
 def checked(recording: ImuRecording) -> ImuRecording:
@@ -201,7 +163,8 @@ def checked(recording: ImuRecording) -> ImuRecording:
     check_plausible(recording)
     held = held_note(recording.name, recording.times, recording.readings)
     cut = clipped_note(recording.name, recording.readings)
-    return replace(recording, notes=(*recording.notes, *held, *cut, *_doubts(recording)))
+    odd = odd_notes(recording.name, recording.times, recording.readings)
+    return replace(recording, notes=(*recording.notes, *held, *cut, *odd, *_doubts(recording)))
 
 
 def check_steady(name: str, times: FloatArray) -> None:
@@ -212,7 +175,7 @@ def check_steady(name: str, times: FloatArray) -> None:
         LegsimError: with the rate that the times have over all.
     """
     steps = np.diff(times)
-    if len(steps) < _FEWEST or (steps <= 0).any():
+    if len(steps) < FEWEST or (steps <= 0).any():
         return
     within = float(np.quantile(steps, 0.3))
     # few long steps are pauses, not packets
@@ -236,18 +199,31 @@ def check_plausible(recording: ImuRecording) -> None:
         LegsimError: the line names the quantity, what it reads and the fix.
     """
     where = f"sensor {recording.name!r}"
-    if len(recording.times) < _FEWEST:
+    if len(recording.times) < FEWEST:
         raise LegsimError(
-            f"{where} has {len(recording.times)} samples; at least {_FEWEST} are needed, record "
+            f"{where} has {len(recording.times)} samples; at least {FEWEST} are needed, record "
             "longer"
         )
     if not _RATES_HZ[0] <= recording.rate_hz <= _RATES_HZ[1]:
         raise LegsimError(
             f"{where} has {recording.rate_hz:.4g} samples per second, which no such sensor takes; "
-            "state the unit of the times (s, ms or us) or the rate"
+            f"{_clock_fix(recording)}"
         )
     _check_force(where, recording)
     _check_rate(where, recording)
+
+
+def _clock_fix(recording: ImuRecording) -> str:
+    """What helps where times are not in the unit that they are said to be in."""
+    if (np.diff(recording.times) == 1).all():
+        return "its times count the samples: leave the column of times out, and give rate_hz"
+    usual = [
+        f"{unit} taken for s have {rate:.4g} per second"
+        for unit, seconds in _CLOCKS.items()
+        if _USUAL_HZ[0] <= (rate := recording.rate_hz / seconds) <= _USUAL_HZ[1]
+    ]
+    guess = f": {', '.join(usual)}" if usual else ""
+    return f"state the unit of the times (s, ms, us or ns), convert them to it, or the rate{guess}"
 
 
 def _doubts(recording: ImuRecording) -> tuple[str, ...]:
@@ -263,7 +239,8 @@ def _doubts(recording: ImuRecording) -> tuple[str, ...]:
         )
     scale, correlation = gyroscope_scale(recording)
     pushed = correlation < -_CLEARLY and scale < _PUSHED
-    if pushed or (correlation > _CLEARLY and scale > _FAST):
+    other_scale = pushed or (correlation > _CLEARLY and scale > _FAST)
+    if other_scale:
         notes.append(
             f"{where}: its accelerometer sees gravity turn {scale:.2g} times as fast as its "
             "gyroscope does, as where the sampling rate or a scale is wrong, or where it was "
@@ -271,7 +248,10 @@ def _doubts(recording: ImuRecording) -> tuple[str, ...]:
         )
     even = _evenly(recording)
     if even is not None and recording.times[-1] - recording.times[0] >= _TURNS_S:
-        notes += axes_doubt(recording.name, recording.rate_hz, *even)
+        ordered = axes_doubt(recording.name, recording.rate_hz, *even)
+        if not (ordered or other_scale):
+            notes += tilt_doubt(recording.name, recording.rate_hz, *even)
+        notes += ordered
     return tuple(notes)
 
 
@@ -321,14 +301,15 @@ def _check_rate(where: str, recording: ImuRecording) -> None:
     if fastest > _FASTEST:
         raise LegsimError(
             f"{where}: the angular velocity reaches {np.degrees(fastest):.4g} deg/s, beyond the "
-            "2000 deg/s of such sensors; state its unit as deg/s, or check its columns"
+            f"2000 deg/s of such sensors; {_rate_fix(recording)}"
         )
     scale, correlation = gyroscope_scale(recording)
     if correlation < -_CLEARLY and scale >= _PUSHED:
         raise LegsimError(
             f"{where}: gravity turns the other way in the accelerometer than by the gyroscope; "
-            "turn the sign of one of them: at rest the acceleration points upwards; or the columns "
-            "of both are not in the order x, y, z"
+            'turn the signs of the angular velocity (columns as "-gx"), or, where the axes are '
+            "left-handed, the sign of one axis of both; or the columns of both are not in the "
+            "order x, y, z"
         )
     if correlation > _CLEARLY and not 0.1 < scale < 10:
         unit = "rad/s" if scale > 10 else "deg/s"
@@ -338,6 +319,18 @@ def _check_rate(where: str, recording: ImuRecording) -> None:
             "columns"
         )
     _check_still(where, recording)
+
+
+def _rate_fix(recording: ImuRecording) -> str:
+    """What helps where angular velocities are beyond all sensors: in most samples, or in a few."""
+    beyond = np.linalg.norm(recording.angular_velocity, axis=-1) > _FASTEST
+    if beyond.mean() > _FEW:
+        return "state its unit as deg/s, or check its columns"
+    first = float(recording.times[np.argmax(beyond)])
+    return (
+        f"it does so in {beyond.sum()} of {len(beyond)} samples, from {first:.13g} s on: leave "
+        "their cells empty where they stand for lost packets; else state its unit as deg/s"
+    )
 
 
 def _check_still(where: str, recording: ImuRecording) -> None:
@@ -403,65 +396,3 @@ def _evenly(recording: ImuRecording) -> tuple[FloatArray, FloatArray, FloatArray
         for values in (recording.angular_velocity, recording.specific_force)
     )
     return rate, force, low
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class JoinedSignals:
-    """Several recordings as one set, with notes for the report."""
-
-    signals: ImuSignals
-    notes: tuple[str, ...]
-
-
-def join(recordings: Sequence[ImuRecording]) -> JoinedSignals:
-    """Joins recordings of one clock; samples are kept as they are where all have the same times.
-
-    Otherwise all are put on the times of the fastest, within what all cover, by cubic splines; a
-    longer gap of a sensor is marked as lost (NaN).
-
-    Raises:
-        LegsimError: no recording, names that repeat, recordings that do not overlap.
-    """
-    if not recordings:
-        raise LegsimError("there is no sensor to join; give at least one recording")
-    names = tuple(r.name for r in recordings)
-    fastest = max(recordings, key=lambda r: r.rate_hz)
-    if all(np.array_equal(r.times, fastest.times) for r in recordings):
-        times, notes = fastest.times, ()
-        sampled = [(r.angular_velocity, r.specific_force) for r in recordings]
-    else:
-        times = _shared_times([r.times for r in recordings])
-        if len(times) < _FEWEST:
-            spans = [f"{r.name} {r.times[0]:.13g} to {r.times[-1]:.13g} s" for r in recordings]
-            raise LegsimError(
-                f"the sensors do not overlap in time: {', '.join(spans)}; give each clock's offset "
-                "(clock_offset_s)"
-            )
-        sampled = [
-            tuple(_at(r.times, values, times) for values in (r.angular_velocity, r.specific_force))
-            for r in recordings
-        ]
-        notes = (
-            f"Sensors {', '.join(names)} sample at different times: put on those of "
-            f"{fastest.name} by cubic splines, {times[0]:.13g} to {times[-1]:.13g} s.",
-        )
-    rate, force = (np.stack([one[k] for one in sampled], 1) for k in range(2))
-    signals = ImuSignals(times, names, rate, force)
-    return JoinedSignals(signals, (*(n for r in recordings for n in r.notes), *notes))
-
-
-def _shared_times(clocks: Sequence[FloatArray]) -> FloatArray:
-    """Times (n,) of the fastest of the ``clocks``, within what all of them cover."""
-    first, last = max(times[0] for times in clocks), min(times[-1] for times in clocks)
-    fastest = min(clocks, key=lambda times: float(np.median(np.diff(times))))
-    return fastest[(fastest >= first) & (fastest <= last)]
-
-
-def _at(own: FloatArray, values: FloatArray, times: FloatArray) -> FloatArray:
-    """Values (n, 3) at the times (n,) ``own``, by cubic splines at other times (m,); NaN in longer
-    gaps, of which nothing is known.
-    """
-    found = make_interp_spline(*bridged(own, values, times), k=3)(times)
-    after = np.clip(np.searchsorted(own, times), 1, len(own) - 1)
-    inside = (times > own[after - 1]) & (times < own[after]) & wide_steps(own)[after - 1]
-    return np.where(inside[:, None], np.nan, found)

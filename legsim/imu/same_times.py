@@ -12,6 +12,95 @@ _ROUNDED = 1 / 3
 """largest share of samples that share a time with the one before where rounding is to blame"""
 
 
+_CLOSE = 0.5
+"""of the usual step, by which sorted times are apart where they are not of one even clock"""
+
+_ACROSS = 10.0
+"""usual steps at most, across which a clock starts at 0 again"""
+
+_REACH = 64
+"""rows within which a packet may come again"""
+
+
+def without_repeats(
+    ticks: FloatArray, rows: FloatArray
+) -> tuple[FloatArray, FloatArray, tuple[str, ...]]:
+    """Ticks (m,) and rows (m, k) without those that a logger wrote again some rows later, with a
+    note on these.
+
+    Only where ticks go back: a row is one of before where its tick and all its cells are. A counter
+    that starts at 0 again soon has the same numbers anew, and is searched less far.
+    """
+    if not (np.diff(ticks) < 0).any():
+        return ticks, rows, ()
+    cells = np.column_stack([ticks, rows])
+    cells = np.where(np.isnan(cells), np.inf, cells)
+    order = np.lexsort(cells.T)
+    reach = min(_REACH, int(len(np.unique(ticks)) / 4))
+    same = (cells[order[1:]] == cells[order[:-1]]).all(-1) & (np.diff(order) <= reach)
+    again = np.zeros(len(ticks), bool)
+    again[order[1:][same]] = True
+    if not again.any():
+        return ticks, rows, ()
+    note = f"{again.sum()} rows are there again, some rows later; the first of each is taken"
+    return ticks[~again], rows[~again], (note,)
+
+
+def going_on(times: FloatArray, unit: float) -> tuple[FloatArray, tuple[str, ...]]:
+    """Times (n,) s of a clock of 16 or 32 bits that counts units of so many seconds, without its
+    starts at 0, with a note on these.
+    """
+    steps = np.diff(times)
+    back = np.flatnonzero(steps < 0)
+    if not back.size or not (steps > 0).any():
+        return times, ()
+    usual = float(np.median(steps[steps > 0]))
+    for bits in (16, 32):
+        period = unit * 2.0**bits
+        across = period + steps[back]
+        if ((across > 0) & (across < _ACROSS * usual)).all():
+            anew = np.zeros(len(times))
+            anew[back + 1] = period
+            note = f"its times start at 0 again {back.size} times, after {bits} bits, and go on"
+            return times + np.cumsum(anew), (note,)
+    return times, ()
+
+
+def check_order(times: FloatArray) -> None:
+    """Refuses times (n,) s that go back.
+
+    Raises:
+        LegsimError: with the first place, and with what helps: sorting where the sorted times are
+            even, else a rate.
+    """
+    back = np.flatnonzero(np.diff(times) < 0)
+    if not back.size:
+        return
+    k = int(back[0])
+    said = f"time {times[k + 1]:.13g} s comes after {times[k]:.13g} s (sample {k + 1})"
+    steps = np.diff(np.sort(times))
+    usual = float(np.median(steps))
+    if back.size == 1 and _begins_anew(times, k):
+        fix = "the clock begins anew there: split the file into its recordings"
+    elif usual > 0 and (steps < _CLOSE * usual).mean() < 0.5 * back.size / len(steps):
+        fix = f"{back.size} samples are out of order: sort the rows by their times"
+    elif (np.diff(np.delete(times, back + 1)) >= 0).all():
+        fix = "that row has a wrong time: correct it, or delete the row"
+    else:
+        fix = (
+            "the clock was set back, or the times are those of delivery: leave the column of times "
+            "out and give rate_hz, if no sample is lost"
+        )
+    raise LegsimError(f"{said}; {fix}")
+
+
+def _begins_anew(times: FloatArray, last: int) -> bool:
+    """Whether what follows the sample ``last`` begins about where the times (n,) s begin."""
+    far = float(times[last] - times[last + 1]) > 0.5 * float(times[last] - times[0]) > 0
+    # the row behind a single wrong time goes on where the rows before it were
+    return far and last + 2 < len(times) and bool(times[last + 2] < times[last])
+
+
 def joined(ticks: FloatArray, rows: FloatArray) -> tuple[FloatArray, FloatArray, tuple[str, ...]]:
     """Ticks (m,) and rows (m, k) without copies, with a note on these.
 

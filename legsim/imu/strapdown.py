@@ -18,12 +18,15 @@ from legsim.core import transforms
 from legsim.core.constants import GRAVITY_WORLD
 from legsim.core.errors import LegsimError
 from legsim.core.values import FloatArray, frozen, increasing_times
-from legsim.imu.bridging import bridged
+from legsim.imu.bridging import MOST, about, bridged
 from legsim.imu.signals import SensorStart
 
 Scheme = Literal["accurate", "paper"]
 
 _HIGHEST_DEGREE = 5
+
+_BESIDE = 128
+"""samples before and after the wanted times: a quintic spline forgets 0.43 of each to the next"""
 
 _ROUNDING = 1e-9
 """s between equal times: rounding of clocks written as text"""
@@ -69,7 +72,8 @@ def integrate(
     force = frozen("specific_force", specific_force, (len(times), 3))
     _check(times, rate, force, at)
     if scheme == "accurate":
-        times, both = bridged(times, np.stack([rate, force], 1), at)
+        near = _near(times, at)
+        times, both = bridged(times[near], np.stack([rate[near], force[near]], 1), at)
         return _accurate(times, both[:, 0], both[:, 1], start, at)
     if scheme == "paper":
         return _published(times, rate, force, start, at)
@@ -94,6 +98,16 @@ def _check(times: FloatArray, rate: FloatArray, force: FloatArray, at: FloatArra
             f"{times[0]:.13g} to {times[-1]:.13g} s; "
             "record longer, scan less, or fix the offset of the clocks"
         )
+
+
+def _near(times: FloatArray, at: FloatArray) -> slice:
+    """Samples (of n) that decide the poses at ``at``, to rounding: of a long recording, those of a
+    scan, and beside them what its gaps are bridged by and what its splines remember.
+    """
+    during = (times[1:] > at[0]) & (times[:-1] < at[-1])
+    steps = np.diff(times)
+    missing = float(steps[during].max(initial=0.0) / np.median(steps))
+    return about(times, at, 0.0, 2 * min(int(np.ceil(missing)), MOST) + _BESIDE)
 
 
 def with_samples(at: FloatArray, times: FloatArray) -> FloatArray:

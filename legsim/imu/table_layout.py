@@ -13,7 +13,7 @@ class SensorColumns:
 
     name: str
     acceleration: tuple[Column, Column, Column]
-    """columns of x, y, z"""
+    """columns of x, y, z; "-ax", or -2, is a column with the other sign"""
     angular_velocity: tuple[Column, Column, Column]
     acceleration_rows: str = ""
     """what the layout's ``rows_by`` holds in rows of its accelerations"""
@@ -36,6 +36,8 @@ class TableLayout:
     """None takes the one that the table states, else rad/s"""
     time: Column | None = None
     """column of times; None where rate_hz gives them, or the channels of a C3D have their own"""
+    angular_velocity_time: Column | None = None
+    """column of times of the angular velocities, where these have their own"""
     time_unit: TimeUnit | None = None
     """None takes the one that the table states, or dates where there are any, else s"""
     rate_hz: float | None = None
@@ -53,6 +55,11 @@ class TableLayout:
     def __post_init__(self) -> None:
         if self.time is not None and self.rate_hz is not None:
             raise LegsimError(ONE_CLOCK)
+        if self.angular_velocity_time is not None and (self.time is None or self.rows_by):
+            raise LegsimError(
+                "angular_velocity_time is beside time, the column of the accelerations' times, and "
+                "without rows_by; give time, or leave it out"
+            )
         whose = [t for s in self.sensors for t in (s.acceleration_rows, s.angular_velocity_rows)]
         if any(whose) != (self.rows_by is not None) or any(whose) != all(whose):
             rows = "acceleration_rows and angular_velocity_rows of every sensor"

@@ -46,6 +46,8 @@ class Rows:
     """unit that the file states per column, in its name or in the line below; None where none"""
     hints: tuple[str | None, ...]
     """unit at the end of a column's name, without brackets; None where none"""
+    names: tuple[str, ...] = ()
+    """of all columns of the table"""
 
 
 _OTHERS = {
@@ -116,7 +118,8 @@ def read_rows(path: Path, wanted: Sequence[Column], only: RowsOf | None = None) 
         raise _nobodys(path, only, seen)
     if len(rows) < 2:
         raise file_error(path, "holds no samples below its names", "export it again")
-    return Rows(tuple(rows), tuple(stated), tuple(units.hinted(title) for title in table.titles))
+    hints = tuple(units.hinted(title) for title in table.titles)
+    return Rows(tuple(rows), tuple(stated), hints, tuple(table.names))
 
 
 @dataclass(frozen=True, slots=True)
@@ -321,7 +324,9 @@ def _names(
     """Number of lines down to the names, delimiter, and all names."""
     for k, line in enumerate(lines[:within]):
         for delimiter in _DELIMITERS:
-            names = _names_of(line, delimiter)
+            # a name that is given with the mark of a comment before it, as %time, is meant so
+            bare = _names_of(line, delimiter)
+            names = bare if set(wanted) <= set(bare) else cells_of(line, delimiter)
             if set(wanted) <= set(names):
                 doubled = [name for name in wanted if names.count(name) > 1]
                 if doubled:
@@ -389,9 +394,10 @@ def _missing(path: Path, lines: Sequence[str], wanted: Sequence[str]) -> LegsimE
                 best, place, names = set(wanted) & set(cells), k, cells
     missing = ", ".join(repr(name) for name in wanted if name not in best)
     known = f"; the line has {', '.join(n for n in names if n)}" if best else ""
+    other = "" if "".join(wanted).isascii() else ", or give their numbers where it is not in UTF-8"
     return file_error(
         path,
         f"has no line with the column{'s' * (len(wanted) - len(best) > 1)} {missing}{known}",
-        "correct the names of the columns",
+        f"correct the names of the columns{other}",
         place=f"line {place + 1}" if best else f"first {_HEADER_WITHIN} lines",
     )

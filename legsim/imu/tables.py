@@ -6,16 +6,24 @@ A table is of text, or the analog channels of a C3D file, whose clock is that of
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from legsim.core.constants import STANDARD_GRAVITY
 from legsim.core.errors import LegsimError, file_error
 from legsim.core.values import FloatArray
-from legsim.imu import moments, packets, recording, same_times, units
-from legsim.imu.losses import gap_note
+from legsim.imu import (
+    joining,
+    losses,
+    moments,
+    other_clock,
+    packets,
+    recording,
+    same_times,
+    turns,
+    units,
+)
+from legsim.imu.column_units import ByColumn, force_scale, rate_scale
 from legsim.imu.recording import ImuRecording, check_steady, checked
 from legsim.imu.table_layout import ONE_CLOCK, SensorColumns, TableLayout
 from legsim.imu.table_rows import Column, RowsOf, number_in, read_rows
@@ -23,6 +31,8 @@ from legsim.imu.units import AccelerationUnit, AngularVelocityUnit, TimeUnit
 from legsim.mocap.c3d_analog import load_analog
 
 Units = tuple[AccelerationUnit, AngularVelocityUnit]
+
+_DOUBT = "In doubt: "
 
 _FEW = 6
 """names of channels of one kind in an error"""
@@ -38,6 +48,8 @@ class _Vectors:
     """(n, 3) per sensor; NaN where a cell is empty"""
     notes: tuple[str, ...]
     """oddities of the file"""
+    rows: turns.Numbered | None = None
+    """lines of the rows, and the packets' numbers, or what else is their clock; None for a C3D"""
 
 
 def load(
@@ -51,9 +63,9 @@ def load(
     Args:
         path: of the table.
         layout: what its columns are.
-        angular_velocity_file: a second table, of the same clock, with the angular velocities;
-            where its times are others, the slower of the two is put on the times of the faster one
-            by cubic splines, which is noted.
+        angular_velocity_file: a second table, of the same clock, with the angular velocities; None
+            where they are in the first. Where their times are others, the slower instrument is put
+            on the times of the faster one by cubic splines, which is noted.
 
     Raises:
         LegsimError: missing columns, cells that are no numbers, times that do not increase, units
@@ -64,7 +76,7 @@ def load(
     rates = [s.angular_velocity for s in layout.sensors]
     if layout.rows_by is not None:
         return _in_turn(path, layout, layout.rows_by)
-    if angular_velocity_file is None:
+    if angular_velocity_file is None and layout.angular_velocity_time is None:
         _check_apart(path, layout)
         both = _read(path, layout, forces, rates)
         count = len(forces)
@@ -74,9 +86,11 @@ def load(
         ]
         return _noted(made, both.notes)
     force = _read(path, layout, forces, [])
-    rate = _read(angular_velocity_file, layout, [], rates)
-    read = ((str(path), force), (str(angular_velocity_file), rate))
-    _check_counted(path, layout, {name: len(one.times) for name, one in read})
+    other = angular_velocity_file or path
+    rate = _read(
+        other, replace(layout, time=layout.angular_velocity_time or layout.time), [], rates
+    )
+    _check_counted(path, layout, {str(path): len(force.times), str(other): len(rate.times)})
     made = []
     for k, sensor in enumerate(layout.sensors):
         pair = (force.times, force.values[k]), (rate.times, rate.values[k])
@@ -89,7 +103,7 @@ def _merged(
 ) -> ImuRecording:
     """The checked recording of two instruments with times of their own."""
     try:
-        return checked(recording.merged(name, force, rate))
+        return checked(joining.merged(name, force, rate))
     except LegsimError as error:
         raise _in_file(path, error) from error
 
@@ -97,18 +111,50 @@ def _merged(
 def _in_turn(path: Path, layout: TableLayout, rows_by: Column) -> tuple[ImuRecording, ...]:
     """Sensors of a table in which sensors or instruments take turns."""
     pairs = [_turns_of(path, layout, sensor, rows_by) for sensor in layout.sensors]
-    texts = ((s.acceleration_rows, s.angular_velocity_rows) for s in layout.sensors)
+    texts = [(s.acceleration_rows, s.angular_velocity_rows) for s in layout.sensors]
     read = [one for of in zip(texts, pairs, strict=True) for one in zip(*of, strict=True)]
     _check_counted(path, layout, {text: len(vectors.times) for text, vectors in read})
+    later, said = _in_order(layout, dict(read))
+    if layout.rate_hz is not None:
+        put = [_later(one, later.get(text, 0.0), layout.rate_hz) for text, one in read]
+        pairs = list(zip(put[::2], put[1::2], strict=True))
     made = [
         recording_of(path, sensor.name, rate.times, rate.values[-1], force.values[0])
-        if force is rate
+        if sensor.acceleration_rows == sensor.angular_velocity_rows
         else _merged(
             path, sensor.name, (force.times, force.values[0]), (rate.times, rate.values[0])
         )
         for sensor, (force, rate) in zip(layout.sensors, pairs, strict=True)
     ]
-    return _noted(made, tuple(dict.fromkeys(note for _, one in read for note in one.notes)))
+    notes = [*(note for _, one in read for note in one.notes), *_of_file(path, said)]
+    return _noted(made, tuple(dict.fromkeys(notes)))
+
+
+def _in_order(
+    layout: TableLayout, read: Mapping[str, _Vectors]
+) -> tuple[Mapping[str, float], tuple[str, ...]]:
+    """Packets that the rows of each text begin later than the first of all, and notes."""
+    rows = {text: one.rows for text, one in read.items() if one.rows is not None}
+    if layout.rate_hz is None or len(rows) < 2:
+        return {}, ()
+    if layout.counter is None:
+        lines = {text: lines for text, (lines, _) in rows.items()}
+        return {}, turns.out_of_turn(lines, layout.rate_hz)
+    return turns.first_packets(rows, layout.counter_period)
+
+
+def _of_file(path: Path, said: Sequence[str]) -> tuple[str, ...]:
+    """Sentences that name the file, behind the doubt that they may begin with."""
+    parted = [one.removeprefix(_DOUBT) for one in said]
+    return tuple(
+        f"{_DOUBT * (one != rest)}{path.name}: {rest}."
+        for one, rest in zip(said, parted, strict=True)
+    )
+
+
+def _later(one: _Vectors, count: float, rate_hz: float) -> _Vectors:
+    """The same rows, so many packets later; times of equal packets stay equal to the last bit."""
+    return replace(one, times=(np.rint(one.times * rate_hz) + count) / rate_hz)
 
 
 def _turns_of(
@@ -145,7 +191,8 @@ def _check_counted(path: Path, layout: TableLayout, rows: Mapping[str, int]) -> 
 def _check_apart(path: Path, layout: TableLayout) -> None:
     """Refuses columns that hold both quantities, row by row."""
     for sensor in layout.sensors:
-        if set(sensor.acceleration) & set(sensor.angular_velocity):
+        both = (sensor.acceleration, sensor.angular_velocity)
+        if set.intersection(*({_sign(c)[1] for c in columns} for columns in both)):
             raise file_error(
                 path,
                 f"sensor {sensor.name!r} has columns that are accelerations and angular velocities",
@@ -168,22 +215,30 @@ def _read(
     only: RowsOf | None = None,
 ) -> _Vectors:
     """Accelerations, then angular velocities; of some rows alone where ``only`` says which."""
-    of_force, of_rate = ([c for three in kind for c in three] for kind in (forces, rates))
+    of_force, of_rate = ([_sign(c)[1] for v in kind for c in v] for kind in (forces, rates))
     try:
         if path.suffix.lower() == ".c3d":
             found = _of_channels(path, layout, [*of_force, *of_rate])
         else:
             found = _of_text(path, layout, [*of_force, *of_rate], only)
         scale = {
-            **dict.fromkeys(of_force, _force_scale(layout, found, of_force)),
-            **dict.fromkeys(of_rate, _rate_scale(layout, found, of_rate)),
+            **dict.fromkeys(of_force, force_scale(layout, *found.units_of(of_force))),
+            **dict.fromkeys(of_rate, rate_scale(layout, *found.units_of(of_rate))),
         }
     except LegsimError as error:
         raise _in_file(path, error) from error
     vectors = (
-        np.stack([scale[c] * found.columns[c] for c in three], -1) for three in (*forces, *rates)
+        np.stack([sign * scale[c] * found.columns[c] for sign, c in map(_sign, three)], -1)
+        for three in (*forces, *rates)
     )
-    return _Vectors(found.times, tuple(vectors), found.notes)
+    return _Vectors(found.times, tuple(vectors), found.notes, found.rows)
+
+
+def _sign(column: Column) -> tuple[float, Column]:
+    """1 or -1, and the column itself, of one that may be meant with the other sign, as "-ax"."""
+    if isinstance(column, int):
+        return (-1.0, -column) if column < 0 else (1.0, column)
+    return (-1.0, column[1:]) if column[:1] == "-" and column[1:] else (1.0, column)
 
 
 @dataclass(frozen=True, slots=True)
@@ -194,12 +249,18 @@ class _Found:
     """(n,) s"""
     columns: Mapping[Column, FloatArray]
     """(n,) each, in its own unit"""
-    stated: Mapping[Column, str | None]
+    stated: ByColumn
     """unit that the file states"""
-    hints: Mapping[Column, str | None]
+    hints: ByColumn
     """unit at the end of its name, where nothing is stated"""
     notes: tuple[str, ...] = ()
     """oddities of the file"""
+    rows: turns.Numbered | None = None
+    """lines of the rows of text, and the packets' numbers or what else is their clock"""
+
+    def units_of(self, columns: Sequence[Column]) -> tuple[ByColumn, ByColumn]:
+        """Units of some columns that the file states, and that their names hint."""
+        return {c: self.stated[c] for c in columns}, {c: self.hints[c] for c in columns}
 
 
 def _of_text(
@@ -218,23 +279,37 @@ def _of_text(
         for k, c in enumerate(asked)
         if c != layout.time
     }
+    unit: TimeUnit = "s"
     if layout.time is not None:
         unit = layout.time_unit or _time_unit(stated[layout.time], hints[layout.time], cells[0])
         columns[layout.time] = units.SECONDS[unit] * _moments(
             path, lines, cells[0], layout.time, unit
         )
     ticks, present = _ticks(columns, layout, len(lines))
+    numbered = np.array(lines, float)[present], ticks
     rows = np.stack([columns[c][present] for c in wanted], -1)
-    ticks, rows, said = same_times.joined(ticks, rows)
+    read = np.isfinite(rows).any(-1)
+    if layout.time is not None and read.any():  # rows of events are no samples
+        ticks, rows = ticks[read], rows[read]
+    ticks, rows, again = same_times.without_repeats(ticks, rows)
+    ticks, rows, twice = same_times.joined(ticks, rows)
+    said = again + twice
     if layout.time is not None:
-        _check_order(ticks)
+        ticks, anew = same_times.going_on(ticks, units.SECONDS[unit])
+        said += anew
+        same_times.check_order(ticks)
         times, more = same_times.spread(ticks)
         said += more
     else:
+        rate_hz = layout.rate_hz or 1.0
         sent = ticks if layout.counter is None else packets.unwrapped(ticks, layout.counter_period)
-        times = sent / (layout.rate_hz or 1.0)
-    notes = tuple(f"{path.name}: {one}." for one in said)
-    return _Found(times, {c: rows[:, k] for k, c in enumerate(wanted)}, stated, hints, notes)
+        said += packets.sparse_note(sent, rate_hz)
+        others = [name for name in found.names if name not in asked]
+        said += other_clock.rate_doubts(path, others, only, rate_hz, float(sent[-1] - sent[0]))
+        times = sent / rate_hz
+    notes = _of_file(path, said)
+    kept = {c: rows[:, k] for k, c in enumerate(wanted)}
+    return _Found(times, kept, stated, hints, notes, numbered)
 
 
 def _of_channels(path: Path, layout: TableLayout, wanted: Sequence[Column]) -> _Found:
@@ -274,72 +349,6 @@ def some_channels(labels: Sequence[str]) -> str:
     return ", ".join(shown) + f" and {others} others" * (others > 0)
 
 
-def _force_scale(layout: TableLayout, found: _Found, columns: Sequence[Column]) -> float:
-    """m/s^2 per number."""
-    if layout.counts_per_g is not None:
-        return STANDARD_GRAVITY / layout.counts_per_g
-    usual = _hint(found.hints, columns, units.ACCELERATION) or "m/s2"
-    unit = _unit("acceleration_unit", layout.acceleration_unit, usual, found.stated, columns)
-    return _factor(unit, units.ACCELERATION, "acceleration")
-
-
-def _rate_scale(layout: TableLayout, found: _Found, columns: Sequence[Column]) -> float:
-    """rad/s per number."""
-    if layout.counts_per_deg_per_s is not None:
-        return units.ANGULAR_VELOCITY["deg/s"] / layout.counts_per_deg_per_s
-    usual = _hint(found.hints, columns, units.ANGULAR_VELOCITY) or "rad/s"
-    given = layout.angular_velocity_unit
-    unit = _unit("angular_velocity_unit", given, usual, found.stated, columns)
-    return _factor(unit, units.ANGULAR_VELOCITY, "angular velocity")
-
-
-def _hint(
-    hints: Mapping[Column, str | None], columns: Sequence[Column], known: Mapping[Any, float]
-) -> str | None:
-    """The unit of one quantity at the end of all names; None where they have none, or several."""
-    found = {hints[column] for column in columns}
-    unit = found.pop() if len(found) == 1 else None
-    return unit if unit in known else None
-
-
-def _unit(
-    setting: str,
-    given: str | None,
-    default: str,
-    stated: Mapping[Column, str | None],
-    columns: Sequence[Column],
-) -> str:
-    """The unit of the columns, as given, else as the table states it, else the default."""
-    for column in columns:
-        own = stated[column]
-        if own is not None and given is None and not units.is_known(own):
-            raise LegsimError(
-                f"column {column!r} is stated to be in {own!r}, which is no unit that is read; "
-                f"state {setting}, or convert it"
-            )
-        if own is not None and given is not None and own != given and units.is_known(own):
-            raise LegsimError(
-                f"column {column!r} is stated to be in {own}, but {setting} is {given}; correct "
-                "one of them"
-            )
-    there = {own for column in columns if (own := stated[column]) and units.is_known(own)}
-    if len(there) > 1:
-        raise LegsimError(
-            f"columns of one quantity are in {' and '.join(sorted(there))}; read their "
-            "sensors by a TOML each"
-        )
-    return given or next(iter(there), None) or default
-
-
-def _factor(unit: str, factors: Mapping[Any, float], quantity: str) -> float:
-    if unit not in factors:
-        raise LegsimError(
-            f"the columns of the {quantity} are stated to be in {unit}; check which columns they "
-            "are"
-        )
-    return factors[unit]
-
-
 def in_si(rate: FloatArray, force: FloatArray, given: Units) -> tuple[FloatArray, FloatArray]:
     """Angular velocities in rad/s and specific forces in m/s^2, from stated units."""
     return units.ANGULAR_VELOCITY[given[1]] * rate, units.ACCELERATION[given[0]] * force
@@ -365,14 +374,16 @@ def recording_of(
         raise file_error(
             path,
             f"sensor {name!r} has numbers in {int(seen.sum())} of {own.sum()} samples",
-            "check its columns, or export it again",
+            "check its columns; where each instrument has times of its own, give time and "
+            "angular_velocity_time",
         )
     try:
         if apart:  # rows of accelerations and rows of angular velocities
-            return checked(recording.merged(name, (times, force), (times, rate)))
+            return checked(joining.merged(name, (times, force), (times, rate)))
         check_steady(name, times[seen])
         made = checked(ImuRecording(name, times[seen], rate[seen], force[seen]))
-        return replace(made, notes=(*gap_note(name, made.times), *made.notes))
+        ends = losses.ends_note(name, times[by_rate], times[by_force])
+        return replace(made, notes=(*losses.gap_note(name, made.times), *ends, *made.notes))
     except LegsimError as error:
         raise _in_file(path, error) from error
 
@@ -422,16 +433,6 @@ def _ticks(
         fix = " and give rate_hz" if column == layout.time else ""
         raise LegsimError(f"column {column!r} is empty; name another, or leave it out{fix}")
     return table[column][present], present
-
-
-def _check_order(times: FloatArray) -> None:
-    late = np.flatnonzero(np.diff(times) < 0)
-    if late.size:
-        k = late[0]
-        raise LegsimError(
-            f"time {times[k + 1]:.13g} s comes after {times[k]:.13g} s (sample {k + 1}); sort the "
-            "samples, or leave the column of times out and give rate_hz"
-        )
 
 
 def _in_file(path: Path, error: LegsimError) -> LegsimError:

@@ -11,7 +11,7 @@ from legsim.config.imu_file import ImuFileConfig, WornSensorConfig
 from legsim.core.constants import STANDARD_GRAVITY
 from legsim.core.errors import LegsimError, file_error
 from legsim.core.files import load_toml
-from legsim.imu import files, recording, tables
+from legsim.imu import files, joining, tables
 from legsim.imu.recording import ImuRecording
 from legsim.imu.signals import ImuSignals
 from legsim.imu.table_layout import SensorColumns, TableLayout
@@ -20,6 +20,7 @@ from legsim.mocap.c3d_analog import has_points
 
 _OF_COLUMNS = (
     "time",
+    "angular_velocity_time",
     "time_unit",
     "counter",
     "counter_period",
@@ -63,7 +64,7 @@ def read_imu(path: Path | str) -> ImuSignals:
     >>> read_imu("shank.txt").sensor_names
     ('shank',)
     """
-    joined = recording.join([sensor.recording for sensor in load(Path(path))])
+    joined = joining.join([sensor.recording for sensor in load(Path(path))])
     for note in joined.notes:
         warnings.warn(note, stacklevel=2)
     return joined.signals
@@ -152,6 +153,7 @@ def _recordings(path: Path, settings: ImuFileConfig) -> tuple[ImuRecording, ...]
             acceleration_unit=settings.acceleration_unit,
             angular_velocity_unit=settings.angular_velocity_unit,
             time=settings.time,
+            angular_velocity_time=settings.angular_velocity_time,
             time_unit=settings.time_unit,
             rate_hz=settings.rate_hz,
             counter=settings.counter,

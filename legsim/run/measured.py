@@ -20,9 +20,9 @@ from legsim.correction.method import Scan
 from legsim.correction.standing_start import standing_start
 from legsim.geometry.cone_beam import ConeBeamGeometry, Projections
 from legsim.geometry.volume import VolumeGrid
-from legsim.imu import plausibility, recording, strapdown
+from legsim.imu import joining, plausibility, strapdown
 from legsim.imu.gap_cost import gap_cost, longest_gap
-from legsim.imu.recording import JoinedSignals
+from legsim.imu.joining import JoinedSignals
 from legsim.imu.signals import ImuSignals, SensorStart
 from legsim.imu.strapdown import Scheme
 from legsim.run import imu_files, projection_files, shadow_files
@@ -39,6 +39,9 @@ _FAR = 900.0
 
 _TILTED_DEG = 30.0
 """by which a hand is not off"""
+
+_AFTER_S = 0.5
+"""s after the first view whose mean specific force is about gravity in its pose"""
 
 _LEFT_MG = 60.0
 """offset that no accelerometer has"""
@@ -111,7 +114,7 @@ def assemble(
     joints = _joints(settings.joints, joined.signals.sensor_names, where)
     grid, chosen = _wanted(settings.grid, folder, where).of(geometry)
     rested = settings.methods.sensor_errors.calibration != "none" and all(
-        _is_stated(sensor) for sensor in started
+        sensor.worn.start is not None and sensor.worn.start.is_given for sensor in started
     )
     signals = _at_rest(joined.signals, starts) if rested else joined.signals
     return MeasuredScan(
@@ -128,6 +131,7 @@ def assemble(
         ),
         (
             *(_sentence(note) for note in (*read.notes, *chosen)),
+            *(projection_files.time_doubts(geometry.times) if started else ()),
             *joined.notes,
             *(f"In doubt: {line}." for line in plausibility.objections(joined.signals)),
             *(note for _, notes in found for note in notes),
@@ -213,22 +217,19 @@ def _joined(sensors: Sequence[WornSensor], geometry: ConeBeamGeometry) -> Joined
     if not sensors:
         none = np.zeros((len(geometry), 0, 3))
         return JoinedSignals(ImuSignals(geometry.times, (), none, none), ())
-    joined = recording.join([s.recording for s in sensors])
+    joined = joining.join([s.recording for s in sensors])
     views, times = geometry.times, joined.signals.times
     if views[0] < times[0] - 1e-9 or views[-1] > times[-1] + 1e-9:
         names = ", ".join(joined.signals.sensor_names)
+        guess = projection_files.unit_guess(float(views[-1] - views[0]))
+        other = f", or correct the times of the views: {guess}" if guess else ""
         raise LegsimError(
             f"the views are from {views[0]:.13g} to {views[-1]:.13g} s, sensors {names} recorded "
-            f"{times[0]:.13g} to {times[-1]:.13g} s by the views' clock; give clock_offset_s "
-            "(sensors' clock minus the views')"
+            f"{times[0]:.13g} to {times[-1]:.13g} s by the views' clock, and begin "
+            f"{times[0] - views[0]:.13g} s after them; give clock_offset_s (sensors' clock minus "
+            f"the views'){other}"
         )
     return joined
-
-
-def _is_stated(sensor: WornSensor) -> bool:
-    """Whether a start is taken as its pose is given."""
-    start = sensor.worn.start
-    return start is not None and start.known == "exactly" and not start.fiducials
 
 
 def _at_rest(signals: ImuSignals, starts: Sequence[SensorStart]) -> ImuSignals:
@@ -247,9 +248,10 @@ def _on_clock(
     """What is assumed of a sensor's clock, and what an error of it costs."""
     name, views = sensor.recording.name, geometry.times
     before, after = views[0] - signals.times[0], signals.times[-1] - views[-1]
+    stated = "clock_offset_s" if sensor.clock_stated else "assumed: clock_offset_s is not given"
     said = (
         f"Sensor {name}: its clock is taken to read {sensor.clock_offset + 0.0:g} s more than the "
-        f"views' (clock_offset_s); it recorded {before:.2g} s before and {after:.2g} s after them."
+        f"views' ({stated}); it recorded {before:.2g} s before and {after:.2g} s after them."
     )
     if max(before, after) < _CLOCK_ERROR:
         return said
@@ -271,7 +273,8 @@ def _on_gap(
     sensor: WornSensor, signals: ImuSignals, start: SensorStart, views: FloatArray, scheme: Scheme
 ) -> tuple[str, ...]:
     """What the longest gap of a sensor costs; nothing without one."""
-    name, seconds = sensor.recording.name, longest_gap(sensor.recording.times, views)
+    name = sensor.recording.name
+    seconds = longest_gap(signals.samples(name)[0], views)
     if not 0 < seconds < views[-1] - views[0]:
         return ()
     cost = gap_cost(signals.samples(name), start, views, seconds, scheme)
@@ -305,11 +308,13 @@ def _start(
                 scheme=scheme,
                 detector=given.detector,
             )
-            return found.start, (initialization.conditioning(name, found),)
+            doubts = _doubtful_gravity(name, found.start, signals, geometry.times)
+            return found.start, (initialization.conditioning(name, found), *doubts)
         pose = stated_pose(given)
         doubts = _doubtful_place(name, given, geometry)
-        if given.known == "exactly":
-            return SensorStart(pose, 1e-3 * np.array(given.velocity_mm_s)), doubts
+        if given.is_given:
+            start = SensorStart(pose, 1e-3 * np.array(given.velocity_mm_s))
+            return start, (*doubts, *_doubtful_gravity(name, start, signals, geometry.times))
         stands = standing_start(signals, name, pose, geometry.times, scheme=scheme)
     except LegsimError as error:
         raise LegsimError(f"start of sensor {name}: {error}") from error
@@ -335,15 +340,33 @@ def _doubtful_place(name: str, given: StartConfig, geometry: ConeBeamGeometry) -
     )
 
 
+def _tilted(name: str, tilted: float) -> tuple[str, ...]:
+    """A doubt of a pose by which gravity is ``tilted`` rad off; nothing where a hand may be."""
+    if np.degrees(tilted) <= _TILTED_DEG:
+        return ()
+    return (
+        f"In doubt: gravity in sensor {name} is {np.degrees(tilted):.0f} deg from where its pose "
+        "has it: check the rotation (of world from sensor, in degrees), the order and signs of the "
+        "acceleration's columns, and that at rest it points upwards.",
+    )
+
+
+def _doubtful_gravity(
+    name: str, start: SensorStart, signals: ImuSignals, views: FloatArray
+) -> tuple[str, ...]:
+    """Doubts a pose at the first view by the specific force just after it."""
+    times, _, force = signals.samples(name)
+    after = (times >= views[0]) & (times <= views[0] + _AFTER_S)
+    if not after.any():
+        return ()
+    felt = start.world_from_sensor[:3, :3] @ force[after].mean(0)
+    upwards = felt[1] / max(float(np.linalg.norm(felt)), 1e-9)
+    return _tilted(name, float(np.arccos(np.clip(upwards, -1, 1))))
+
+
 def _on_standing(name: str, given: StartConfig, tilted: float, vertical: float) -> tuple[str, ...]:
     heading = np.radians(given.heading_sd_deg)
-    doubts = []
-    if np.degrees(tilted) > _TILTED_DEG:
-        doubts.append(
-            f"In doubt: gravity in sensor {name} is {np.degrees(tilted):.0f} deg from where the "
-            "given pose has it: check the rotation (of world from sensor, in degrees), the order "
-            "and signs of the acceleration's columns, and that at rest it points upwards."
-        )
+    doubts = [*_tilted(name, tilted)]
     if abs(vertical) > _LEFT_MG * 9.80665e-3:
         doubts.append(
             f"In doubt: {vertical / 9.80665e-3:.0f} mg along the vertical are more than the error "

@@ -63,9 +63,9 @@ def priors(scan: MeasuredScan) -> SensorPriors:
 
 
 def _start_errors(given: StartConfig | None) -> StartErrors:
-    """As stated for a rough start; a stated pose is trusted no more than a hand."""
+    """As stated; a pose without errors is trusted no more than a hand."""
     usual = StartErrors()
-    if given is None or given.known == "exactly":
+    if given is None:
         return usual
     return replace(
         usual,
@@ -95,12 +95,7 @@ def doubts(scan: MeasuredScan, names: Sequence[str]) -> tuple[str, ...]:
     pixels of beads or points that images or geometry speak against.
     """
     # dead reckoning trusts a pose that is stated exactly, as methods that find it do not
-    exact = {
-        name: EXACT
-        for name, start in scan.worn.items()
-        if start.known == "exactly"
-        and not (start.fiducials or start.position_sd_mm or start.heading_sd_deg)
-    }
+    exact = {name: EXACT for name, start in scan.worn.items() if start.is_exact}
     said = methods.undetermined(names, scan.seen, followed(scan), priors(scan), exact)
     model = scan.settings.methods.sensor_model
     whose = "methods.sensor_errors" if model == "custom" else model

@@ -8,10 +8,12 @@ import numpy as np
 from legsim.config.measured_scan import MeasuredScanConfig
 from legsim.core import files
 from legsim.core.errors import LegsimError, file_error
+from legsim.core.values import FloatArray
 from legsim.geometry import projection_images, scan_files
 from legsim.geometry.cone_beam import ConeBeamGeometry
 from legsim.geometry.projection_images import RawLayout
 from legsim.geometry.scan_files import ScanFiles
+from legsim.imu import units
 
 _HAVE_TIMES = (".json",)
 """endings of geometries that hold a time per view"""
@@ -89,10 +91,12 @@ def with_times(
     return geometry if geometry_file.suffix.lower() in _HAVE_TIMES else None
 
 
-def _times(path: Path, count: int) -> np.ndarray:
-    """Times (count,) s of a text file with one a line, under a line with a name or not."""
+def _times(path: Path, count: int) -> FloatArray:
+    """Times (count,) s of a text file with one a line, under a line with a name or not; the name
+    may end in a unit.
+    """
     lines = [line.strip() for line in files.read(path, "times") if line.strip()]
-    numbers = []
+    numbers, unit = [], "s"
     for k, line in enumerate(lines):
         try:
             numbers.append(float(line.rstrip(",;")))
@@ -104,10 +108,43 @@ def _times(path: Path, count: int) -> np.ndarray:
                     "give one number of seconds per line",
                     place=f"line {k + 1}",
                 ) from None
+            unit = units.in_name(line) or units.known(line) or units.hinted(line) or "s"
+    seconds = {str(known): factor for known, factor in units.SECONDS.items()}
+    if unit not in seconds:
+        raise file_error(
+            path,
+            f"the times are stated to be in {unit!r}",
+            "give seconds",
+            place="line 1",
+        )
     if len(numbers) != count:
         raise file_error(
             path,
             f"holds {len(numbers)} times, the geometry {count} views",
             "give one time in s per view",
         )
-    return np.array(numbers)
+    return seconds[unit] * np.array(numbers)
+
+
+_SCANS_S = (0.5, 300.0)
+"""of a scan that a C-arm makes of somebody who stands"""
+
+
+def time_doubts(times: FloatArray) -> tuple[str, ...]:
+    """Doubts views (v,) s whose time no scan takes, as times in another unit."""
+    seconds = float(times[-1] - times[0])
+    if len(times) < 2 or _SCANS_S[0] <= seconds <= _SCANS_S[1]:
+        return ()
+    guess = unit_guess(seconds)
+    return (
+        f"In doubt: the views are said to take {seconds:.4g} s, which no scan of somebody who "
+        f"stands does: check their times{guess and f' ({guess})'}.",
+    )
+
+
+def unit_guess(seconds: float) -> str:
+    """In which unit a number of seconds that no scan takes would be one that it does; or empty."""
+    for unit, factor in units.SECONDS.items():
+        if factor < 1 < _SCANS_S[1] < seconds and _SCANS_S[0] <= factor * seconds <= _SCANS_S[1]:
+            return f"in {unit} they would be {factor * seconds:.4g} s"
+    return ""

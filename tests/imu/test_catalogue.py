@@ -247,3 +247,9 @@ def test_unknown_sensors_list_the_known_ones(tmp_path: Path):
     with pytest.raises(LegsimError, match="no such file"):
         load_sensor(tmp_path / "none.toml")
     assert catalogue.names() == tuple(sorted(catalogue.names()))
+
+
+def test_a_file_of_readings_is_no_sensor(tmp_path):
+    (tmp_path / "shank.csv").write_text("time,ax\n0,1\n")
+    with pytest.raises(LegsimError, match=r"shank.csv: is no .* read by legsim.read_imu, and set"):
+        load_sensor(tmp_path / "shank.csv")

@@ -9,7 +9,7 @@ import pytest
 from legsim.imu import losses, same_times
 from legsim.imu.losses import gap_note
 from legsim.imu.recording import ImuRecording
-from tests.examples.sensors import still
+from tests.examples.sensors import still, swaying
 
 
 def held_note(one: ImuRecording) -> tuple[str, ...]:
@@ -151,3 +151,27 @@ def test_samples_lost_at_random_are_counted_whatever_their_share(rng, share):
     kept = times[rng.random(4000) > share]
     (note,) = gap_note("shank", kept)
     assert int(note.split()[2]) == round(100 * float(kept[-1] - kept[0])) + 1 - len(kept)
+
+
+def test_instruments_that_end_apart_are_in_doubt():
+    times = np.arange(1000) / 100
+    assert losses.ends_note("a", times, times[:-40]) == ()
+    (note,) = losses.ends_note("a", times[:500], times)
+    assert "its angular velocities end 5 s before its accelerations" in note
+    (note,) = losses.ends_note("a", times, times[:500])
+    assert "its accelerations end 5 s before its angular velocities" in note
+
+
+@pytest.mark.parametrize("value", [None, 0.0])
+def test_one_instrument_that_stands_still_while_the_other_goes_on_is_noted(value):
+    """A gyroscope that was lost is written as the last reading, or as 0, 0, 0."""
+    one = swaying(seconds=20.0, lean=0.3)
+    rate = one.angular_velocity.copy()
+    rate[900:950] = rate[899] if value is None else value
+    (note,) = held_note(replace(one, angular_velocity=rate))
+    assert "samples repeat the angular velocities of the one before" in note
+    assert "510 ms at 8.9" in note or "500 ms at 9.0" in note
+    # at rest digits as coarse as a sensor's noise repeat by chance, and a loss costs nothing
+    calm = still(count=2000)
+    coarse = replace(calm, angular_velocity=np.round(calm.angular_velocity / 0.004) * 0.004)
+    assert held_note(coarse) == ()

@@ -25,12 +25,44 @@ def test_what_loggers_write_is_seconds(cells, seconds):
     np.testing.assert_allclose(read(cells), seconds)
 
 
+@pytest.mark.parametrize("cells", [
+    ["2025-5-24 9:4:7.125", "2025-5-24 9:4:8.000"],
+    ["2025.05.24 9:04:07.125", "2025.05.24 09:04:08"],
+    ["24.05.2025 09:04:07,125", "24.05.2025 09:04:08,000"],
+    ["24.05.25 09:04:07,125", "24.05.25 09:04:08,000"],
+    ["5/24/2025 09:04:07.125", "5/24/2025 09:04:08.000"],
+    ["24/05/2025, 09:04:07.125", "24/05/2025, 09:04:08.000"],
+    ["5/24/2025 9:04:07.125 AM", "5/24/2025 9:04:08.000 AM"],
+    ["24-May-2025 09:04:07.125", "24-May-2025 09:04:08.000"],
+    ["2025/05/24 09:04:07:125", "2025/05/24 09:04:08:000"],
+])  # fmt: skip
+def test_dates_of_any_order_are_one_moment(cells):
+    begin, end = read(cells)
+    assert begin == pytest.approx(1748077447.125, abs=1e-6)
+    assert end - begin == pytest.approx(0.875, abs=1e-6)
+
+
+def test_of_a_date_that_may_be_either_the_day_is_what_changes():
+    for cells in (
+        ["3/4/2025 23:59:59", "3/5/2025 0:00:01"],
+        ["4/3/2025 23:59:59", "5/3/2025 0:0:1"],
+    ):
+        assert np.diff(read(cells)) == [2.0]
+
+
+def test_a_clock_of_twelve_hours_goes_past_noon_and_midnight():
+    times = read(["11:59:59.5 AM", "12:00:00 PM", "1:00:00 PM", "11:59:59 PM", "12:00:01 AM"])
+    np.testing.assert_allclose(times - times[0], [0, 0.5, 3600.5, 43199.5, 43201.5])
+
+
 @pytest.mark.parametrize(
-    "cell", ["12:60:00", "00:61", "12:00:00 AM", "noon", "31.01.2025 12:00:00"]
+    "cell", ["12:60:00", "00:61", "12:00:00 AM", "noon", "31.01.2025 12:00:00", "2025-01-31 12:00"]
 )
 def test_what_is_no_time_is_refused_with_its_line(cell):
     with pytest.raises(LegsimError, match=r"a.csv \(line 3\): '.*' in column 't' is no date"):
         read(["12:00:00", cell])
+    with pytest.raises(LegsimError, match=r"a.csv \(line 3\)"):
+        read(["5/24/2025 12:00:00", "5/33/2025 12:00:00"])
 
 
 def test_milliseconds_may_stand_behind_a_third_colon():

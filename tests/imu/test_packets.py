@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from legsim.core.errors import LegsimError
-from legsim.imu.packets import unwrapped
+from legsim.imu.packets import found_period, sparse_note, unwrapped
 
 
 @pytest.mark.parametrize("period", [256, 65536])
@@ -39,3 +39,17 @@ def test_a_period_that_is_no_power_of_two_is_found_by_its_wraps(rng, period, fir
 def test_what_is_no_count_is_refused(counter, said):
     with pytest.raises(LegsimError, match=said):
         unwrapped(counter, 65536)
+
+
+def test_a_period_is_that_of_numbers_that_start_again():
+    assert found_period(np.arange(200.0)) is None
+    assert found_period(np.arange(200.0, 300.0) % 256) == 256
+
+
+def test_numbers_that_count_more_than_the_samples_are_in_doubt():
+    """Lost packets leave most numbers one apart; those of two sensors in turn are two apart."""
+    sent = np.arange(300.0)
+    assert sparse_note(np.delete(sent, slice(50, 150)), 100.0) == ()
+    (note,) = sparse_note(2 * sent, 100.0)
+    assert "grow by 2 from one sample to the next" in note
+    assert "makes 50 samples" in note

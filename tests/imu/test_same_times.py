@@ -66,3 +66,46 @@ def test_instruments_in_turn_in_rounded_times_stay_whole(rng):
     rows[::2, :3], rows[1::2, 3:] = both[:, :3], both[:, 3:]
     ticks = np.repeat(np.floor(exact / 0.01) * 0.01, 2)
     np.testing.assert_array_equal(same_times.joined(ticks, rows)[1], both)
+
+
+@pytest.mark.parametrize("lag", [1, 2, 9])
+def test_packets_that_come_again_some_rows_later_count_once(rng, lag):
+    """As a radio logger writes every packet twice."""
+    times, rows = np.arange(300) / 100, rng.normal(size=(300, 6))
+    rows[9:12, 2] = np.nan
+    written = sorted([(k, k) for k in range(300)] + [(k + lag + 0.5, k) for k in range(300)])
+    order = np.array([k for _, k in written])
+    found, kept, (note,) = same_times.without_repeats(times[order], rows[order])
+    np.testing.assert_array_equal(found, times)
+    np.testing.assert_array_equal(kept, rows)
+    assert note.startswith("300 rows are there again")
+
+
+def test_a_counter_that_starts_again_at_rest_repeats_no_packet():
+    """Numbers come again, and readings of few digits too."""
+    counts, rows = np.arange(1000.0) % 100, np.zeros((1000, 6))
+    assert same_times.without_repeats(counts, rows)[2] == ()
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda t: t[np.r_[:50, 51, 50, 52:100, 101, 100, 102:200]], "2 samples are out of order"),
+        (lambda t: np.r_[t[:70], 0.1, t[71:]], "a wrong time: correct it"),
+        (lambda t: np.r_[t, t[:80]], "begins anew there: split the file"),
+        (lambda t: np.r_[t[:100], t[100:] - 0.125], "set back, or .* give rate_hz"),
+    ],
+)
+def test_times_that_go_back_are_refused_with_what_helps(change, said):
+    with pytest.raises(LegsimError, match=rf"comes after .* \(sample \d+\); .*{said}"):
+        same_times.check_order(change(np.arange(200) / 100))
+
+
+@pytest.mark.parametrize(("bits", "unit"), [(16, 1e-3), (32, 1e-6), (32, 1e-3)])
+def test_a_clock_that_starts_at_0_again_goes_on(bits, unit):
+    counts = 2**bits - 1000 + 10 * np.arange(300)
+    found, (note,) = same_times.going_on(unit * (counts % 2**bits), unit)
+    np.testing.assert_allclose(np.diff(found), 10 * unit, rtol=1e-6)
+    assert note == f"its times start at 0 again 1 times, after {bits} bits, and go on"
+    for other in (unit * counts, unit * (counts % 50_000)):
+        assert same_times.going_on(other, unit)[1] == ()

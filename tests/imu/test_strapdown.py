@@ -255,3 +255,26 @@ def test_refuses_unknown_schemes():
         strapdown.integrate(
             times, *sway.signals(times), start_of(sway, times), times, scheme="fast"
         )  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("gaps", [False, True])
+def test_a_long_recording_around_the_views_changes_nothing(rng, monkeypatch, gaps):
+    """Also with gaps at the ends of the views, whose bridges reach beyond them."""
+    sway, views = Sway.standing(1), VIEWS[:93]
+    times = np.arange(-6000, 7000) / 200 + 1e-4 * rng.uniform(size=13000)
+    if gaps:
+        kept = np.abs(times[:, None] - [-0.05, 1.5, views[-1] + 0.05]).min(1) > 0.1
+        times = times[kept]
+    rate, force = sway.signals(times)
+    force = force + 0.02 * rng.normal(size=force.shape)
+    start = start_of(sway, views)
+    lengths, through = [], strapdown._accurate
+    monkeypatch.setattr(
+        strapdown, "_accurate", lambda t, *rest: lengths.append(len(t)) or through(t, *rest)
+    )
+    near = strapdown.integrate(times, rate, force, start, views)
+    monkeypatch.setattr(strapdown, "about", lambda *_: slice(None))
+    np.testing.assert_allclose(
+        near, strapdown.integrate(times, rate, force, start, views), rtol=0, atol=1e-13
+    )
+    assert lengths[0] < 1200 < 12000 < lengths[1]

@@ -105,3 +105,19 @@ def test_a_column_that_says_whose_rows_are_and_is_not_there_is_named(tmp_path):
         read_rows(path, ("T", "A"), RowsOf(9, "x"))
     with pytest.raises(LegsimError, match="no row has 'y' in column 1; give one of 'x'"):
         read_rows(path, ("T", "A"), RowsOf(1, "y"))
+
+
+@pytest.mark.parametrize("mark", ["%", "#", "//", "# "])
+def test_a_name_may_be_given_with_its_mark_of_a_comment(tmp_path, mark):
+    path = tmp_path / "a.csv"
+    path.write_text(f"{mark}time,x\n0,1\n1,2\n")
+    for name in ("time", f"{mark}time"):
+        assert [row for _, row in read_rows(path, [name, "x"]).rows] == [("0", "1"), ("1", "2")]
+
+
+def test_names_of_other_writing_are_looked_for_in_utf_8(tmp_path):
+    path = tmp_path / "a.txt"
+    path.write_bytes("时间,x\n0,1\n1,2\n".encode("gbk"))
+    with pytest.raises(LegsimError, match="or give their numbers where it is not in UTF-8"):
+        read_rows(path, ["时间", "x"])
+    assert len(read_rows(path, [1, 2]).rows) == 2

@@ -91,7 +91,7 @@ def broken(change):
     [
         (
             lambda r: r[3].__setitem__(0, 0.0),
-            "a.csv: time 0 s comes after 0.02 s .sample 3.; sort the",
+            "a.csv: time 0 s comes after 0.02 s .sample 3.; that row has",
         ),
         (lambda r: r[3].__setitem__(2, "x7"), "line 7.: 'x7' in column 'ay' is not a number"),
         (lambda r: r.__setitem__(3, r[3][:4]), "line 7.: the row has 4 cells, the header 7"),
@@ -364,49 +364,6 @@ def test_packets_that_came_twice_count_once(tmp_path):
     np.testing.assert_allclose(read.times, one.times, atol=1e-12)
 
 
-def in_turn(one: ImuRecording, other: ImuRecording) -> list[list[object]]:
-    """Rows of a logger of two sensors that write a row per instrument, by time."""
-    rows = [
-        [t, name, kind, *xyz]
-        for name, sensor in (("A", one), ("B", other))
-        for kind, values in (("ACC", sensor.specific_force), ("GYR", sensor.angular_velocity))
-        for t, xyz in zip(sensor.times.tolist(), values.tolist(), strict=True)
-    ]
-    return sorted(rows, key=lambda row: row[0])
-
-
-def test_instruments_that_take_turns_in_a_table_are_told_apart_by_a_column(tmp_path):
-    one, other = still(count=40), still(count=40, seed=1)
-    rows = [[t, f"{name}/{kind}", *xyz] for t, name, kind, *xyz in in_turn(one, other)]
-    rows.insert(7, [0.01, "A/BATTERY"])
-    path = write(tmp_path / "a.csv", rows, names=("t", "what", "x", "y", "z"))
-    xyz = ("x", "y", "z")
-    sensors = tuple(SensorColumns(n, xyz, xyz, f"{n}/ACC", f"{n}/GYR") for n in ("A", "B"))
-    first, second = load(path, TableLayout(sensors, time="t", rows_by="what"))
-    for read, true in ((first, one), (second, other)):
-        np.testing.assert_array_equal(read.times, true.times)
-        np.testing.assert_array_equal(read.specific_force, true.specific_force)
-        np.testing.assert_array_equal(read.angular_velocity, true.angular_velocity)
-    by_number = replace(sensors[0], acceleration=(3, 4, 5), angular_velocity=(3, 4, 5))
-    (again,) = load(path, TableLayout((by_number,), time=1, rows_by=2))
-    np.testing.assert_array_equal(again.specific_force, one.specific_force)
-    wrong = replace(sensors[0], acceleration_rows="A/acc")
-    with pytest.raises(LegsimError, match="no row has 'A/acc' in column 'what'; give one of 'A/A"):
-        load(path, TableLayout((wrong,), time="t", rows_by="what"))
-
-
-def test_sensors_that_take_turns_in_a_table_are_told_apart_by_a_column(tmp_path):
-    one, other = still(count=40), still(count=40, seed=1)
-    rows = [[name, *row] for pair in zip(rows_of(one), rows_of(other), strict=True)
-            for name, row in zip((7, 8), pair, strict=True)]  # fmt: skip
-    path = write(tmp_path / "a.csv", rows, names=("id", *NAMES))
-    sensors = tuple(replace(SENSOR, name=n, acceleration_rows=n, angular_velocity_rows=n)
-                    for n in ("7", "8"))  # fmt: skip
-    first, second = load(path, TableLayout(sensors, time="t", rows_by="id"))
-    np.testing.assert_array_equal(first.specific_force, one.specific_force)
-    np.testing.assert_array_equal(second.angular_velocity, other.angular_velocity)
-
-
 def test_columns_that_would_be_both_quantities_row_by_row_are_refused(tmp_path):
     path = write(tmp_path / "a.csv", rows_of(still(count=40)))
     both = replace(SENSOR, angular_velocity=SENSOR.acceleration)
@@ -421,20 +378,55 @@ def test_a_second_table_below_the_first_is_named(tmp_path):
         load(path, TableLayout((SENSOR,), time="t"))
 
 
-def test_rows_alone_are_no_clock_of_instruments_with_unlike_numbers_of_them(tmp_path):
-    """A gyroscope at half rate would be squeezed in time."""
-    one, xyz = still(count=80), ("x", "y", "z")
-    sensor = SensorColumns("shank", xyz, xyz, "A", "G")
-    pairs = zip(one.specific_force.tolist(), one.angular_velocity.tolist(), strict=True)
-    rows = [row for f, w in pairs for row in (["A", *f], ["G", *w])]
-    fewer = [row for k, row in enumerate(rows) if k % 4 != 3]
-    layout = TableLayout((sensor,), rate_hz=100.0, rows_by="k")
-    (read,) = load(write(tmp_path / "a.csv", rows, names=("k", *xyz)), layout)
-    np.testing.assert_allclose(read.angular_velocity, one.angular_velocity)
-    with pytest.raises(LegsimError, match=r"rows \(80 of 'A', 40 of 'G'\), .* times \(time\) or"):
-        load(write(tmp_path / "a.csv", fewer, names=("k", *xyz)), layout)
-    files = [write(tmp_path / f"{k}.csv", [r[1:] for r in fewer if r[0] == k], names=xyz)
-             for k in "AG"]  # fmt: skip
-    layout = replace(layout, rows_by=None, sensors=(SensorColumns("shank", xyz, xyz),))
-    with pytest.raises(LegsimError, match=r"unlike numbers of rows \(80 of .*A\.csv', 40 of"):
-        load(files[0], layout, angular_velocity_file=files[1])
+def test_a_column_may_be_meant_with_the_other_sign(tmp_path):
+    """As phones that read gravity downwards, or axes that are left-handed."""
+    one = still(count=40)
+    path = write(tmp_path / "a.csv", rows_of(one))
+    names = ("-ax", "ay", "-az"), ("gx", "-gy", "gz")
+    for columns in (names, ((-2, 3, -4), (5, -6, 7))):
+        (read,) = load(path, TableLayout((SensorColumns("shank", *columns),), time=1))
+        np.testing.assert_array_equal(read.specific_force, one.specific_force * [-1, 1, -1])
+        np.testing.assert_array_equal(read.angular_velocity, one.angular_velocity * [1, -1, 1])
+    with pytest.raises(LegsimError, match="that are accelerations and angular velocities"):
+        load(path, TableLayout((SensorColumns("shank", ("-ax", "ay", "az"), ("ax", "gy", "gz")),),
+                               time="t"))  # fmt: skip
+    with pytest.raises(LegsimError, match="has no column 0"):
+        load(path, TableLayout((SensorColumns("shank", (0, 3, 4), (5, 6, 7)),), time="t"))
+
+
+def paired(every: int) -> tuple[ImuRecording, list[list[object]]]:
+    """Rows of two instruments, each beside times of its own, of which the gyroscope is slower."""
+    one = swaying(lean=0.3)
+    slow = np.column_stack([one.times, one.angular_velocity])[::every].tolist()
+    rest = [[""] * 4] * (len(one.times) - len(slow))
+    fast = np.column_stack([one.times, one.specific_force]).tolist()
+    return one, [[*a, *b] for a, b in zip(fast, slow + rest, strict=True)]
+
+
+@pytest.mark.parametrize("every", [1, 2, 3])
+def test_instruments_with_times_of_their_own_in_one_table_are_read(tmp_path, every):
+    one, rows = paired(every)
+    path = write(tmp_path / "a.csv", rows, names=("X[s]", *"xyz", "X[s]", *"abc"))
+    layout = TableLayout((SensorColumns("shank", (2, 3, 4), (6, 7, 8)),), time=1)
+    (read,) = load(path, replace(layout, angular_velocity_time=5))
+    inside = one.times <= read.times[-1] + 1e-9
+    np.testing.assert_allclose(read.times, one.times[inside])
+    np.testing.assert_allclose(read.angular_velocity, one.angular_velocity[inside], atol=2e-3)
+    if every < 3:
+        (squeezed,) = load(path, layout)
+        assert any("angular velocities end" in note for note in squeezed.notes) == (every > 1)
+    else:
+        with pytest.raises(LegsimError, match=r"400 of 1200 samples; .* and angular_velocity_time"):
+            load(path, layout)
+    with pytest.raises(LegsimError, match="angular_velocity_time is beside time"):
+        replace(layout, time=None, rate_hz=100.0, angular_velocity_time=5)
+
+
+def test_rows_of_events_between_samples_are_passed_over(tmp_path):
+    """Their times are of their own: they are no samples that were lost, or are out of order."""
+    one = still(count=40)
+    rows = rows_of(one)
+    rows.insert(10, [0.104, *[""] * 6])
+    (read,) = load(write(tmp_path / "a.csv", rows), TableLayout((SENSOR,), time="t"))
+    np.testing.assert_array_equal(read.times, one.times)
+    assert read.notes == ()

@@ -1,6 +1,7 @@
 """A measured scan is read from files of any make, and what it lacks is named."""
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -73,7 +74,7 @@ def test_a_clocks_offset_is_taken_off(tmp_path):
     assert scan.seen.times[0] == 1.0
     np.testing.assert_allclose(scan.seen.signals.times[0], 0.25)
     said = scan.notes[-1]
-    assert "its clock is taken to read -0.25 s more than the views'" in said
+    assert "its clock is taken to read -0.25 s more than the views' (clock_offset_s)" in said
     assert "it recorded 0.75 s before" in said
 
 
@@ -109,6 +110,7 @@ def test_what_a_gap_costs_is_noted(tmp_path, scheme, bridge):
     )
     save_imu(tmp_path / "imu.csv", recorded)
     scan = ls.load_measured_scan(path)
+    assert any("(assumed: clock_offset_s is not given)" in n for n in scan.notes)
     (note,) = [n for n in scan.notes if "bridged" in n]
     assert note.startswith(f"Sensor shank_l: gaps of up to 300 ms are bridged {bridge}")
     stated = float(note.split(" mm RMS")[0].split()[-1])
@@ -171,14 +173,25 @@ def test_a_start_that_may_be_is_not_doubted(tmp_path, scan):
     [
         ("[0.0, -20.0, 20.0]", "[0.0, -0.02, 0.02]", "these look like meters"),
         ("[0.0, -20.0, 20.0]", "[0.0, -20.0, 20000.0]", "farther than any of a scanned leg"),
-        ("[-90.0, 0.0, 0.0]", "[-1.57, 0.0, 0.0]", "gravity in sensor shank_l is 88 deg from"),
+        ("[-90.0, 0.0, 0.0]", "[-1.57, 0.0, 0.0]", "gravity in sensor shank_l is 8"),
         ("[-90.0, 0.0, 0.0]", "[90.0, 0.0, 0.0]", "gravity in sensor shank_l is 1"),
     ],
     ids=["meters", "far", "radians", "upside down"],
 )
-def test_a_start_in_another_unit_or_sense_is_doubted(tmp_path, old, new, said):
-    (line,) = doubts(tmp_path, ROUGH.replace(old, new))
+@pytest.mark.parametrize("scan", [SCAN, ROUGH])
+def test_a_start_in_another_unit_or_sense_is_doubted(tmp_path, scan, old, new, said):
+    (line,) = doubts(tmp_path, scan.replace(old, new))
     assert said in line
+
+
+@pytest.mark.parametrize("scan", [SCAN, ROUGH])
+def test_gravity_that_reads_downwards_is_doubted(tmp_path, scan):
+    """As phones have it; no sensor's file by itself says so."""
+    path, read = measured.write(tmp_path, scan), measured.signals()
+    save_imu(tmp_path / "imu.csv", replace(read, specific_force=-read.specific_force))
+    said = [note for note in ls.load_measured_scan(path).notes if "In doubt: gravity" in note]
+    assert len(said) == 1
+    assert "gravity in sensor shank_l is 1" in said[0]
 
 
 def test_joints_are_followed_in_the_order_of_a_leg(tmp_path):
@@ -201,6 +214,7 @@ def test_a_sensor_without_a_start_is_left_out(tmp_path):
     [
         ("view_rate_hz = 5.0", "", "geometry.xml: does not say when its views were taken"),
         ("view_rate_hz = 5.0", "view_rate_hz = 0.5", "views are from 0 to 46 s, sensors shank_l"),
+        ("_hz = 5.0", "_hz = 0.005", r"begin 0 s after them; .* views: in ms they would be 4\.6 s"),
         ("view_rate_hz", "view_rate", "unknown key; valid here: projections"),
         ("[grid]", "[grid]\nlike = 'x.mha'", "like already says the grid"),
         ("spacing_mm = [5.0, 5.0, 5.0]", "", "shape_zyx without spacing_mm; give both"),

@@ -187,6 +187,16 @@ def test_priors_are_those_of_the_model_and_of_the_given_start(tmp_path):
     assert found.start.place == pytest.approx(5e-3)
 
 
+@pytest.mark.parametrize("known", ["exactly", "roughly"])
+def test_a_stated_error_of_a_start_counts_however_it_is_known(tmp_path, known):
+    scan = loaded(tmp_path)
+    stated = {"known": known, "position_sd_mm": 20.0, "heading_sd_deg": 0.0}
+    worn = {n: s.model_copy(update=stated) for n, s in scan.worn.items()}
+    errors = measured_aids.priors(replace(scan, worn=worn)).start
+    assert errors.place == pytest.approx(20e-3)
+    assert errors.heading == StartErrors().heading
+
+
 def test_beads_of_few_views_are_tracked_in_all(tmp_path):
     few = table(GEOMETRY.project(np.broadcast_to(PLACES, (len(VIEWS), 2, 3)))[0], [0, 20, 40])
     made = measured_aids.beads(loaded(tmp_path, more=f"{BEADS}track = true\n", beads=few))

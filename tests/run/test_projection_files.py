@@ -107,3 +107,35 @@ def test_two_clocks_are_refused(tmp_path):
         projection_files.with_times(
             measured.geometry(), tmp_path / "g.json", 1.0, tmp_path / "t.csv"
         )
+
+
+@pytest.mark.parametrize(("header", "factor"), [("time (ms)", 1e-3), ("t_us", 1e-6), ("ms", 1e-3)])
+def test_a_unit_above_the_times_of_views_is_theirs(tmp_path, header, factor):
+    (tmp_path / "t.csv").write_text("\n".join([header, *map(str, range(24))]))
+    timed = projection_files.with_times(
+        measured.geometry(), tmp_path / "g.json", None, tmp_path / "t.csv"
+    )
+    assert timed is not None
+    np.testing.assert_allclose(timed.times, factor * np.arange(24), rtol=1e-15)
+    (tmp_path / "t.csv").write_text("\n".join(["time (min)", *map(str, range(24))]))
+    with pytest.raises(LegsimError, match=r"line 1\): the times are stated to be in 'min'; give s"):
+        projection_files.with_times(
+            measured.geometry(), tmp_path / "g.json", None, tmp_path / "t.csv"
+        )
+
+
+@pytest.mark.parametrize(
+    ("times", "said"),
+    [
+        (8000.0, "ms they would be 8 s"),
+        (8e6, "us they would be 8 s"),
+        (2e3, "ms .* 2 s"),
+        (8e-3, ""),
+    ],
+)
+def test_views_in_another_unit_are_in_doubt(times, said):
+    (note,) = projection_files.time_doubts(np.linspace(0, times, 20))
+    assert "views are said to take" in note
+    assert re.search(said, note)
+    for scan in (0.6, 8.0, 200.0):
+        assert projection_files.time_doubts(np.linspace(0, scan, 20)) == ()

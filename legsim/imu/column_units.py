@@ -1,0 +1,75 @@
+"""Units of a table's columns: as somebody says, as the table states, or as its names hint."""
+
+from collections.abc import Mapping
+from typing import Any
+
+from legsim.core.constants import STANDARD_GRAVITY
+from legsim.core.errors import LegsimError
+from legsim.imu import units
+from legsim.imu.table_layout import TableLayout
+from legsim.imu.table_rows import Column
+
+ByColumn = Mapping[Column, str | None]
+"""a unit per column; None where none is said"""
+
+
+def force_scale(layout: TableLayout, stated: ByColumn, hints: ByColumn) -> float:
+    """m/s^2 per number of the accelerations' columns: as the layout says, the table states, or the
+    ends of all names hint.
+
+    Raises:
+        LegsimError: a unit that is none, that contradicts the layout, or several.
+    """
+    if layout.counts_per_g is not None:
+        return STANDARD_GRAVITY / layout.counts_per_g
+    usual = _hint(hints, units.ACCELERATION) or "m/s2"
+    unit = _unit("acceleration_unit", layout.acceleration_unit, usual, stated)
+    return _factor(unit, units.ACCELERATION, "acceleration")
+
+
+def rate_scale(layout: TableLayout, stated: ByColumn, hints: ByColumn) -> float:
+    """rad/s per number of the angular velocities' columns, as for :func:`force_scale`."""
+    if layout.counts_per_deg_per_s is not None:
+        return units.ANGULAR_VELOCITY["deg/s"] / layout.counts_per_deg_per_s
+    usual = _hint(hints, units.ANGULAR_VELOCITY) or "rad/s"
+    given = layout.angular_velocity_unit
+    unit = _unit("angular_velocity_unit", given, usual, stated)
+    return _factor(unit, units.ANGULAR_VELOCITY, "angular velocity")
+
+
+def _hint(hints: ByColumn, known: Mapping[Any, float]) -> str | None:
+    """The unit of one quantity at the end of all names; None where they have none, or several."""
+    found = set(hints.values())
+    unit = found.pop() if len(found) == 1 else None
+    return unit if unit in known else None
+
+
+def _unit(setting: str, given: str | None, default: str, stated: ByColumn) -> str:
+    """The unit of the columns, as given, else as the table states it, else the default."""
+    for column, own in stated.items():
+        if own is not None and given is None and not units.is_known(own):
+            raise LegsimError(
+                f"column {column!r} is stated to be in {own!r}, which is no unit that is read; "
+                f"state {setting}, or convert it"
+            )
+        if own is not None and given is not None and own != given and units.is_known(own):
+            raise LegsimError(
+                f"column {column!r} is stated to be in {own}, but {setting} is {given}; correct "
+                "one of them"
+            )
+    there = {own for own in stated.values() if own and units.is_known(own)}
+    if len(there) > 1:
+        raise LegsimError(
+            f"columns of one quantity are in {' and '.join(sorted(there))}; read their "
+            "sensors by a TOML each"
+        )
+    return given or next(iter(there), None) or default
+
+
+def _factor(unit: str, factors: Mapping[Any, float], quantity: str) -> float:
+    if unit not in factors:
+        raise LegsimError(
+            f"the columns of the {quantity} are stated to be in {unit}; check which columns they "
+            "are"
+        )
+    return factors[unit]

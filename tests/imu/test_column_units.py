@@ -1,0 +1,37 @@
+"""What is said goes before what a table states, and this before what names hint."""
+
+import pytest
+
+from legsim.core.errors import LegsimError
+from legsim.imu.column_units import force_scale, rate_scale
+from legsim.imu.table_layout import SensorColumns, TableLayout
+
+LAYOUT = TableLayout((SensorColumns("s", ("x", "y", "z"), ("a", "b", "c")),), time="t")
+NONE = dict.fromkeys("xyz")
+
+
+def of(unit):
+    return dict.fromkeys("xyz", unit)
+
+
+def test_the_order_of_what_is_known():
+    assert force_scale(LAYOUT, NONE, NONE) == rate_scale(LAYOUT, NONE, NONE) == 1.0
+    assert force_scale(LAYOUT, NONE, of("g")) == 9.80665
+    assert force_scale(LAYOUT, of("mg"), of("g")) == pytest.approx(9.80665e-3)
+    in_counts = TableLayout(LAYOUT.sensors, time="t", counts_per_g=2048)
+    assert force_scale(in_counts, of("mg"), of("g")) == 9.80665 / 2048
+    # names that hint at several units, or at one of another quantity, hint at none
+    assert force_scale(LAYOUT, NONE, {"x": "g", "y": "mg", "z": "g"}) == 1.0
+    assert force_scale(LAYOUT, NONE, of("deg/s")) == 1.0
+
+
+def test_contradictions_are_refused():
+    in_g = TableLayout(LAYOUT.sensors, "g", time="t")
+    for layout, stated, said in (
+        (in_g, of("mg"), "stated to be in mg, but acceleration_unit is g"),
+        (LAYOUT, of("furlongs"), "no unit that is read; state acceleration_unit"),
+        (LAYOUT, {"x": "g", "y": "mg", "z": "g"}, "columns of one quantity are in g and mg"),
+        (LAYOUT, of("rad/s"), "columns of the acceleration are stated to be in rad/s"),
+    ):
+        with pytest.raises(LegsimError, match=said):
+            force_scale(layout, stated, NONE)
