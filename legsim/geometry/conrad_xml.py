@@ -2,8 +2,8 @@
 
 Java's XMLEncoder writes a matrix as the property PMatrixSerialization of a Projection, "[[a b c d];
 [e f g h]; [i j k l]]", from world mm to pixels, and the detector as the properties detectorWidth,
-detectorHeight, pixelDimensionX and pixelDimensionY of the trajectory. A configuration's detector and
-source have properties of the same names, which may be those of another scan.
+detectorHeight, pixelDimensionX and pixelDimensionY of the trajectory. A configuration's detector
+and source have properties of the same names, which may be those of another scan.
 """
 
 import re
