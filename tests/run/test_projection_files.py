@@ -72,18 +72,24 @@ def test_a_detector_of_another_size_is_refused(tmp_path):
 
 def test_times_are_the_geometrys_or_given(tmp_path):
     views = measured.geometry()
-    path = tmp_path / "geometry.json"
-    geometry_files.save_geometry(path, views)
-    assert projection_files.with_times(views, path, None, None) is views
-    assert projection_files.with_times(views, tmp_path / "g.xml", None, None) is None
-    by_rate = projection_files.with_times(views, path, 2.0, None)
+    assert projection_files.with_times(views, True, None, None) is views
+    assert projection_files.with_times(views, False, None, None) is None
+    by_rate = projection_files.with_times(views, True, 2.0, None)
     assert by_rate is not None
     np.testing.assert_allclose(by_rate.times, np.arange(24) / 2)
     (tmp_path / "t.csv").write_text("t\n" + "\n".join(str(k * k) for k in range(24)))
-    by_file = projection_files.with_times(views, path, None, tmp_path / "t.csv")
+    by_file = projection_files.with_times(views, True, None, tmp_path / "t.csv")
     assert by_file is not None
     np.testing.assert_array_equal(by_file.times, np.arange(24.0) ** 2)
     np.testing.assert_array_equal(replace(by_file, times=views.times).times, views.times)
+
+
+@pytest.mark.parametrize(("name", "timed"), [("g.json", True), ("tigre.json", False)])
+def test_only_legsims_json_says_when_views_were_taken(tmp_path, name, timed):
+    measured.write(tmp_path)
+    kind = "legsim" if timed else "tigre"
+    geometry_files.save_geometry(tmp_path / name, measured.geometry(), format=kind)
+    assert projection_files.read(settings(geometry=name), tmp_path).timed == timed
 
 
 @pytest.mark.parametrize(
@@ -97,13 +103,9 @@ def test_times_are_the_geometrys_or_given(tmp_path):
 def test_times_of_another_scan_are_refused(tmp_path, text, said):
     (tmp_path / "t.csv").write_text(text)
     with pytest.raises(LegsimError, match=said):
-        projection_files.with_times(
-            measured.geometry(), tmp_path / "g.json", None, tmp_path / "t.csv"
-        )
+        projection_files.with_times(measured.geometry(), True, None, tmp_path / "t.csv")
 
 
 def test_two_clocks_are_refused(tmp_path):
     with pytest.raises(LegsimError, match="give one of them"):
-        projection_files.with_times(
-            measured.geometry(), tmp_path / "g.json", 1.0, tmp_path / "t.csv"
-        )
+        projection_files.with_times(measured.geometry(), True, 1.0, tmp_path / "t.csv")
