@@ -282,6 +282,7 @@ def test_coordinates_that_are_not_a_legs_are_refused(tmp_path):
         ("knee_angle_r", "tib_fem_r"),
         ("hip_flexion_r", "hip_r_rx"),
         ("pelvis_tilt", "pelvis_rx"),
+        ("pelvis_list", "pelvis_obliquity"),
         ("pelvis_tx", "pelvis_x"),
         ("pelvis_ty", "pelvis_height"),
     ],
@@ -295,6 +296,7 @@ def test_a_flexion_of_another_name_is_not_taken_for_a_stiff_joint(tmp_path, solv
 
 @pytest.mark.parametrize(("name", "other"), [
     ("pelvis_tx", "pelvis_obliquity"),
+    ("pelvis_tilt", "pelvis_obliquity"),
     ("pelvis_list", "pelvis_translation_x"),
     ("knee_angle_r", "knee_r_tx"),
     ("knee_angle_r", "knee_contact_r_fx"),
