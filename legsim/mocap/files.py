@@ -209,6 +209,13 @@ def read_markers(
     return found.value, found.notes
 
 
+def labels_of(raw: RawRecording) -> tuple[str, ...]:
+    """The labels of markers that :func:`read_raw` read; none of joint coordinates."""
+    if isinstance(raw, RawMarkers):
+        return raw.labels
+    return raw.marker_names if isinstance(raw, MarkerTrajectories) else ()
+
+
 def save_recording(
     path: Path | str, recording: MarkerTrajectories | JointTrajectories, *, in_degrees: bool = False
 ) -> None:
