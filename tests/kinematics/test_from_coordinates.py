@@ -316,6 +316,30 @@ def test_a_load_an_error_or_the_other_kind_is_not_offered_for_a_coordinate(
     assert any(f"no coordinates of the leg: {other}" in note for note in notes)
 
 
+@pytest.mark.parametrize(
+    ("name", "turn"), [("pelvis_list", np.pi), ("pelvis_tilt", -np.pi), ("pelvis_tilt", 2.6)]
+)
+def test_who_hangs_head_down_is_refused(tmp_path, solved, name, turn):
+    values = solved.values.copy()
+    values[:, solved.coordinate_names.index(name)] += turn
+    opensim.save(
+        tmp_path / "c.mot", JointTrajectories(solved.times, solved.coordinate_names, values)
+    )
+    with pytest.raises(LegsimError, match=r"pose.: the pelvis is 0\.\d+ m below the feet.* y up"):
+        from_recording.solve_kinematics(str(tmp_path / "c.mot"))
+
+
+def test_who_lies_is_reported_and_who_stands_is_not(tmp_path, solved):
+    values = solved.values.copy()
+    for turn, said in ((0.0, False), (0.4, False), (np.pi / 2, True)):
+        values[:, solved.coordinate_names.index("pelvis_tilt")] = turn
+        opensim.save(
+            tmp_path / "c.mot", JointTrajectories(solved.times, solved.coordinate_names, values)
+        )
+        notes = from_recording.solve_kinematics(str(tmp_path / "c.mot")).notes
+        assert any("somebody lies or sits" in note for note in notes) == said
+
+
 @pytest.mark.parametrize("other", ["knee_moment_r", "knee_angle_l_beta", "wrist_r", "hip_force_l"])
 def test_a_column_that_is_no_such_angle_is_only_mentioned(tmp_path, solved, other):
     kept = [k for k, n in enumerate(solved.coordinate_names) if n != "ankle_angle_r"]

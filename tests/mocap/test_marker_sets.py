@@ -195,7 +195,8 @@ def test_a_map_that_is_none_is_refused(tmp_path, content, message):
 
 def test_an_unknown_set_and_a_missing_file_are_refused(tmp_path):
     with pytest.raises(
-        LegsimError, match=r"no marker set is named helen; there are: cast, .*, or give a TOML file"
+        LegsimError,
+        match=r"no marker set is named helen; there are: bts_davis, .*, or give a TOML file",
     ):
         marker_sets.load("helen")
     with pytest.raises(LegsimError, match="no such file"):
