@@ -218,10 +218,12 @@ def _joined(sensors: Sequence[WornSensor], geometry: ConeBeamGeometry) -> Joined
     views, times = geometry.times, joined.signals.times
     if views[0] < times[0] - 1e-9 or views[-1] > times[-1] + 1e-9:
         names = ", ".join(joined.signals.sensor_names)
+        in_ms = np.ptp(views) > np.ptp(times) > 1e-3 * np.ptp(views) > 0.05 * np.ptp(times)
         raise LegsimError(
             f"the views are from {views[0]:.13g} to {views[-1]:.13g} s, sensors {names} recorded "
             f"{times[0]:.13g} to {times[-1]:.13g} s by the views' clock; give clock_offset_s "
             "(sensors' clock minus the views')"
+            + (", or the views' times in s if they are in ms" if in_ms else "")
         )
     return joined
 

@@ -1,5 +1,6 @@
 """Projections and geometry that a SCAN.toml names, and the times of its views."""
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -51,6 +52,12 @@ def read(settings: MeasuredScanConfig, folder: Path) -> ScanFiles:
     return found
 
 
+_OTHER_UNIT = re.compile(
+    r"(?<![a-z])(ms|msec|milliseconds?|us|µs|usec|microseconds?|ns|min|minutes?)(?![a-z])", re.I
+)
+"""of times, in the name of their column"""
+
+
 def files_of(settings: MeasuredScanConfig, folder: Path) -> list[Path]:
     """All files that :func:`read` reads."""
     counts = settings.counts
@@ -94,6 +101,10 @@ def _times(path: Path, count: int) -> np.ndarray:
         try:
             numbers.append(float(line.rstrip(",;")))
         except ValueError:
+            other = _OTHER_UNIT.search(line)
+            if k == 0 and other:
+                problem = f"states times in {other.group()}"
+                raise file_error(path, problem, "write them in s", place="line 1") from None
             if k > 0:
                 raise file_error(
                     path,

@@ -201,6 +201,11 @@ def test_a_sensor_without_a_start_is_left_out(tmp_path):
     [
         ("view_rate_hz = 5.0", "", "geometry.xml: does not say when its views were taken"),
         ("view_rate_hz = 5.0", "view_rate_hz = 0.5", "views are from 0 to 46 s, sensors shank_l"),
+        (
+            "view_rate_hz = 5.0",
+            "view_rate_hz = 0.005",
+            "or the views' times in s if they are in ms",
+        ),
         ("view_rate_hz", "view_rate", "unknown key; valid here: projections"),
         ("[grid]", "[grid]\nlike = 'x.mha'", "like already says the grid"),
         ("spacing_mm = [5.0, 5.0, 5.0]", "", "shape_zyx without spacing_mm; give both"),

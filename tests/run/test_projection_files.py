@@ -96,6 +96,9 @@ def test_only_legsims_json_says_when_views_were_taken(tmp_path, name, timed):
     ("text", "said"),
     [
         ("1\n2\n", "holds 2 times, the geometry 24 views"),
+        ("time_ms\n" + "1\n" * 24, r"t.csv \(line 1\): states times in ms; write them in s"),
+        ("t [min]\n" + "1\n" * 24, "states times in min"),
+        ("times\n" + "1\n" * 24, r"t.csv: .*increase strictly"),
         ("1\nx\n", "line 2.: 'x' is not a time"),
         ("\n".join(["1"] * 24), r"t.csv: .*increase strictly"),
     ],
