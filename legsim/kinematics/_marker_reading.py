@@ -19,7 +19,7 @@ from legsim.kinematics.marker_sites import MarkerSites
 from legsim.kinematics.osim_leg import OsimLeg
 from legsim.mocap import cleaning as mocap_cleaning
 from legsim.mocap import files as mocap_files
-from legsim.mocap import marker_sets
+from legsim.mocap import marker_sets, planar
 from legsim.mocap.cleaning import CleaningReport
 from legsim.mocap.labels import PAPER_ROLES, MarkerMap
 from legsim.mocap.static_trial import as_static
@@ -59,6 +59,7 @@ def by_role(
     raw = as_static(raw) if static else raw
 
     def cleaned() -> tuple[MarkerTrajectories, CleaningReport, tuple[str, ...], dict[str, float]]:
+        flat = planar.objections(raw.positions_world)
         chosen = _map(reading, raw.marker_names, required, beside)
         # a mean of two markers that are used themselves would count them twice
         shown = np.asarray(np.isfinite(raw.positions_world).all(-1).any(0))
@@ -84,7 +85,7 @@ def by_role(
         on = {role: chosen.segment(role) for role in markers.marker_names}
         called = {r.role: r.labels[0] for r in report.roles if len(r.labels) == 1}
         exchanged = exchanged_labels.notes(markers, on, called)
-        return markers, report, (*said, *exchanged), weights
+        return markers, report, (*flat, *said, *exchanged), weights
 
     markers, report, said, weights = named(path, cleaned)
     return markers, report, (*notes, *report.notes, *said), weights
@@ -115,6 +116,7 @@ def by_own_names(
     """
     raw, read_notes = mocap_files.read_markers(path, unit=reading.unit, up=reading.up, raw=content)
     raw = as_static(raw) if static else raw
+    flat = named(path, lambda: planar.objections(raw.positions_world))
     own, sites, said = named(path, lambda: on_osim_model.marker_map(leg, raw.marker_names))
     weights, weighed = named(
         path, lambda: tasks.marker_weights(own, raw.marker_names, leg.marker_sites()[0].names)
@@ -136,5 +138,5 @@ def by_own_names(
         measured,
         sites.weighted(weights),
         cleaning,
-        (*read_notes, *cleaning.notes, *said, *weighed, *exchanged),
+        (*read_notes, *cleaning.notes, *flat, *said, *weighed, *exchanged),
     )
