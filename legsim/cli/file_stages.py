@@ -18,7 +18,9 @@ from legsim.core.errors import LegsimError, file_error
 from legsim.core.files import write_text
 from legsim.core.memory import in_words
 from legsim.core.progress import OnProgress
+from legsim.deformation import plausibility as motion_plausibility
 from legsim.deformation.files import load_motion
+from legsim.deformation.models import Motion
 from legsim.evaluation import regions as evaluation_regions
 from legsim.evaluation import regridding, similarity
 from legsim.evaluation.regions import Region
@@ -228,6 +230,7 @@ def reconstruct(
             f"moves {len(moved.times)} views, but the geometry has {len(geometry)}",
             "give the motion of this scan",
         )
+    doubts = _of_motion(motion, moved, read)
     opened = open_device(device)
     need = (
         run_reconstruction.needed_bytes(settings, geometry, grid, motion=moved, device=opened)
@@ -263,12 +266,25 @@ def reconstruct(
         *read.notes,
         *chosen,
         *run_reconstruction.remarks(settings, projections),
-        *(f"In doubt: {line}" for line in [found.objection()] if line),
+        *(f"In doubt: {line}" for line in (*doubts, found.objection()) if line),
         f"{voxels} voxels (z, y, x) from {len(geometry)} views by {settings.algorithm} on "
         f"{opened.label}",
         f"took {memory}" + (", the volume went to disk slab by slab" if by_slabs else ""),
         f"volume (1/mm): {out}",
     ]
+
+
+def _of_motion(path: Path | None, motion: Motion | None, scan: ScanFiles) -> tuple[str, ...]:
+    """What is doubtful about a motion beside the views, whose times not all formats say."""
+    if path is None or motion is None:
+        return ()
+    geometry = scan.geometry
+    try:
+        return motion_plausibility.objections(
+            motion, geometry.rotation_center(), geometry.times if scan.timed else None
+        )
+    except LegsimError as error:
+        raise file_error(path, str(error), "correct the file") from None
 
 
 def evaluate(

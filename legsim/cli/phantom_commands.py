@@ -65,13 +65,14 @@ def from_labels(
     path = meshing.save(out, meshed)
     print_table(
         f"{len(meshed.parts)} parts",
-        ("structure", "labels cm3", "mesh cm3", "difference"),
+        ("structure", "labels cm3", "with what is below others", "mesh cm3", "difference"),
         [
             (
                 row.name,
                 f"{1e6 * row.labels:.2f}",
+                f"{1e6 * row.meshed:.2f}",
                 f"{1e6 * row.mesh:.2f}",
-                f"{100 * (row.mesh / row.labels - 1):+.2f} %",
+                f"{100 * (row.mesh / row.meshed - 1):+.2f} %",
             )
             for row in meshed.volumes
         ],

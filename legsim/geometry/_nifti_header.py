@@ -11,6 +11,11 @@ from legsim.core.errors import file_error
 from legsim.core.values import FloatArray
 from legsim.geometry import _whole_files
 
+_KEEP_ONE = "keep the one that is right (as ITK-SNAP or nibabel write it), or save it as .nrrd"
+
+_SHIFTED = 0.5
+"""of a voxel's longest side, from which on two places differ"""
+
 _LONGEST = 540
 """bytes of a header, of NIfTI-2"""
 
@@ -27,8 +32,8 @@ def check(path: Path, header: Mapping[str, str]) -> None:
         header: its fields as ITK names them.
 
     Raises:
-        LegsimError: the directions or spacings of qform and sform differ; the spacing of sform
-            alone differs from pixdim as ITK takes it; a place is not finite.
+        LegsimError: the directions, spacings or origins of qform and sform differ; the spacing of
+            sform alone differs from pixdim as ITK takes it; a place is not finite.
     """
     if not {"qform_code", "sform_code", "srow_x", "quatern_b"} <= header.keys():
         return
@@ -64,8 +69,12 @@ def check(path: Path, header: Mapping[str, str]) -> None:
         raise file_error(
             path,
             "its qform and its sform place the voxels differently",
-            "keep the one that is right (as ITK-SNAP or nibabel write it), or save it as .nrrd",
+            _KEEP_ONE,
         )
+    apart = np.linalg.norm(quaternion_read[3:] - matrix_read[3::4])
+    if apart > _SHIFTED * steps.max():
+        problem = f"its qform and its sform place the voxels {apart:.3g} mm apart"
+        raise file_error(path, problem, _KEEP_ONE)
 
 
 def _check_spacing(path: Path, by_matrix: FloatArray, steps: FloatArray) -> None:

@@ -2,7 +2,8 @@
 
 Java's XMLEncoder writes a matrix as the property PMatrixSerialization of a Projection, "[[a b c d];
 [e f g h]; [i j k l]]", from world mm to pixels, and the detector as the properties detectorWidth,
-detectorHeight, pixelDimensionX and pixelDimensionY of the trajectory.
+detectorHeight, pixelDimensionX and pixelDimensionY of the trajectory. A configuration's detector
+and source have properties of the same names, which may be those of another scan.
 """
 
 import re
@@ -28,8 +29,9 @@ def load(path: Path, root: ElementTree.Element, given: Given) -> ConeBeamGeometr
             detector that is neither there nor given.
     """
     matrices = _matrices(path, root)
+    trajectory = root.find(".//void[@property='projectionMatrices']/..")
     sizes = {
-        name: _stated(root, name)
+        name: _stated(root if trajectory is None else trajectory, name)
         for name in ("detectorWidth", "detectorHeight", "pixelDimensionX", "pixelDimensionY")
     }
     columns, rows, wide, high = sizes.values()

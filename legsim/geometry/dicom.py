@@ -1,5 +1,6 @@
 """DICOM: views of a scan, by pydicom where it is installed (`pip install legsim[dicom]`)."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -131,7 +132,14 @@ def _views(data: "Dataset", values: NDArray) -> DicomViews:
         values = values * slopes[:, None, None] + intercepts[:, None, None]
         notes = (f"values rescaled as the file says: {_in_words(rescaling)}",)
     angles, how = _angles(data, len(values))
-    return DicomViews(values, _pixel_mm(data), angles, _against_counts(data), (*notes, *how))
+    pixel, of_plane = _plane_pixel_mm(data) if data.get("Modality") == "RTIMAGE" else (None, ())
+    return DicomViews(
+        values,
+        _pixel_mm(data) or pixel,
+        angles,
+        _against_counts(data),
+        (*notes, *how, *of_plane),
+    )
 
 
 def _rescaling(data: "Dataset", views: int) -> FloatArray:
@@ -248,6 +256,30 @@ def _pixel_mm(data: "Dataset") -> tuple[float, float] | None:
         return None
     if any(list(one) != list(stated) for one in grouped):
         raise ValueError("frames with pixels of several sizes")
+    return _columns_first(stated)
+
+
+def _plane_pixel_mm(data: "Dataset") -> tuple[tuple[float, float] | None, tuple[str, ...]]:
+    """(pixel of an RT Image between columns and between rows, notes).
+
+    It is that in the image plane, which some machines put through the isocenter: then the
+    detector's is not known.
+    """
+    stated = data.get("ImagePlanePixelSpacing")
+    if not stated:
+        return None, ()
+    pixel, plane = _columns_first(stated), data.get("RTImageSID")
+    said = f"RT Image: pixels of {pixel[0]:.6g} x {pixel[1]:.6g} mm"
+    if plane is None:
+        return None, (f"{said} in a plane whose distance is not stated: not used",)
+    center = data.get("RadiationMachineSAD")
+    if center is not None and abs(float(plane) - float(center)) < 1.0:
+        return None, (f"{said} in the plane of the isocenter, not on the detector: not used",)
+    return pixel, (f"{said} on the detector, {float(plane):.6g} mm from the source",)
+
+
+def _columns_first(stated: Sequence[float]) -> tuple[float, float]:
+    """A pixel's size in mm that DICOM states between rows first."""
     pixel = (float(stated[1]), float(stated[0]))
     if not (within(np.array(pixel)) and min(pixel) > 0):
         raise ValueError(f"pixels of {pixel[0]:g} x {pixel[1]:g} mm")
@@ -260,7 +292,7 @@ def _angles(data: "Dataset", views: int) -> tuple[FloatArray | None, tuple[str, 
     The increments of a moving positioner are counted from the first frame by some programs and
     from the frame before by others: equal ones are steps.
     """
-    start = data.get("PositionerPrimaryAngle")
+    start = data.get("PositionerPrimaryAngle", data.get("GantryAngle"))
     if start is None:
         angles = _of_frames(data, "PositionerPositionSequence", "PositionerPrimaryAngle")
         return (np.array(angles, float), ()) if len(angles) == views else (None, ())

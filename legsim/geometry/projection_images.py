@@ -308,7 +308,7 @@ def _read_series(place: Path, raw: RawLayout | None) -> ProjectionImages:
         np.concatenate([part.values for part in parts]),
         first.pixel_mm,
         first.origin_mm,
-        np.concatenate(known) if len(known) == len(angles) else None,
+        np.unwrap(np.concatenate(known), period=360) if len(known) == len(angles) else None,
         first.no_counts,
         (*notes, *_few(dict.fromkeys(note for part in parts for note in part.notes))),
     )

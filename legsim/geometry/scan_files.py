@@ -21,6 +21,8 @@ class ScanFiles:
 
     projections: Projections
     notes: tuple[str, ...] = ()
+    timed: bool = False
+    """whether the geometry's file says when the views were taken"""
 
     @property
     def geometry(self) -> ConeBeamGeometry:
@@ -97,7 +99,8 @@ def read_scan(
     wrong = plausibility.objections(placed, pixel_known=known)
     # where the geometry itself is doubted, that its rays do not fit is no news
     doubts += wrong or tuple(line for line in [opposite_rays.objection(made)] if line)
-    return ScanFiles(made, (*notes, *more, *(f"In doubt: {line}" for line in doubts)))
+    said = (*notes, *more, *(f"In doubt: {line}" for line in doubts))
+    return ScanFiles(made, said, described.format == "legsim")
 
 
 def _other_pixel(geometry: ConeBeamGeometry, images: ProjectionImages) -> list[str]:

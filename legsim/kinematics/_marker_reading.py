@@ -19,9 +19,9 @@ from legsim.kinematics.marker_sites import MarkerSites
 from legsim.kinematics.osim_leg import OsimLeg
 from legsim.mocap import cleaning as mocap_cleaning
 from legsim.mocap import files as mocap_files
-from legsim.mocap import marker_sets
+from legsim.mocap import marker_sets, planar
 from legsim.mocap.cleaning import CleaningReport
-from legsim.mocap.labels import PAPER_ROLES
+from legsim.mocap.labels import PAPER_ROLES, MarkerMap
 from legsim.mocap.static_trial import as_static
 from legsim.mocap.trajectories import MarkerTrajectories
 
@@ -48,21 +48,19 @@ def by_role(
     content: mocap_files.RawRecording | None = None,
     *,
     static: bool = False,
+    beside: Sequence[str] = (),
 ) -> tuple[MarkerTrajectories, CleaningReport, tuple[str, ...], dict[str, float]]:
     """The markers by role, what was done to them, what there is to say about the file, and the
     weights that ``tasks`` give; roles of weight 0 are left out. ``content`` is the file's, where it
-    has been read. A ``static`` trial may be one frame.
+    has been read. A ``static`` trial may be one frame. ``beside`` are the labels of the trial that
+    the person is scaled from, where that is another one.
     """
     raw, notes = mocap_files.read_markers(path, unit=reading.unit, up=reading.up, raw=content)
     raw = as_static(raw) if static else raw
 
     def cleaned() -> tuple[MarkerTrajectories, CleaningReport, tuple[str, ...], dict[str, float]]:
-        automatic = reading.marker_map == "auto"
-        chosen = (
-            marker_sets.guess(raw.marker_names, required=required)
-            if automatic
-            else marker_sets.load(str(reading.marker_map))
-        )
+        flat = planar.objections(raw.positions_world)
+        chosen = _map(reading, raw.marker_names, required, beside)
         # a mean of two markers that are used themselves would count them twice
         shown = np.asarray(np.isfinite(raw.positions_world).all(-1).any(0))
         seen = [name for name, here in zip(raw.marker_names, shown, strict=True) if here]
@@ -87,10 +85,21 @@ def by_role(
         on = {role: chosen.segment(role) for role in markers.marker_names}
         called = {r.role: r.labels[0] for r in report.roles if len(r.labels) == 1}
         exchanged = exchanged_labels.notes(markers, on, called)
-        return markers, report, (*said, *exchanged), weights
+        return markers, report, (*flat, *said, *exchanged), weights
 
     markers, report, said, weights = named(path, cleaned)
     return markers, report, (*notes, *report.notes, *said), weights
+
+
+def _map(
+    reading: Reading, labels: Sequence[str], required: Sequence[str], beside: Sequence[str]
+) -> MarkerMap:
+    """The marker map that is given, or the shipped one that covers the labels."""
+    if reading.marker_map != "auto":
+        return marker_sets.load(str(reading.marker_map))
+    if beside:
+        return marker_sets.guess_beside(labels, beside)
+    return marker_sets.guess(labels, required=required)
 
 
 def by_own_names(
@@ -107,6 +116,7 @@ def by_own_names(
     """
     raw, read_notes = mocap_files.read_markers(path, unit=reading.unit, up=reading.up, raw=content)
     raw = as_static(raw) if static else raw
+    flat = named(path, lambda: planar.objections(raw.positions_world))
     own, sites, said = named(path, lambda: on_osim_model.marker_map(leg, raw.marker_names))
     weights, weighed = named(
         path, lambda: tasks.marker_weights(own, raw.marker_names, leg.marker_sites()[0].names)
@@ -128,5 +138,5 @@ def by_own_names(
         measured,
         sites.weighted(weights),
         cleaning,
-        (*read_notes, *cleaning.notes, *said, *weighed, *exchanged),
+        (*read_notes, *cleaning.notes, *flat, *said, *weighed, *exchanged),
     )

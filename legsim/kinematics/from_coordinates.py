@@ -12,9 +12,11 @@ import numpy as np
 from legsim.core.errors import LegsimError, file_error, printable
 from legsim.core.values import FloatArray
 from legsim.kinematics import on_osim_model
+from legsim.kinematics.leg import Leg
 from legsim.kinematics.leg_model import COORDINATES, LegModel
 from legsim.kinematics.moving_leg import MovingLeg
 from legsim.kinematics.osim_leg import OsimLeg
+from legsim.kinematics.skeleton import SEGMENTS
 from legsim.mocap.coordinates import RawCoordinates
 from legsim.mocap.files import Recording
 from legsim.mocap.low_pass import low_pass
@@ -59,6 +61,10 @@ _OFTEN = 0.25
 _POSES = 50
 """in which feet are looked at"""
 
+_LIES_M = 0.15
+"""m from the feet up to the pelvis: who squats as deep as can be, or sits on a low stool, has more
+"""
+
 
 def named(path: Path, compute: Callable[[], _Result]) -> _Result:
     """Puts the file's name before what a stage that knows no files objects to."""
@@ -99,12 +105,13 @@ def moving_leg(
     )
     if low_pass_hz > 0:
         values = low_passed(path, values, loaded.times, low_pass_hz)
+    lies = _checked_upright(path, leg, values)
     return MovingLeg(
         printable(path.name),
         leg,
         JointTrajectories(loaded.times, leg.coordinate_names, values),
         None,
-        (*recording.notes, *filled, *said, *gap_note(loaded.times)),
+        (*recording.notes, *filled, *said, *lies, *gap_note(loaded.times)),
         knees_turned=was_turned,
     )
 
@@ -127,12 +134,40 @@ def on_model(
     values = moved.values
     if low_pass_hz > 0:
         values = low_passed(path, values, loaded.times, low_pass_hz)
+    lies = _checked_upright(path, leg, values)
     return MovingLeg(
         printable(path.name),
         leg,
         JointTrajectories(loaded.times, leg.coordinate_names, values),
         None,
-        (*read_notes, *notes, *said, *gap_note(loaded.times)),
+        (*read_notes, *notes, *said, *lies, *gap_note(loaded.times)),
+    )
+
+
+def _checked_upright(path: Path, leg: Leg, values: FloatArray) -> tuple[str, ...]:
+    """A warning where somebody lies along world's horizontal, as where another axis points up.
+
+    Raises:
+        LegsimError: somebody hangs head down.
+    """
+    some = np.unique(np.linspace(0, len(values) - 1, _POSES).astype(int))
+    heights = leg.kinematics(values[some]).origins[..., 1]
+    pelvis, *feet = (SEGMENTS.index(name) for name in ("pelvis", "calcn_r", "calcn_l"))
+    above = float(np.median(heights[:, pelvis] - heights[:, feet].mean(-1)))
+    if above < -_LIES_M:
+        raise file_error(
+            path,
+            f"the pelvis is {-above:.2g} m below the feet, so that somebody hangs head down: y is "
+            "up here, and another axis in the file",
+            "turn pelvis_tilt, pelvis_list, pelvis_rotation and the pelvis' place to y up, or "
+            "solve it with markers that are",
+            place="pose",
+        )
+    if above > _LIES_M:
+        return ()
+    return (
+        f"warning: the pelvis is only {100 * above:.0f} cm above the feet, so that somebody lies "
+        "or sits on the ground: see whether y points up in the file",
     )
 
 
@@ -184,7 +219,11 @@ def _check_names(path: Path, lacking: Sequence[str], others: Sequence[str]) -> N
         side = "" if part == "pelvis" else name[-1]
         other_kind = _ROTATION if _TRANSLATION.search(name) else _TRANSLATION
         alike = [
-            other for other in others if _is_of(other, part, side) and not other_kind.search(other)
+            other
+            for other in others
+            if _is_of(other, part, side)
+            and not other_kind.search(other)
+            and ("obliq" not in other.lower() or name == "pelvis_list")
         ]
         if alike:
             raise file_error(

@@ -207,13 +207,19 @@ def _markers_on_own_leg(
     # a trial that is scaled from another may go without the landmarks that only scaling needs
     given = scale_from or scale_file
     options, said = named(path, lambda: tasks.coordinates(LegModel.load()))
-    measured, cleaning, notes, weights = by_role(
-        reading, path, required=() if given else PAPER_ROLES, tasks=tasks, content=raw
-    )
-    notes = (*notes, *said)
     scaled_from = Path(scale_file) if scale_file else _scaling_source(path, scale_from)
     same = scale_file or scaled_from == path
-    reference = measured if same else by_role(reading, scaled_from, static=True)[0]
+    shown = None if same else mocap_files.read_raw(scaled_from)
+    measured, cleaning, notes, weights = by_role(
+        reading,
+        path,
+        required=() if given else PAPER_ROLES,
+        tasks=tasks,
+        content=raw,
+        beside=() if shown is None else mocap_files.labels_of(shown),
+    )
+    notes = (*notes, *said)
+    reference = measured if same else by_role(reading, scaled_from, content=shown, static=True)[0]
     sites = marker_sites.load().weighted({r: w for r, w in weights.items() if w > 0})
     if scale_file:
         fitted, said = _given_scales(scale_file, sites, measured)

@@ -69,6 +69,11 @@ def _check_points(header: C3dHeader) -> None:
         problem = "the file holds analog channels (forces, EMG, sensors) and no marker"
         cure = "export the trial again with its marker trajectories"
         raise file_error(header.path, problem, cure, place="header")
+    segments = header.texts("ROTATION", "LABELS")
+    if header.points == 0 and segments:
+        problem = f"the file holds poses of {len(segments)} segments, as Theia's, and no marker"
+        cure = "export the joint angles for OpenSim (.mot), or markers"
+        raise file_error(header.path, problem, cure, place="header")
     if header.points == 0:
         raise file_error(header.path, "the file holds no point", CURE, place="header")
 

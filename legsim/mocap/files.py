@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from legsim.core.errors import LegsimError, file_error
-from legsim.mocap import c3d, csv, opensim, trc
+from legsim.mocap import c3d, csv, opensim, program_tables, trc
 from legsim.mocap.coordinates import RawCoordinates
 from legsim.mocap.raw import RawMarkers
 from legsim.mocap.trajectories import JointTrajectories, MarkerTrajectories
@@ -61,6 +61,19 @@ FORMATS = (
         opensim.read,
         write_coordinates=opensim.save,
         write_degrees=lambda path, motion: opensim.save(path, motion, in_degrees=True),
+    ),
+    Format("Motive's CSV", (), _begins_text(r"\AFormat Version,"), program_tables.read_motive),
+    Format(
+        "Nexus' CSV",
+        (),
+        _begins_text(r"\A(Trajectories|Devices|Joints|Model Outputs)\W*$"),
+        program_tables.read_nexus,
+    ),
+    Format(
+        "Qualisys' TSV",
+        (".tsv",),
+        _begins_text(r"\ANO_OF_FRAMES\t"),
+        program_tables.read_qualisys,
     ),
     Format(
         "CSV",
@@ -194,6 +207,13 @@ def read_markers(
             path, "holds joint coordinates, not markers", "give a marker file (.trc, .c3d, .csv)"
         )
     return found.value, found.notes
+
+
+def labels_of(raw: RawRecording) -> tuple[str, ...]:
+    """The labels of markers that :func:`read_raw` read; none of joint coordinates."""
+    if isinstance(raw, RawMarkers):
+        return raw.labels
+    return raw.marker_names if isinstance(raw, MarkerTrajectories) else ()
 
 
 def save_recording(

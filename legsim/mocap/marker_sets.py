@@ -61,6 +61,28 @@ def guess(marker_names: Sequence[str], *, required: Sequence[str] = PAPER_ROLES)
     return mocap_labels.guess([*maps, load(_COMMON)], marker_names, required=required)
 
 
+def guess_beside(marker_names: Sequence[str], static_names: Sequence[str]) -> MarkerMap:
+    """The set for a recording whose person is scaled from another one, a static trial as a rule:
+    the static's own, which may mix names, unless the set that fits the recording by itself finds
+    more of the markers that both show.
+
+    Args:
+        marker_names: of the recording, which may lack the landmarks that only scaling needs.
+        static_names: of the trial that it is scaled from.
+
+    Raises:
+        LegsimError: no set covers the static trial, or none knows any marker of the recording.
+    """
+    static = guess(static_names)
+    shown = set(static.found_in(static_names))
+    own = guess(marker_names, required=())
+
+    def shared(found: MarkerMap) -> int:
+        return len(shown & set(found.found_in(marker_names)))
+
+    return static if shared(static) > shared(own) else own
+
+
 def _from_table(path: Path, table: dict[str, object]) -> MarkerMap:
     roles = table.get("roles")
     if not isinstance(roles, dict) or not roles or set(table) != {"roles"}:

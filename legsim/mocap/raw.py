@@ -58,11 +58,16 @@ class RawMarkers:
     def __post_init__(self) -> None:
         shape = (len(self.times), len(self.labels), 3)
         object.__setattr__(self, "times", frozen("RawMarkers.times", self.times, (None,)))
-        object.__setattr__(
-            self,
-            "positions",
-            frozen("RawMarkers.positions", not_seen_as_nan(self.positions), shape),
-        )
+        positions = frozen("RawMarkers.positions", not_seen_as_nan(self.positions), shape)
+        needless = _needless_twins(self.labels, positions)
+        if needless:
+            kept = [k for k in range(len(self.labels)) if k not in needless]
+            names = ", ".join(dict.fromkeys(self.labels[k] for k in needless))
+            note = f"there twice under one name, never seen or an exact copy, left out: {names}"
+            object.__setattr__(self, "labels", tuple(self.labels[k] for k in kept))
+            object.__setattr__(self, "notes", (*self.notes, note))
+            positions = frozen("RawMarkers.positions", positions[:, kept], (None, len(kept), 3))
+        object.__setattr__(self, "positions", positions)
         object.__setattr__(self, "labels", distinct(self.labels))
 
     def resolved_unit(self, unit: str | None = None) -> str:
@@ -172,6 +177,26 @@ def not_seen_as_nan(positions: FloatArray) -> FloatArray:
     unseen = ~np.isfinite(positions).all(-1) | (positions == 0).all(-1)
     positions[unseen] = np.nan
     return positions
+
+
+def _needless_twins(labels: Sequence[str], positions: FloatArray) -> list[int]:
+    """Markers (n, m, 3) of a label that is there twice which tell nothing: never seen while the
+    other is, or the same as one before.
+    """
+    needless: list[int] = []
+    for label in [label for label, count in Counter(labels).items() if count > 1]:
+        twins = [k for k, name in enumerate(labels) if name == label]
+        seen = [k for k in twins if np.isfinite(positions[:, k]).any()]
+        needless += [k for k in twins if seen and k not in seen]
+        needless += [
+            k
+            for n, k in enumerate(seen)
+            if any(
+                np.array_equal(positions[:, k], positions[:, other], equal_nan=True)
+                for other in seen[:n]
+            )
+        ]
+    return sorted(needless)
 
 
 def distinct(labels: Sequence[str]) -> tuple[str, ...]:

@@ -86,7 +86,9 @@ class VolumeRow:
 
     name: str
     labels: float
-    """m^3 of the voxels that were meshed"""
+    """m^3 of its own voxels"""
+    meshed: float
+    """m^3 of the voxels that were meshed: with those that it extends to below others"""
     mesh: float
     """m^3"""
 
@@ -111,6 +113,8 @@ class _Outer:
     world_from_index: FloatArray
     vertices: FloatArray
     triangles: np.ndarray
+    labeled: int = 0
+    """count of its own voxels"""
 
     def distance(self, where: np.ndarray, surface: KDTree) -> FloatArray:
         """Distances (n,) in m of chosen voxels of the box from the surface, positive inside."""
@@ -230,7 +234,8 @@ def _outers(grid: StructureGrid, boxes: Sequence[tuple[slice, ...]]) -> list[_Ou
             field = np.maximum(field, within.get(structure.side, field))
             within[structure.side] = field
         surface = _label_surfaces.of_smoothed(field, placed)
-        outers.append(_Outer(structure, mask, placed, *surface))
+        labeled = int((grid.codes[boxes[k]] == k + 1).sum())
+        outers.append(_Outer(structure, mask, placed, *surface, labeled))
     return outers[::-1]
 
 
@@ -414,7 +419,8 @@ def _cuts(grid: StructureGrid, boxes: Sequence[tuple[slice, ...]]) -> list[str]:
 def _volume_row(outer: _Outer) -> VolumeRow:
     voxel = abs(np.linalg.det(outer.world_from_index[:3, :3]))
     mesh = surfaces.volume(outer.vertices, outer.triangles)
-    return VolumeRow(outer.structure.name, float(voxel * outer.mask.sum()), mesh)
+    meshed = float(voxel * outer.mask.sum())
+    return VolumeRow(outer.structure.name, float(voxel * outer.labeled), meshed, mesh)
 
 
 def _volume_remarks(
@@ -425,10 +431,10 @@ def _volume_remarks(
 ) -> list[str]:
     remarks = []
     for outer, row, box in zip(outers, rows, boxes, strict=True):
-        change = row.mesh / row.labels - 1
+        change = row.mesh / row.meshed - 1
         if abs(change) > _MOST_ALTERED:
             remarks.append(
-                f"{row.name}: the mesh's volume differs by {100 * change:+.1f} % from its labels'; "
+                f"{row.name}: the mesh's volume differs by {100 * change:+.1f} % from its voxels'; "
                 "it is only a few voxels thick: segment on smaller voxels"
             )
         whole = all(s.start > 0 and s.stop < n for s, n in zip(box, grid.codes.shape, strict=True))

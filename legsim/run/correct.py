@@ -19,6 +19,7 @@ from legsim.core.files import key_of, sha256, write_text
 from legsim.core.progress import OnProgress, silent
 from legsim.correction.method import CorrectionMethod
 from legsim.correction.rigid import sensor_path
+from legsim.deformation.plausibility import FARTHEST
 from legsim.evaluation import similarity
 from legsim.evaluation.regions import cylinder
 from legsim.geometry import attenuation_range
@@ -39,9 +40,6 @@ from legsim.scene.values import MeasuredScene
 
 _OF_THE_GRID = ("like", "shape_zyx", "spacing_mm", "center_mm")
 _OF_THE_COUNTS = ("i0", "air", "flat", "dark", "bad_pixels")
-
-_FARTHEST_MM = 100.0
-"""mm by which a knee of a person who stands does not move within a scan"""
 
 BASELINE = "uncorrected"
 """method that always runs, with which the others are compared"""
@@ -353,7 +351,7 @@ def _implausible(
         f"In doubt: {one.method} moves the rotation center by {one.farthest_mm:.0f} mm, as nobody "
         "who stands does: check the sensor's start, clock, units and columns."
         for one in sharpness
-        if one.farthest_mm is not None and one.farthest_mm > _FARTHEST_MM
+        if one.farthest_mm is not None and one.farthest_mm > 1e3 * FARTHEST
     ]
     # one volume stands for all: they are of the same images
     values = attenuation_range.objection(corrected[0].load().attenuation)

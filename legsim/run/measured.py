@@ -19,6 +19,7 @@ from legsim.correction.fiducials import Fiducials
 from legsim.correction.method import Scan
 from legsim.correction.standing_start import standing_start
 from legsim.geometry.cone_beam import ConeBeamGeometry, Projections
+from legsim.geometry.scan_files import ScanFiles
 from legsim.geometry.volume import VolumeGrid
 from legsim.imu import joining, plausibility, strapdown
 from legsim.imu.gap_cost import gap_cost, longest_gap
@@ -104,7 +105,7 @@ def assemble(
     where = str(described_by or "scan")
     sensors, sensor_files = _sensors(settings, folder)
     read = projection_files.read(settings, folder)
-    projections = _timed(read.projections, settings, folder, needs_times=bool(sensors))
+    projections = _timed(read, settings, folder, needs_times=bool(sensors))
     geometry = projections.geometry
     started = [s for s in sensors if s.worn.start is not None]
     joined = _joined(started, geometry)
@@ -176,13 +177,13 @@ def _costs(
 
 
 def _timed(
-    projections: Projections, settings: MeasuredScanConfig, folder: Path, *, needs_times: bool
+    read: ScanFiles, settings: MeasuredScanConfig, folder: Path, *, needs_times: bool
 ) -> Projections:
     """The projections at the views' own times, as far as anything says them."""
     path = folder / settings.geometry
     times_file = folder / settings.view_times if settings.view_times else None
     timed = projection_files.with_times(
-        projections.geometry, path, settings.view_rate_hz, times_file
+        read.geometry, read.timed, settings.view_rate_hz, times_file
     )
     if timed is None and needs_times:
         raise file_error(
@@ -190,7 +191,7 @@ def _timed(
             "does not say when its views were taken",
             "give view_rate_hz, or view_times, a file of one time in s per view",
         )
-    return projections if timed is None else replace(projections, geometry=timed)
+    return read.projections if timed is None else replace(read.projections, geometry=timed)
 
 
 def _sentence(note: str) -> str:

@@ -15,9 +15,6 @@ from legsim.geometry.projection_images import RawLayout
 from legsim.geometry.scan_files import ScanFiles
 from legsim.imu import units
 
-_HAVE_TIMES = (".json",)
-"""endings of geometries that hold a time per view"""
-
 
 def read(settings: MeasuredScanConfig, folder: Path) -> ScanFiles:
     """Line integrals with their geometry, of files relative to ``folder``.
@@ -66,14 +63,14 @@ def files_of(settings: MeasuredScanConfig, folder: Path) -> list[Path]:
 
 def with_times(
     geometry: ConeBeamGeometry,
-    geometry_file: Path,
+    timed: bool,
     view_rate_hz: float | None,
     times_file: Path | None,
 ) -> ConeBeamGeometry | None:
     """The geometry at the views' own times; None where nothing says them.
 
     Times come from ``times_file``, else from ``view_rate_hz`` (the first view at 0 s), else from
-    the geometry's file if its kind holds times.
+    the geometry itself where its file holds times (``timed``).
 
     Raises:
         LegsimError: both are given, or a file of times that is none, or of another scan.
@@ -88,7 +85,7 @@ def with_times(
             raise file_error(times_file, str(error), "give the views in order") from error
     if view_rate_hz is not None:
         return replace(geometry, times=np.arange(len(geometry)) / view_rate_hz)
-    return geometry if geometry_file.suffix.lower() in _HAVE_TIMES else None
+    return geometry if timed else None
 
 
 def _times(path: Path, count: int) -> FloatArray:

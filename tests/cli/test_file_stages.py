@@ -208,6 +208,19 @@ def test_a_motion_of_another_scan_is_named(ball_scan, tmp_path):
     assert not (tmp_path / "v.mha").exists()
 
 
+def test_a_motion_of_other_times_is_doubted_and_one_in_mm_is_refused(ball_scan, tmp_path):
+    times = geometry_files.read_geometry(ball_scan / "geometry.json").geometry.times
+    save_motion(tmp_path / "m.npz", RigidMotion.identity(1e3 * times))
+    lines = "\n".join(reconstruct(ball_scan, tmp_path / "v.mha", motion=tmp_path / "m.npz"))
+    assert "In doubt: the motion is from" in lines
+    swayed = np.tile(np.eye(4), (len(times), 1, 1))
+    swayed[:, 1, 3] = 8.0 * np.linspace(0, 1, len(times))
+    save_motion(tmp_path / "mm.npz", RigidMotion(times, swayed))
+    with pytest.raises(LegsimError, match=r"mm\.npz: the motion moves the rotation center by 8 m"):
+        reconstruct(ball_scan, tmp_path / "w.mha", motion=tmp_path / "mm.npz")
+    assert not (tmp_path / "w.mha").exists()
+
+
 def test_a_volume_equals_itself_by_the_command(ball_scan, tmp_path):
     reconstruct(ball_scan, tmp_path / "v.mha")
     scores = file_stages.evaluate(

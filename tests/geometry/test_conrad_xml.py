@@ -51,6 +51,18 @@ def test_a_configuration_gives_matrices_and_detector(tmp_path):
     np.testing.assert_allclose(found.geometry.matrices, circular().matrices, rtol=1e-12)
 
 
+def test_the_detector_is_the_trajectorys_not_that_of_a_source_beside_it(tmp_path):
+    source = (
+        '<void property="detector"><object class="edu.stanford.rsl.conrad.physics.detector.'
+        'XRayDetector"><void property="detectorWidth"><int>1240</int></void>'
+        '<void property="pixelDimensionX"><double>0.308</double></void></object></void>'
+    )
+    first = '<void property="geometry">'
+    (tmp_path / "c.xml").write_text(configuration(texts()).replace(first, source + first))
+    found = files.read_geometry(tmp_path / "c.xml").geometry
+    assert (found.shape_vu, found.pixel_pitch) == ((48, 62), pytest.approx(0.616e-3))
+
+
 @pytest.mark.parametrize(
     ("content", "message"),
     [

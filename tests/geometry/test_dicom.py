@@ -129,6 +129,35 @@ def test_files_of_a_series_are_taken_by_their_instance_numbers(tmp_path, values)
         projection_images.read_images(tmp_path)
 
 
+def rt_image(path, values, **elements):
+    """A view of a treatment machine's imager, as of its image plane."""
+    plane = {"RadiationMachineSAD": 1000.0, "RTImageSID": 1500.0, "GantryAngle": 358.0}
+    stated = plane | {"ImagePlanePixelSpacing": [0.3, 0.4], "Modality": "RTIMAGE"} | elements
+    return written(path, values[:1], **{k: v for k, v in stated.items() if v is not None})
+
+
+def test_an_rt_images_pixels_are_the_detectors_unless_its_plane_is_the_isocenters(tmp_path, values):
+    found = dicom.read_projections(rt_image(tmp_path / "a.dcm", values))
+    assert found.pixel_mm == (0.4, 0.3)
+    assert "1500 mm from the source" in found.notes[0]
+    for name, elements, said in (
+        ("b", {"RTImageSID": 1000.0}, "in the plane of the isocenter, not on the detector"),
+        ("c", {"RTImageSID": None}, "in a plane whose distance is not stated"),
+    ):
+        found = dicom.read_projections(rt_image(tmp_path / f"{name}.dcm", values, **elements))
+        assert found.pixel_mm is None
+        assert said in found.notes[0]
+
+
+def test_gantry_angles_are_the_views_and_go_on_beyond_a_turn(tmp_path, values):
+    for k, angle in enumerate((358.0, 359.5, 1.0)):
+        path = tmp_path / f"{k}.dcm"
+        rt_image(path, values, GantryAngle=angle, InstanceNumber=k, SeriesInstanceUID="1.2")
+    found = projection_images.read_images(tmp_path)
+    assert found.angles_deg is not None
+    np.testing.assert_allclose(found.angles_deg, [358.0, 359.5, 361.0])
+
+
 @pytest.mark.parametrize(
     ("element", "value"),
     [

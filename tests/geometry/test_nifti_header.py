@@ -64,6 +64,16 @@ def test_forms_that_contradict_each_other_are_refused(written, sform):
         image_files.load_volume(path)
 
 
+@pytest.mark.parametrize(("shift", "refused"), [(0.4, False), (20.0, True)])
+def test_forms_that_are_a_shift_apart_are_refused(written, shift, refused):
+    path = written(sform=[[-2, 0, 0, shift], [0, -2, 0, 0], [0, 0, 3, 0]])
+    if refused:
+        with pytest.raises(LegsimError, match=r"qform and its sform place the voxels 20 mm apart"):
+            load_label_image(path)
+    else:
+        assert load_label_image(path).labels.all()
+
+
 def test_a_form_that_is_not_set_contradicts_nothing(written):
     assert load_label_image(written(sform=np.zeros((3, 4)), codes=(1, 0))).labels.all()
 

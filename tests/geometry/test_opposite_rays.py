@@ -118,6 +118,25 @@ def test_an_offset_of_the_wrong_sign_is_doubted():
 
 
 @pytest.mark.parametrize("turn_deg", [30.0, 150.0])
-def test_a_short_arc_measures_nothing_twice_and_says_nothing(turn_deg):
+def test_a_short_arc_is_doubted_by_planes_where_its_columns_are_mirrored(turn_deg):
     views = geometry(turn_deg=turn_deg)
-    assert objection(Projections(views, scanned(views)[:, :, ::-1])) is None
+    images = scanned(views)
+    assert objection(Projections(views, images)) is None
+    assert objection(Projections(views, scanned(views, sway=5e-3))) is None
+    line = str(objection(Projections(views, images[:, :, ::-1])))
+    assert "planes that two views measure" in line
+    assert "sense of rotation" in line
+
+
+def test_a_ball_that_no_ray_between_sources_meets_is_doubted_by_planes():
+    views = geometry(turn_deg=180.0)
+    up = np.eye(4)
+    up[1, 3] = 0.03
+    images = scanned(views.moved(up))[:, :, ::-1]
+    assert "planes" in str(objection(Projections(views, images)))
+
+
+def test_a_short_arc_of_an_object_that_is_cut_off_says_nothing():
+    views = geometry(turn_deg=90.0)
+    images = scanned(views) + 1.0  # no air at the sides
+    assert objection(Projections(views, images[:, :, ::-1])) is None

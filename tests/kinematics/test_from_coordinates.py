@@ -282,6 +282,7 @@ def test_coordinates_that_are_not_a_legs_are_refused(tmp_path):
         ("knee_angle_r", "tib_fem_r"),
         ("hip_flexion_r", "hip_r_rx"),
         ("pelvis_tilt", "pelvis_rx"),
+        ("pelvis_list", "pelvis_obliquity"),
         ("pelvis_tx", "pelvis_x"),
         ("pelvis_ty", "pelvis_height"),
     ],
@@ -295,6 +296,7 @@ def test_a_flexion_of_another_name_is_not_taken_for_a_stiff_joint(tmp_path, solv
 
 @pytest.mark.parametrize(("name", "other"), [
     ("pelvis_tx", "pelvis_obliquity"),
+    ("pelvis_tilt", "pelvis_obliquity"),
     ("pelvis_list", "pelvis_translation_x"),
     ("knee_angle_r", "knee_r_tx"),
     ("knee_angle_r", "knee_contact_r_fx"),
@@ -312,6 +314,30 @@ def test_a_load_an_error_or_the_other_kind_is_not_offered_for_a_coordinate(
     notes = from_recording.solve_kinematics(str(tmp_path / "c.mot")).notes
     assert any(f"has no {name}: taken as" in note for note in notes)
     assert any(f"no coordinates of the leg: {other}" in note for note in notes)
+
+
+@pytest.mark.parametrize(
+    ("name", "turn"), [("pelvis_list", np.pi), ("pelvis_tilt", -np.pi), ("pelvis_tilt", 2.6)]
+)
+def test_who_hangs_head_down_is_refused(tmp_path, solved, name, turn):
+    values = solved.values.copy()
+    values[:, solved.coordinate_names.index(name)] += turn
+    opensim.save(
+        tmp_path / "c.mot", JointTrajectories(solved.times, solved.coordinate_names, values)
+    )
+    with pytest.raises(LegsimError, match=r"pose.: the pelvis is 0\.\d+ m below the feet.* y up"):
+        from_recording.solve_kinematics(str(tmp_path / "c.mot"))
+
+
+def test_who_lies_is_reported_and_who_stands_is_not(tmp_path, solved):
+    values = solved.values.copy()
+    for turn, said in ((0.0, False), (0.4, False), (np.pi / 2, True)):
+        values[:, solved.coordinate_names.index("pelvis_tilt")] = turn
+        opensim.save(
+            tmp_path / "c.mot", JointTrajectories(solved.times, solved.coordinate_names, values)
+        )
+        notes = from_recording.solve_kinematics(str(tmp_path / "c.mot")).notes
+        assert any("somebody lies or sits" in note for note in notes) == said
 
 
 @pytest.mark.parametrize("other", ["knee_moment_r", "knee_angle_l_beta", "wrist_r", "hip_force_l"])

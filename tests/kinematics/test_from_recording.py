@@ -164,3 +164,12 @@ def test_a_marker_that_repeats_its_place_is_reported(tmp_path, squat):
         saved(tmp_path, MarkerTrajectories(cut.times, cut.marker_names, positions))
     )
     assert any("LKNE repeats one position from 1.658 to 3.158 s" in n for n in found.notes)
+
+
+def test_a_recording_of_one_plane_is_refused_with_its_file(tmp_path, squat):
+    flat = short(squat).positions_world.copy()
+    flat[..., 2] = 0.1
+    cut = short(squat)
+    settings = saved(tmp_path, MarkerTrajectories(cut.times, cut.marker_names, flat))
+    with pytest.raises(LegsimError, match=r"moved\.trc: all markers lie in one plane"):
+        run_motion.solve(settings)

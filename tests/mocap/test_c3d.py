@@ -139,6 +139,12 @@ def test_results_of_a_body_model_are_no_markers(write, positions):
     assert "1 trajectories are results of a body model" in raw.notes[0]
 
 
+def test_a_file_of_segments_poses_is_refused_with_what_to_export(write):
+    data = c3d_bytes(np.zeros((5, 0, 3)), (), rotations=("pelvis_4X4", "l_thigh_4X4"))
+    with pytest.raises(LegsimError, match=r"poses of 2 segments.* no marker; export the joint ang"):
+        c3d.read(write(data))
+
+
 def test_points_beyond_the_labels_are_unlabelled(write, positions):
     assert c3d.read(write(c3d_bytes(positions, LABELS[:2]))).labels == ("LASI", "RASI", "*3")
 

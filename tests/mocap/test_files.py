@@ -93,7 +93,7 @@ def test_markers_alone_refuse_coordinates(tmp_path):
 
 @pytest.mark.parametrize(("name", "content", "message"), [
     ("x.txt", b"a,b\n1,2\n", ("no recording that can be told by its first bytes or its name; give a .c3d, .trc, "
-        ".mot, .sto or .csv file")),
+        ".mot, .sto, .tsv or .csv file")),
     ("x.trc", b"a,b\n1,2\n", "should start with PathFileType"),
     ("x.csv", b"a,b\n1,2\n", "the header starts with 'a'"),
     ("x.c3d", b"", "the file is empty"),

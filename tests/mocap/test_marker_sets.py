@@ -56,6 +56,33 @@ def test_the_set_of_a_real_recording_is_guessed(shared_data, file, name):
     assert guessed.missing_in(labels) == ()
 
 
+SIDES = ("R", "L")
+
+STATIC = ["SACRUM"] + [
+    f"{s}_{name}"
+    for s in SIDES
+    for name in ("ASIS", "KNEE_LAT", "ANKLE_LAT", "HEEL", "MT_5", "THIGH_1", "SHANK_1", "SHANK_2")
+]
+"""labels that no single set covers"""
+
+
+def test_a_trial_is_read_by_the_set_of_the_static_trial_that_it_is_scaled_from():
+    walk = [name for name in STATIC if "_LAT" not in name]
+    found = marker_sets.guess_beside(walk, STATIC)
+    assert found.name == marker_sets.guess(STATIC).name == "common_names"
+    shown = {"sacrum"} | {
+        f"{role}_{s.lower()}"
+        for s in SIDES
+        for role in ("asis", "heel", "meta5", "thigh_1", "shank_1", "shank_2")
+    }
+    assert set(found.found_in(walk)) == shown
+
+
+def test_a_trial_of_other_labels_than_its_static_is_read_by_its_own_set():
+    plug_in = [labels[0] for a in marker_sets.load("plug_in_gait").alternatives for labels in a]
+    assert marker_sets.guess_beside(plug_in, STATIC).name == "plug_in_gait"
+
+
 def test_a_walk_without_lateral_markers_is_refused_unless_they_are_not_required(shared_data):
     labels = files.load_markers(shared_data / "mocap/walk_opensim/subject01_walk1.trc").marker_names
     with pytest.raises(
@@ -168,7 +195,8 @@ def test_a_map_that_is_none_is_refused(tmp_path, content, message):
 
 def test_an_unknown_set_and_a_missing_file_are_refused(tmp_path):
     with pytest.raises(
-        LegsimError, match=r"no marker set is named helen; there are: cast, .*, or give a TOML file"
+        LegsimError,
+        match=r"no marker set is named helen; there are: bts_davis, .*, or give a TOML file",
     ):
         marker_sets.load("helen")
     with pytest.raises(LegsimError, match="no such file"):

@@ -55,6 +55,20 @@ def test_equal_labels_become_different(labels, expected):
     assert mocap_raw.distinct(labels) == expected
 
 
+def test_a_marker_that_is_there_twice_and_tells_nothing_is_left_out(rng):
+    """Never seen beside one that is, or an exact copy; two that differ are kept apart."""
+    one, other, lone = rng.uniform(0.1, 1, (3, 6, 3))
+    one[2] = np.nan
+    unseen = np.zeros((6, 3))
+    labels = ["a", "b", "a", "c", "b", "a", "d", "d", "c"]
+    columns = [one, one, one, one, other, unseen, unseen, unseen, lone]
+    found = raw(np.stack(columns, 1), labels)
+    assert found.labels == ("a", "b#1", "c#1", "b#2", "d#1", "d#2", "c#2")
+    np.testing.assert_array_equal(found.positions[:, 0], one)
+    assert found.notes == ("there twice under one name, never seen or an exact copy, left out: a",)
+    assert raw(np.stack([one, other], 1), ["a", "a"]).notes == ()
+
+
 def test_millimeters_are_divided_not_multiplied():
     assert (
         raw([[[49.0, 1, 1]]], ["a"], unit="mm").to_motion(up="y").positions_world[0, 0, 0] == 0.049

@@ -104,11 +104,12 @@ def c3d_bytes(
     model_outputs: Sequence[str] = (),
     channels: Channels | None = None,
     actual: tuple[int, int] | None = None,
+    rotations: Sequence[str] = (),
 ) -> bytes:
     """File with points (n, m, 3) in the file's unit; a positive scale stores 16-bit numbers.
 
     NaN is written as a leftover position with residual -1. ``actual`` are the trial's first and
-    last frame in 32 bits.
+    last frame in 32 bits; ``rotations`` the names of segments whose poses the file would hold.
     """
     n, m = positions.shape[:2]
     analog = np.full((n, analog_words), 7) if channels is None else channels.stored.reshape(n, -1)
@@ -137,6 +138,8 @@ def c3d_bytes(
         for name, frame in zip(("START", "END"), actual, strict=True):
             words = struct.pack(order + "2H", frame % 65536, frame // 65536)
             records += parameter(f"ACTUAL_{name}_FIELD", 3, processor, 2, (2,), words)
+    if rotations:
+        records += group("ROTATION", 4, processor) + texts("LABELS", 4, processor, rotations)
     per_frame = 1 if channels is None else len(channels.stored) // n
     blocks = (4 + len(records) + 1 + 511) // 512
     section = (bytes([1, 80, blocks, processor]) + records).ljust(512 * blocks, b"\0")

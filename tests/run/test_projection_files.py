@@ -72,24 +72,32 @@ def test_a_detector_of_another_size_is_refused(tmp_path):
 
 def test_times_are_the_geometrys_or_given(tmp_path):
     views = measured.geometry()
-    path = tmp_path / "geometry.json"
-    geometry_files.save_geometry(path, views)
-    assert projection_files.with_times(views, path, None, None) is views
-    assert projection_files.with_times(views, tmp_path / "g.xml", None, None) is None
-    by_rate = projection_files.with_times(views, path, 2.0, None)
+    assert projection_files.with_times(views, True, None, None) is views
+    assert projection_files.with_times(views, False, None, None) is None
+    by_rate = projection_files.with_times(views, True, 2.0, None)
     assert by_rate is not None
     np.testing.assert_allclose(by_rate.times, np.arange(24) / 2)
     (tmp_path / "t.csv").write_text("t\n" + "\n".join(str(k * k) for k in range(24)))
-    by_file = projection_files.with_times(views, path, None, tmp_path / "t.csv")
+    by_file = projection_files.with_times(views, True, None, tmp_path / "t.csv")
     assert by_file is not None
     np.testing.assert_array_equal(by_file.times, np.arange(24.0) ** 2)
     np.testing.assert_array_equal(replace(by_file, times=views.times).times, views.times)
+
+
+@pytest.mark.parametrize(("name", "timed"), [("g.json", True), ("tigre.json", False)])
+def test_only_legsims_json_says_when_views_were_taken(tmp_path, name, timed):
+    measured.write(tmp_path)
+    kind = "legsim" if timed else "tigre"
+    geometry_files.save_geometry(tmp_path / name, measured.geometry(), format=kind)
+    assert projection_files.read(settings(geometry=name), tmp_path).timed == timed
 
 
 @pytest.mark.parametrize(
     ("text", "said"),
     [
         ("1\n2\n", "holds 2 times, the geometry 24 views"),
+        ("t [min]\n" + "1\n" * 24, r"t.csv \(line 1\): the times are stated to be in 'min'"),
+        ("times\n" + "1\n" * 24, r"t.csv: .*increase strictly"),
         ("1\nx\n", "line 2.: 'x' is not a time"),
         ("\n".join(["1"] * 24), r"t.csv: .*increase strictly"),
     ],
@@ -97,31 +105,25 @@ def test_times_are_the_geometrys_or_given(tmp_path):
 def test_times_of_another_scan_are_refused(tmp_path, text, said):
     (tmp_path / "t.csv").write_text(text)
     with pytest.raises(LegsimError, match=said):
-        projection_files.with_times(
-            measured.geometry(), tmp_path / "g.json", None, tmp_path / "t.csv"
-        )
+        projection_files.with_times(measured.geometry(), True, None, tmp_path / "t.csv")
 
 
 def test_two_clocks_are_refused(tmp_path):
     with pytest.raises(LegsimError, match="give one of them"):
-        projection_files.with_times(
-            measured.geometry(), tmp_path / "g.json", 1.0, tmp_path / "t.csv"
-        )
+        projection_files.with_times(measured.geometry(), True, 1.0, tmp_path / "t.csv")
 
 
-@pytest.mark.parametrize(("header", "factor"), [("time (ms)", 1e-3), ("t_us", 1e-6), ("ms", 1e-3)])
+@pytest.mark.parametrize(
+    ("header", "factor"), [("time (ms)", 1e-3), ("time_ms", 1e-3), ("t_us", 1e-6), ("ms", 1e-3)]
+)
 def test_a_unit_above_the_times_of_views_is_theirs(tmp_path, header, factor):
     (tmp_path / "t.csv").write_text("\n".join([header, *map(str, range(24))]))
-    timed = projection_files.with_times(
-        measured.geometry(), tmp_path / "g.json", None, tmp_path / "t.csv"
-    )
+    timed = projection_files.with_times(measured.geometry(), False, None, tmp_path / "t.csv")
     assert timed is not None
     np.testing.assert_allclose(timed.times, factor * np.arange(24), rtol=1e-15)
     (tmp_path / "t.csv").write_text("\n".join(["time (min)", *map(str, range(24))]))
     with pytest.raises(LegsimError, match=r"line 1\): the times are stated to be in 'min'; give s"):
-        projection_files.with_times(
-            measured.geometry(), tmp_path / "g.json", None, tmp_path / "t.csv"
-        )
+        projection_files.with_times(measured.geometry(), False, None, tmp_path / "t.csv")
 
 
 @pytest.mark.parametrize(

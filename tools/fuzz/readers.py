@@ -118,7 +118,7 @@ def _scan(path: Path) -> object:
 
 
 def _times(path: Path) -> object:
-    return projection_files.with_times(samples.geometry(), path, None, path)
+    return projection_files.with_times(samples.geometry(), False, None, path)
 
 
 def _phantom(path: Path) -> object:

@@ -1,0 +1,142 @@
+"""Tables of markers of Motive, Nexus and Qualisys: the same markers out of each, and refusals."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from legsim.core.errors import LegsimError
+from legsim.mocap import files, program_tables
+from legsim.mocap.raw import RawMarkers
+
+NAMES = ("LASI", "RASI", "LKNE")
+RATE = 120.0
+
+
+@pytest.fixture
+def positions(rng) -> np.ndarray:
+    """(n, m, 3) mm of a body 1 m tall along z; LKNE is not seen in one frame."""
+    places = rng.uniform(10, 900, (12, 3, 3)).round(3)
+    places[4, 2] = np.nan
+    return places
+
+
+def row(numbers: np.ndarray) -> list[str]:
+    return ["" if np.isnan(x) else f"{x:.3f}" for x in numbers.ravel()]
+
+
+def motive(positions: np.ndarray, *, kind: str = "Marker", space: str = "Global") -> str:
+    """With a bone, the time code, and where the skeleton expects a marker, as Motive 3 may write."""
+    kinds = ["", "Type", "", "Bone", "Bone", "Bone", *[kind] * 9, *["Bone Marker"] * 3]
+    names = ["", "Name", "", *["Joe:Hip"] * 3, *(f"Joe:{n}" for n in NAMES for _ in range(3))]
+    units = ["", "", "", *["Position"] * 15]
+    axes = ["Frame", "Time (Seconds)", "TimeCode", *"XYZ" * 5]
+    head = (
+        f"Format Version,1.25,Take Name,a,Export Frame Rate,{RATE:f},Length Units,Millimeters,"
+        f"Coordinate Space,{space}\r\n\r\n"
+    )
+    ids = ["", "ID", "", *["A"] * 15]
+    lines = [kinds, [*names, *["Joe:LASI"] * 3], ids, units, axes]
+    for k, frame in enumerate(positions):
+        cells = [str(k), f"{k / RATE:.6f}", "15:26:46:12.02", "1", "2", "3", *row(frame)]
+        lines.append([*cells, "7", "8", "9"])
+    return "\ufeff" + head + "\r\n".join(",".join(line) for line in lines) + "\r\n"
+
+
+def nexus(positions: np.ndarray) -> str:
+    """With devices before the trajectories, and blank lines."""
+    lines = [
+        "Devices", "1200", ",,Force", "Frame,Sub Frame,Fx", ",,N", "1,0,3", "", "Trajectories",
+        f"{RATE:g}", ",," + ",,,".join(f"Joe:{n}" for n in NAMES) + ",,",
+        "Frame,Sub Frame" + ",X,Y,Z" * 3, "," + ",mm" * 9,
+    ]  # fmt: skip
+    lines += [",".join([str(k + 1), "0", *row(frame)]) for k, frame in enumerate(positions)]
+    return "\n".join([*lines, "", ""])
+
+
+def qualisys(positions: np.ndarray, *, timed: bool = True, included: str = "3D") -> str:
+    head = [
+        f"NO_OF_FRAMES\t{len(positions)}", "NO_OF_MARKERS\t3", f"FREQUENCY\t{RATE:g}",
+        "TIME_STAMP\t2022-06-03, 10:47:36.627\t94247.45", f"DATA_INCLUDED\t{included}",
+        "MARKER_NAMES\t" + "\t".join(NAMES) + "\t", "TRAJECTORY_TYPES\tMeasured\tMeasured\tMixed",
+    ]  # fmt: skip
+    head += ["Frame\tTime\t" + "\t".join(f"{n} {x}" for n in NAMES for x in "XYZ")] * timed
+    for k, frame in enumerate(np.nan_to_num(positions)):
+        before = [str(k + 1), f"{k / RATE:.5f}"] * timed
+        head.append("\t".join([*before, *row(frame)]))
+    return "\n".join(head) + "\n"
+
+
+Writer = Callable[[np.ndarray], str]
+WRITERS: dict[str, Writer] = {
+    "motive.csv": motive,
+    "nexus.csv": nexus,
+    "qualisys.tsv": qualisys,
+    "no_times.tsv": lambda positions: qualisys(positions, timed=False),
+}
+
+
+@pytest.mark.parametrize("name", WRITERS)
+def test_markers_times_and_units_are_those_of_the_program(tmp_path, positions, name):
+    path = tmp_path / name
+    path.write_text(WRITERS[name](positions), encoding="utf-8")
+    found = files.load_markers(path, up="z")
+    assert [label.split(":")[-1] for label in found.marker_names] == list(NAMES)
+    np.testing.assert_allclose(found.times, np.arange(12) / RATE, rtol=0, atol=1e-12)
+    x, y, z = np.moveaxis(positions / 1e3, -1, 0)
+    np.testing.assert_allclose(found.positions_world, np.stack([x, z, -y], -1), atol=1e-12)
+
+
+def test_what_is_up_is_the_programs_habit_where_the_body_does_not_say(tmp_path, positions):
+    for name, up in (("motive.csv", "y"), ("nexus.csv", "z"), ("qualisys.tsv", "z")):
+        (tmp_path / name).write_text(WRITERS[name](positions), encoding="utf-8")
+        raw = files.read_raw(tmp_path / name)
+        assert isinstance(raw, RawMarkers)
+        assert raw.usual_up == up
+
+
+def test_frames_that_are_left_out_are_noted_and_keep_their_times(tmp_path, positions):
+    lines = nexus(positions).split("\n")
+    del lines[15:17]
+    (tmp_path / "n.csv").write_text("\n".join(lines))
+    raw = program_tables.read_nexus(tmp_path / "n.csv")
+    np.testing.assert_allclose(raw.times[2:5], np.array([2, 5, 6]) / RATE)
+    assert raw.notes == ("2 frames are left out",)
+
+
+def broken(text: str, old: str, new: str) -> str:
+    assert old in text
+    return text.replace(old, new)
+
+
+@pytest.mark.parametrize(
+    ("name", "change", "said"),
+    [
+        ("m.csv", lambda p: motive(p, kind="Rigid Body"), "holds Bone, Rigid Body, .*no markers"),
+        ("m.csv", lambda p: motive(p, space="Local"), "positions in the space 'Local'"),
+        (
+            "m.csv",
+            lambda p: broken(motive(p), ",Export Frame Rate,120.000000", ""),
+            "no rate in Hz",
+        ),
+        ("m.csv", lambda p: motive(p).split("Frame,Time")[0], "has no line Frame, Time"),
+        ("n.csv", lambda p: broken(nexus(p), "Trajectories", "Model Outputs"), "no line Traject"),
+        ("n.csv", lambda p: broken(nexus(p), "mm,mm,mm", "mm,deg,mm"), "several units .*deg, mm"),
+        ("n.csv", lambda p: broken(nexus(p), "\n3,0,", "\n2,0,"), r"line 15\): has no time after"),
+        ("n.csv", lambda p: broken(nexus(p), "\n3,0,", "\n3,0,x"), r"line 15\): 'x.* is not a num"),
+        (
+            "n.csv",
+            lambda p: nexus(np.where(np.arange(3) == 1, np.nan, p)),
+            "one or two coordinates",
+        ),
+        ("q.tsv", lambda p: qualisys(p, included="6D"), "DATA_INCLUDED.: holds 6D, no markers"),
+        ("q.tsv", lambda p: broken(qualisys(p), "RASI", "RASI\tC7"), "11 columns for 4 markers"),
+        ("q.tsv", lambda p: broken(qualisys(p), "FREQUENCY\t120", "FREQUENCY\t0"), "no rate in Hz"),
+    ],
+)
+def test_a_table_that_would_need_a_guess_is_refused(tmp_path, positions, name, change, said):
+    path: Path = tmp_path / name
+    path.write_text(change(positions), encoding="utf-8")
+    with pytest.raises(LegsimError, match=said):
+        files.read_recording(path)
