@@ -9,6 +9,7 @@ from legsim.deformation import moving_least_squares
 from legsim.deformation.models import ControlPointMotion, FieldMotion, Motion, RigidMotion
 from legsim.geometry.cone_beam import ConeBeamGeometry
 from legsim.geometry.volume import VolumeGrid
+from legsim.opencl import device as opencl_device
 from legsim.opencl import textures
 from legsim.opencl.device import Device
 from legsim.reconstruction import _backprojection_plan, backprojection
@@ -402,3 +403,17 @@ def test_more_views_than_an_array_of_images_takes_give_the_same_digits(
     assert decided.batch == min(layers, int(views_bytes))
     found = back_projected(images, geometry, COARSE, device, **options)
     assert_near(found, expected, 1e-6)
+
+
+@pytest.mark.parametrize("group", [1, 8, 256])
+def test_every_voxel_has_its_work_item_whatever_the_size_of_groups(
+    device: Device, rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch, group: int
+) -> None:
+    """A work-item has several voxels of a line: 301 of them are no multiple of anything."""
+    monkeypatch.setattr(opencl_device, "_GROUP", group)
+    grid = VolumeGrid((2, 301, 3), (0.004, 0.0005, 0.004), (0.01, -0.01, 0.015))
+    images, geometry = noise(rng), scan().moved(tilts(rng))
+    expected = reference(images, geometry.matrices, grid)
+    found = back_projected(images, geometry, grid, device, kernel="textures")
+    allowed = places_off(device, "textures") * steepest(images, geometry.matrices, grid)
+    assert_near(found, expected, 2e-4, allowed)
