@@ -33,7 +33,7 @@ def test_the_column_kernel_is_refused_where_it_would_be_wrong(device: Device) ->
     )
     with pytest.raises(LegsimError, match="column kernel"):
         _backprojection_plan.plan(on_its_side, GRIDS["inside"], device, kernel="columns")
-    assert _backprojection_plan.plan(on_its_side, GRIDS["inside"], device).kernel == "voxels"
+    assert _backprojection_plan.plan(on_its_side, GRIDS["inside"], device).kernel != "columns"
 
 
 def test_a_motion_of_another_length_is_refused(device: Device) -> None:
@@ -52,7 +52,7 @@ def test_a_motion_too_wild_for_columns_is_left_to_the_other_kernel(
         VolumeGrid.cubic(9, 0.01, (0.0, 0.0, 0.0)),
         rng.normal(0, 0.01, (VIEWS, 9, 9, 9, 3)).astype(np.float32),
     )
-    assert _backprojection_plan.plan(geometry, FINE, device, motion=wild).kernel == "voxels"
+    assert _backprojection_plan.plan(geometry, FINE, device, motion=wild).kernel != "columns"
     assert (
         _backprojection_plan.plan(
             geometry, FINE, device, motion=as_field(bending(rng, geometry.times), 0.006)
@@ -69,7 +69,7 @@ def test_a_bump_between_the_places_looked_at_is_left_to_the_other_kernel(device:
     bump[4, ..., 0] = 0.003 * np.exp(-((away / 0.008) ** 2)).reshape(nodes.shape_zyx)
     grid = VolumeGrid.cubic(33, 0.002, (0.0, 0.0, 0.0))
     motion = FieldMotion(geometry.times, nodes, bump)
-    assert _backprojection_plan.plan(geometry, grid, device, motion=motion).kernel == "voxels"
+    assert _backprojection_plan.plan(geometry, grid, device, motion=motion).kernel != "columns"
     faint = FieldMotion(geometry.times, nodes, 0.02 * bump)
     assert _backprojection_plan.plan(geometry, grid, device, motion=faint).curve == 2
     # a volume beside it does not see it
