@@ -38,6 +38,7 @@ gpu: setup
 		tests/scan tests/deformation tests/reconstruction tests/correction tests/simulation
 	LEGSIM_DEVICE="$(DEVICE)" $(BIN)/python -m tools.benchmarks project
 	LEGSIM_DEVICE="$(DEVICE)" $(BIN)/python -m tools.benchmarks fdk
+	LEGSIM_DEVICE="$(DEVICE)" $(BIN)/python -m tools.benchmarks fdk-rounding --slices 4
 
 setup: .venv/.installed
 

@@ -13,7 +13,7 @@ from packaging.requirements import Requirement
 from legsim.core import resources
 from legsim.core.errors import LegsimError
 from legsim.core.memory import in_words
-from legsim.opencl import discovery, runtimes
+from legsim.opencl import discovery, runtimes, textures
 
 _NEEDED_MEMORY = 8 * 2**30
 
@@ -90,7 +90,8 @@ def _devices() -> list[Finding]:
                 Finding(
                     f"opencl {candidate.label}",
                     True,
-                    f"{size}; probe kernel {1e3 * candidate.seconds:.1f} ms{taken}",
+                    f"{size}; probe kernel {1e3 * candidate.seconds:.1f} ms"
+                    f"{_images_read(candidate)}{taken}",
                 )
             )
     if chosen is None:
@@ -103,6 +104,14 @@ def _devices() -> list[Finding]:
             )
         )
     return findings
+
+
+def _images_read(candidate: discovery.Candidate) -> str:
+    """How a GPU's back-projection reads images."""
+    if candidate.kind != "gpu":
+        return ""
+    fault = textures.check(candidate).fault
+    return f"; images from buffers, as {fault}" if fault else "; images through texture units"
 
 
 def _memory() -> Finding:

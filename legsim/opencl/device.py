@@ -15,13 +15,16 @@ import lazy_loader
 import numpy as np
 
 from legsim.core.errors import LegsimError
-from legsim.opencl import runtimes
+from legsim.opencl import runtimes, textures
 from legsim.opencl.discovery import Candidate, build_program, candidates
 
 if TYPE_CHECKING:
     import pyopencl as cl
 else:
     cl = lazy_loader.load("pyopencl")
+
+_GROUP = 256
+"""work-items of a group where the device allows as many"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,6 +49,11 @@ class Device:
         return self.candidate.label
 
     @property
+    def described(self) -> str:
+        """The label, and whether back-projection reads images through texture units."""
+        return self.label + (", textures" if self.uses_textures else "")
+
+    @property
     def is_cpu(self) -> bool:
         return self.candidate.kind == "cpu"
 
@@ -58,6 +66,46 @@ class Device:
     def local_bytes(self) -> int:
         """Local memory of a work-group."""
         return self.candidate.handle.local_mem_size
+
+    @property
+    def image_limits(self) -> textures.ImageLimits:
+        """The largest array of images for texture units."""
+        return textures.limits(self.candidate)
+
+    @property
+    def texture_fault(self) -> str:
+        """Why images must not be read through texture units, empty where they may."""
+        return textures.check(self.candidate).fault
+
+    @property
+    def uses_textures(self) -> bool:
+        """Whether back-projection reads images through texture units where it may choose.
+
+        It does on GPUs that read known images right; LEGSIM_TEXTURES says "on" for any device, or
+        "off".
+
+        Raises:
+            LegsimError: LEGSIM_TEXTURES has another value, or is "on" for a device that cannot.
+        """
+        wanted = os.environ.get("LEGSIM_TEXTURES", "")
+        if wanted not in ("", "on", "off"):
+            raise LegsimError(f"LEGSIM_TEXTURES is {wanted!r}; set it to on or off, or unset it")
+        if wanted == "on" and self.texture_fault:
+            raise LegsimError(
+                f"LEGSIM_TEXTURES is on, but {self.label} cannot: {self.texture_fault}; unset it"
+            )
+        if wanted == "":
+            return self.candidate.kind == "gpu" and not self.texture_fault
+        return wanted == "on"
+
+    @property
+    def arithmetic(self) -> str:
+        """What decides a kernel's numbers, beyond rounding, besides its code: for keys of results.
+
+        The compiler; and on GPUs their kind, as they run other kernels than CPUs, and textures.
+        """
+        kind = "" if self.is_cpu else f", {self.candidate.kind}"
+        return self.candidate.compiler + kind + (", textures" if self.uses_textures else "")
 
     def program(self, *kernel_files: str, **defines: int | str) -> cl.Program:
         """Builds files of ``opencl/kernels`` as one program, once per set of ``defines``."""
@@ -78,6 +126,23 @@ class Device:
             self._kernels[id(program), name] = cl.Kernel(program, name)
         return self._kernels[id(program), name]
 
+    def grouped(
+        self, kernel: cl.Kernel, counts: tuple[int, int, int]
+    ) -> tuple[tuple[int, int, int], tuple[int, int, int]]:
+        """Global and local size for at least ``counts`` work-items, the third axis as it is.
+
+        A group is as long along the first axis as the device goes in step, and as many of these
+        lines high as it may be.
+        """
+        handle, info = self.candidate.handle, cl.kernel_work_group_info
+        most = min(kernel.get_work_group_info(info.WORK_GROUP_SIZE, handle), _GROUP)
+        step = kernel.get_work_group_info(info.PREFERRED_WORK_GROUP_SIZE_MULTIPLE, handle)
+        largest = handle.max_work_item_sizes
+        along = min(step, most, largest[0])
+        across = min(most // along, largest[1])
+        rounded = (-(-counts[0] // along) * along, -(-counts[1] // across) * across, counts[2])
+        return rounded, (along, across, 1)
+
     def upload(self, array: np.ndarray) -> cl.Buffer:
         """A read-only device copy of a C-contiguous array."""
         flags = cl.mem_flags.READ_ONLY | cl.mem_flags.COPY_HOST_PTR
@@ -93,11 +158,23 @@ class Device:
         )
         return buffer
 
-    def write(self, buffer: cl.Buffer, array: np.ndarray, offset: int) -> None:
-        """Copies a C-contiguous array into ``buffer`` from element ``offset`` on, and waits."""
-        cl.enqueue_copy(
-            self.queue, buffer, np.ascontiguousarray(array), dst_offset=offset * array.itemsize
-        )
+    def image_array(self, shape: tuple[int, int, int]) -> cl.Image:
+        """Images of zeros (layers, height, width) for texture units, float32."""
+        array, (layers, height, width) = textures.image_array(self.context, shape), shape
+        nothing = np.zeros(4, np.float32)
+        cl.enqueue_fill_image(self.queue, array, nothing, (0, 0, 0), (width, height, layers))
+        return array
+
+    def write(self, target: cl.Buffer | cl.Image, array: np.ndarray, offset: int) -> None:
+        """Copies a C-contiguous array into a buffer from element ``offset`` on, or layers (n,
+        height, width) into an array of images from layer ``offset`` on, and waits.
+        """
+        array = np.ascontiguousarray(array)
+        if isinstance(target, cl.Image):
+            region = array.shape[::-1]
+            cl.enqueue_copy(self.queue, target, array, origin=(0, 0, offset), region=region)
+        else:
+            cl.enqueue_copy(self.queue, target, array, dst_offset=offset * array.itemsize)
 
     def download(self, buffer: cl.Buffer, array: np.ndarray) -> np.ndarray:
         """Fills ``array`` from ``buffer``, waiting for all that was queued before."""

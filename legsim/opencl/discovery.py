@@ -114,7 +114,7 @@ def _candidate(platform: cl.Platform, device: cl.Device) -> Candidate:
     try:
         seconds = _probe(device)
     except (cl.Error, RuntimeError, OSError) as error:
-        failure = _reason(error)
+        failure = reason(error)
     return Candidate(
         platform.name,
         device.name,
@@ -128,7 +128,7 @@ def _candidate(platform: cl.Platform, device: cl.Device) -> Candidate:
     )
 
 
-def _reason(error: Exception) -> str:
+def reason(error: Exception) -> str:
     """First line of an error, and the compiler's first complaint where there is one."""
     lines = [line.strip() for line in str(error).splitlines() if line.strip()]
     complaint = [line for line in lines[1:] if "error:" in line][:1]

@@ -15,7 +15,9 @@ from legsim.geometry.volume import VolumeGrid
 from legsim.opencl.device import Device
 from legsim.reconstruction.corrected_scan import check_views
 
-Kernel = Literal["columns", "voxels"]
+Kernel = Literal["columns", "voxels", "textures"]
+"""of the back-projection: "voxels" is the plain reference, "columns" the fast one for CPUs,
+"textures" is "voxels" with images read by texture units"""
 
 LEAD, TRAIL, PAD, SPACING = 24, 40, 8, 8
 """rows of zeros below and above a detector column, columns of zeros beside the detector, voxels
@@ -75,6 +77,8 @@ def plan(
 ) -> BackprojectionPlan:
     """Chooses kernel, column axis, slabs and batches; ``kernel`` None takes the fastest possible.
 
+    That is "columns" on CPUs, "textures" on devices that use them, "voxels" on others.
+
     "columns" needs every voxel in front of the source, at most 2.5 detector rows between
     neighboring voxels along one of the world's axes, and lines along it that turn less than 27
     degrees off the detector's columns in every view. What it interpolates between every eighth
@@ -91,14 +95,21 @@ def plan(
             "the column kernel does not work for this geometry and grid; leave the choice of the "
             "kernel open, or take 'voxels'"
         )
-    chosen: Kernel = kernel or ("columns" if curve is not None and device.is_cpu else "voxels")
     rows, columns = geometry.shape_vu
-    image_bytes = 4 * len(geometry) * (columns + 2 * PAD) * stride(rows)
+    view_bytes = 4 * (columns + 2 * PAD) * stride(rows)
+    if kernel == "textures" and (why := _no_textures(device, rows, columns)):
+        raise LegsimError(
+            f"the kernel 'textures' does not work on {device.label}: {why}; leave the choice of "
+            "the kernel open, or take 'voxels'"
+        )
+    chosen = kernel or _fastest(device, rows, columns, in_columns=curve is not None)
     nz, ny, nx = grid.shape_zyx
     per_slice = 4 * (ny + SPACING) * (nx + SPACING)
     slab = int(np.clip(slab_bytes // per_slice, 1, nz))
     node_bytes = 12 * (slab // SPACING + 2) * (ny // SPACING + 2) * (nx // SPACING + 2)
     batch = int(np.clip(_NODE_BYTES // node_bytes, 1, _VIEWS_AT_ONCE))
+    if chosen == "textures":
+        batch = min(batch, device.image_limits.layers, device.image_limits.bytes // view_bytes)
     if curve is None:
         curve = 1 if _straight(motion) else 2
     found = BackprojectionPlan(
@@ -108,7 +119,7 @@ def plan(
         mirrored,
         slab,
         batch,
-        image_bytes,
+        len(geometry) * view_bytes,
         2 * slab * per_slice + batch * node_bytes,
     )
     if found.device_bytes > device.candidate.memory_bytes:
@@ -119,6 +130,29 @@ def plan(
             "views or bin the pixels"
         )
     return found
+
+
+def _fastest(device: Device, rows: int, columns: int, *, in_columns: bool) -> Kernel:
+    if device.uses_textures and not _no_textures(device, rows, columns):
+        return "textures"
+    return "columns" if in_columns and device.is_cpu else "voxels"
+
+
+def _no_textures(device: Device, rows: int, columns: int) -> str:
+    """Why images of that size cannot be read by texture units, empty where they can."""
+    if device.texture_fault:
+        return device.texture_fault
+    limits, width, height = device.image_limits, stride(rows), columns + 2 * PAD
+    if width > limits.width or height > limits.height:
+        return (
+            f"views of {columns} x {rows} pixels take images of {width} x {height} with their "
+            f"borders, and its largest are {limits.width} x {limits.height}"
+        )
+    if 4 * width * height > limits.bytes:
+        return (
+            f"a view takes {in_words(4 * width * height)}, and it allows {in_words(limits.bytes)}"
+        )
+    return ""
 
 
 def _straight(motion: Motion | None) -> bool:

@@ -1,10 +1,10 @@
 """Voxel-driven back-projection with any 3x4 matrices, static or along a motion; and its adjoint.
 
 It runs on an OpenCL device, slab by slab. A view adds nothing to a voxel that its detector does not
-see: beyond the outermost pixel centers an image fades to zero within one pixel. Two kernels of one
+see: beyond the outermost pixel centers an image fades to zero within one pixel. Kernels of one
 source (kernels/backproject.cl) share the layout of images and volume: "voxels" places every voxel
-by itself and is the reference; "columns" works along whole lines of voxels and is several times
-faster on CPUs.
+by itself and is the reference; "textures" does the same with images read by texture units of GPUs;
+"columns" works along whole lines of voxels and is several times faster on CPUs.
 """
 
 from collections.abc import Callable, Iterable, Iterator
@@ -29,6 +29,9 @@ from legsim.reconstruction._backprojection_plan import (
     BackprojectionPlan,
     stride,
 )
+
+_VOXELS_EACH = 4
+"""voxels of a work-item on devices other than CPUs"""
 
 # for each axis along which columns may run: the axes across, the one that comes faster in the
 # host's order first
@@ -59,11 +62,10 @@ def slabs(
     ``batches`` yields (views, images (n, columns + 2 pad, stride)) as :func:`arranged` makes them.
     ``progress`` counts batches of views over all slabs.
     """
-    views, (rows, columns) = len(geometry), geometry.shape_vu
-    size = (columns + 2 * PAD) * stride(rows)
-    images = device.zeros(views * size)
+    views = len(geometry)
+    images = ViewImages(geometry, device, decided)
     for where, batch in batches:
-        device.write(images, batch, where.start * size)
+        images.write(where, batch)
     placement = VoxelMap(geometry, grid, device, decided, motion)
     nz = grid.shape_zyx[0]
     starts = range(0, nz, decided.slab)
@@ -71,10 +73,44 @@ def slabs(
     for index, start in enumerate(starts):
         slab = VolumeSlab(placement, start, min(start + decided.slab, nz))
         for number, group in enumerate(groups):
-            slab.add(images, group)
+            slab.add(*images.of(group), group)
             if progress is not None:
                 progress(index * len(groups) + number + 1, len(starts) * len(groups))
         yield start, slab.result()
+
+
+class ViewImages:
+    """Images of all views on the device: in one buffer, or in an array of textures per batch."""
+
+    def __init__(
+        self, geometry: ConeBeamGeometry, device: Device, decided: BackprojectionPlan
+    ) -> None:
+        views, (rows, columns) = len(geometry), geometry.shape_vu
+        shape = (columns + 2 * PAD, stride(rows))
+        self._device = device
+        if decided.kernel == "textures":
+            self._each, self._step = decided.batch, 1
+            ends = range(self._each, views + self._each, self._each)
+            counts = [min(self._each, views + self._each - end) for end in ends]
+            self._parts = [device.image_array((count, *shape)) for count in counts]
+        else:
+            self._each, self._step = views, shape[0] * shape[1]
+            self._parts = [device.zeros(views * self._step)]
+
+    def write(self, where: slice, batch: Float32Array) -> None:
+        """Uploads images of some views as :func:`arranged` makes them."""
+        start = where.start
+        while start < where.stop:
+            part, first = divmod(start, self._each)
+            stop = min(where.stop, (part + 1) * self._each)
+            found = batch[start - where.start : stop - where.start]
+            self._device.write(self._parts[part], found, first * self._step)
+            start = stop
+
+    def of(self, views: slice) -> tuple[Any, int]:
+        """What holds the images of a batch, and the number in there of the first of them."""
+        part, first = divmod(views.start, self._each)
+        return self._parts[part], first
 
 
 def forward_splat(
@@ -161,6 +197,9 @@ class VoxelMap:
         self.anchor = np.array(grid.center)
         followed = _device_motion(motion, maps, self.anchor)
         self.motion, self.tables, self.field = followed.kind, followed.tables, followed.field
+        # several voxels of a work-item share a view's numbers, which on a GPU are much of what it
+        # reads; CPUs have them in vectors of neighboring work-items
+        self.each = 1 if device.is_cpu and decided.kernel != "textures" else _VOXELS_EACH
         self.rest = device.upload(np.asarray(followed.rest, np.float32))
         self.nothing = device.zeros(8)
 
@@ -175,16 +214,20 @@ class VoxelMap:
 
     def kernel(self, name: str, *more: str, **defines: int) -> Any:
         """One of backproject.cl, or of the files that come after it, specialized."""
-        files = (
-            ("moving_least_squares.cl", "backproject.cl", *more)
-            if self.motion == 1
-            else ("backproject.cl", *more)
+        textures = self.decided.kernel == "textures"
+        before = (
+            *(("moving_least_squares.cl",) if self.motion == 1 else ()),
+            *(("textures.cl",) if textures else ()),
         )
         count = self.grid.shape_zyx[2 - self.axes[0]] if self.axes[0] != 2 else self.decided.slab
         return self.device.kernel(
             name,
-            *files,
+            *before,
+            "backproject.cl",
+            *more,
             MOTION=self.motion,
+            TEXTURES=int(textures),
+            EACH=self.each,
             CURVE=self.decided.curve,
             COLUMNS=self.columns,
             ROWS=self.rows,
@@ -256,28 +299,24 @@ class VolumeSlab:
         )
         self.device.queue.finish()
 
-    def add(self, images: Any, views: slice) -> None:
-        """Back-projects some of the ``images`` and waits for the end."""
-        placement, span = (
-            self.placement,
-            (np.int32(views.start), np.int32(views.stop - views.start)),
-        )
+    def add(self, images: Any, first: int, views: slice) -> None:
+        """Back-projects some views, whose images are the ``first`` in ``images`` and those that
+        follow, and waits for the end.
+        """
+        placement = self.placement
+        span = (np.int32(first), np.int32(views.stop - views.start))
         place, field = self.placed(views)
         across = (self.counts[1], self.counts[2])
-        if placement.decided.kernel == "voxels":
+        if placement.decided.kernel != "columns":
             run = placement.kernel("backproject_voxels")
+            sizes = ((self.counts[0], *across), None)
+            if placement.each > 1:
+                ids = (-(-self.counts[0] // placement.each), *across)
+                sizes = self.device.grouped(run, ids)
             run(
-                *(
-                    self.device.queue,
-                    (self.counts[0], *across),
-                    None,
-                    images,
-                    place,
-                    self.steps,
-                    placement.rest,
-                    field,
-                ),
-                *(*span, self.volume, np.int32(self.stride)),
+                *(self.device.queue, *sizes, images, place, self.steps, placement.rest, field),
+                *(*span, self.volume, np.array([*self.counts, 0], np.int32)),
+                np.int32(self.stride),
             )
         else:
             nodes = (

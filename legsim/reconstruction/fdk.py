@@ -32,8 +32,9 @@ class FdkOptions(FilterOptions):
     """How to filter and back-project."""
 
     kernel: Kernel | None = None
-    """of the back-projection: "voxels" is the plain reference, "columns" the fast one for CPUs;
-    None takes the fastest that is right
+    """of the back-projection: "voxels" is the plain reference, "columns" the fast one for CPUs,
+    "textures" reads images through texture units, whose places in a pixel have 8 bits on GPUs; None
+    takes the fastest that suits (docs/reconstruction.md)
     """
     slab_bytes: int = 1 << 28
     """memory of the part of the volume that is computed at once"""

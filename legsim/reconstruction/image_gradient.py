@@ -105,7 +105,7 @@ class FilteredScan:
         for start in range(0, grid.shape_zyx[0], slab_count):
             slab = VolumeSlab(placement, start, min(start + slab_count, grid.shape_zyx[0]))
             for views in self._groups(placement):
-                slab.add(self._images, views)
+                slab.add(self._images, views.start, views)
             parts.append(slab.result())
         return Volume(grid, np.concatenate(parts))
 

@@ -114,7 +114,7 @@ def correct(
     about = _about(read, opened)
     with failures.reported(opened.label), RunFolder(out, about, kind="correct") as made:
         given = Reconstructor(made, read.settings.reconstruction, read.grid, opened, on_progress)
-        key = key_of(_key_of(read), code.fingerprint("correct"), opened.candidate.compiler)
+        key = key_of(_key_of(read), code.fingerprint("correct"), opened.arithmetic)
         key = key_of(key, measured_aids.fingerprint(read))
         worn = measured_aids.as_worn(read)
         corrected = tuple(
@@ -239,7 +239,7 @@ def _about(scan: MeasuredScan, device: Device) -> dict[str, Any]:
         "legsim": __version__,
         "commit": commit(),
         "command": "correct",
-        "device": device.label,
+        "device": device.described,
         "inputs": {str(path.resolve()): sha256(path) for path in scan.inputs},
     }
 

@@ -189,7 +189,7 @@ def _about(settings: RunConfig, device: Device) -> dict[str, Any]:
         "commit": commit(),
         "config_hash": key_of(dumped),
         "seed": settings.seed,
-        "device": device.label,
+        "device": device.described,
         "sensors": sensors.noise_sentence(settings.imu, view_rate_hz=settings.scan.rate_hz),
         "start": settings.methods.start,
     }

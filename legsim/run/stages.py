@@ -57,7 +57,7 @@ class StageContext:
         return key_of(
             motion_key(settings),
             code.fingerprint("projections", *(("tissue_swing",) if swings else ())),
-            self.device.candidate.compiler,
+            self.device.arithmetic,
             settings.scan.model_dump(),
             settings.phantom.model_dump(),
             named_files.of_scan(settings),

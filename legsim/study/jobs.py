@@ -150,7 +150,7 @@ def scan(job: ScanJob, on_progress: OnProgress | None = None) -> tuple[ScanScore
     key = key_of(
         __version__,
         code.fingerprint("study"),
-        open_device(job.device).candidate.compiler,
+        open_device(job.device).arithmetic,
         settings.model_dump(),
         named_files.fingerprint(settings),
         names,

@@ -6,7 +6,7 @@ import shutil
 import pytest
 
 from legsim.cli import doctor
-from legsim.opencl import discovery
+from legsim.opencl import discovery, textures
 
 
 def findings(folder, topic: str) -> dict[str, doctor.Finding]:
@@ -32,6 +32,19 @@ def test_a_device_that_fails_the_probe_is_reported_with_its_reason(tmp_path, mon
     assert not any(f.good for f in found)
     assert any("unknown target CPU" in f.detail for f in found)
     assert any("pip install" in f.cure for f in found)
+
+
+@pytest.mark.parametrize(
+    ("fault", "said"),
+    [("", "images through texture units"), ("it is blind", "images from buffers, as it is blind")],
+)
+def test_of_a_gpu_it_says_how_images_are_read(tmp_path, monkeypatch, fault, said):
+    gpu = dataclasses.replace(discovery.candidates()[0], kind="gpu")
+    monkeypatch.setattr(discovery, "candidates", lambda: (gpu,))
+    monkeypatch.setattr(textures, "check", lambda _: textures.TextureReads(fault, 0.0))
+    (found,) = findings(tmp_path, "opencl").values()
+    assert found.good
+    assert said in found.detail
 
 
 def test_packages_are_those_that_the_installation_asks_for(tmp_path, monkeypatch):

@@ -89,9 +89,12 @@ def test_reversed_and_mixed_views_give_the_same_voxels(device, rng, name, kernel
 def test_a_c_arm_that_turns_the_other_way_sees_the_mirror_image(device, name):
     """The mirrored leg, scanned the other way by a mirrored detector, gives the mirrored volume."""
     mirrored = [replace(e, center=tuple(MIRRORED @ e.center)) for e in LEG]
-    there = volume(project(scan(name), LEG), device)
+    # texture units round places, one way or the other
+    options = FdkOptions(kernel="voxels" if device.uses_textures else None)
+    there = fdk.fdk(project(scan(name), LEG), GRID, options=options, device=device).attenuation
     grid = replace(GRID, center=tuple(MIRRORED @ GRID.center))
-    back = fdk.fdk(project(scan(name, sense=-1), mirrored), grid, device=device).attenuation
+    images = project(scan(name, sense=-1), mirrored)
+    back = fdk.fdk(images, grid, options=options, device=device).attenuation
     assert_same(back[..., ::-1], there)
 
 

@@ -71,3 +71,14 @@ def test_a_device_prints_as_one_short_line_with_units(device):
     assert text.startswith(f"Device({device.label}, ")
     assert text.endswith(" GiB)")
     assert len(text) < 120
+
+
+@pytest.mark.parametrize("counts", [(1, 1, 1), (5, 37, 2), (512, 512, 3), (509, 1, 7)])
+def test_groups_cover_the_work_and_fit_the_device(device, counts):
+    kernel = device.kernel("read_points", "textures.cl")
+    sizes, group = device.grouped(kernel, counts)
+    assert sizes[2] == counts[2]
+    assert group[0] * group[1] * group[2] <= device.group_size
+    for size, count, local in zip(sizes, counts, group, strict=True):
+        assert size % local == 0
+        assert count <= size < count + local

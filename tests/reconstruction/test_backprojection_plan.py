@@ -10,6 +10,7 @@ from legsim.core.errors import LegsimError
 from legsim.deformation.models import FieldMotion, RigidMotion
 from legsim.geometry.volume import VolumeGrid
 from legsim.opencl.device import Device
+from legsim.opencl.textures import ImageLimits
 from legsim.reconstruction import _backprojection_plan
 from tests.reconstruction.test_backprojection import FINE, GRIDS, VIEWS, as_field, bending, scan
 
@@ -32,7 +33,7 @@ def test_the_column_kernel_is_refused_where_it_would_be_wrong(device: Device) ->
     )
     with pytest.raises(LegsimError, match="column kernel"):
         _backprojection_plan.plan(on_its_side, GRIDS["inside"], device, kernel="columns")
-    assert _backprojection_plan.plan(on_its_side, GRIDS["inside"], device).kernel == "voxels"
+    assert _backprojection_plan.plan(on_its_side, GRIDS["inside"], device).kernel != "columns"
 
 
 def test_a_motion_of_another_length_is_refused(device: Device) -> None:
@@ -51,7 +52,7 @@ def test_a_motion_too_wild_for_columns_is_left_to_the_other_kernel(
         VolumeGrid.cubic(9, 0.01, (0.0, 0.0, 0.0)),
         rng.normal(0, 0.01, (VIEWS, 9, 9, 9, 3)).astype(np.float32),
     )
-    assert _backprojection_plan.plan(geometry, FINE, device, motion=wild).kernel == "voxels"
+    assert _backprojection_plan.plan(geometry, FINE, device, motion=wild).kernel != "columns"
     assert (
         _backprojection_plan.plan(
             geometry, FINE, device, motion=as_field(bending(rng, geometry.times), 0.006)
@@ -68,7 +69,7 @@ def test_a_bump_between_the_places_looked_at_is_left_to_the_other_kernel(device:
     bump[4, ..., 0] = 0.003 * np.exp(-((away / 0.008) ** 2)).reshape(nodes.shape_zyx)
     grid = VolumeGrid.cubic(33, 0.002, (0.0, 0.0, 0.0))
     motion = FieldMotion(geometry.times, nodes, bump)
-    assert _backprojection_plan.plan(geometry, grid, device, motion=motion).kernel == "voxels"
+    assert _backprojection_plan.plan(geometry, grid, device, motion=motion).kernel != "columns"
     faint = FieldMotion(geometry.times, nodes, 0.02 * bump)
     assert _backprojection_plan.plan(geometry, grid, device, motion=faint).curve == 2
     # a volume beside it does not see it
@@ -99,3 +100,48 @@ def test_the_bend_of_a_field_bounds_what_chords_leave_out(
     bound = _backprojection_plan._field_bend(geometry, grid, motion)
     assert worst <= bound
     assert bound < 12 * worst, "of random nodes, the worst of many places on three axes"
+
+
+@pytest.fixture
+def gpu(device: Device, monkeypatch: pytest.MonkeyPatch) -> Device:
+    """The device as if it were a GPU whose texture units are right."""
+    monkeypatch.delenv("LEGSIM_TEXTURES", raising=False)
+    return replace(device, candidate=replace(device.candidate, kind="gpu"))
+
+
+def test_gpus_take_textures_where_the_views_fit(
+    gpu: Device, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # with their borders the images of 50 x 40 pixels are 66 high and 72 wide
+    large = ImageLimits(72, 66, 4, 4 * 72 * 66 * 3)
+    monkeypatch.setattr(Device, "image_limits", large)
+    decided = _backprojection_plan.plan(scan(), GRIDS["inside"], gpu)
+    assert (decided.kernel, decided.batch) == ("textures", 3)
+    monkeypatch.setenv("LEGSIM_TEXTURES", "off")
+    assert _backprojection_plan.plan(scan(), GRIDS["inside"], gpu).kernel == "voxels"
+
+
+SMALL = {
+    "narrow": (ImageLimits(71, 66, 4, 1 << 30), "50 x 40 pixels take images of 72 x 66"),
+    "low": (ImageLimits(72, 65, 4, 1 << 30), "its largest are 72 x 65"),
+    "little memory": (ImageLimits(72, 66, 4, 4 * 72 * 66 - 1), "a view takes"),
+}
+
+
+@pytest.mark.parametrize(("limits", "why"), SMALL.values(), ids=SMALL)
+def test_views_beyond_the_texture_units_limits_stay_in_buffers(
+    gpu: Device, monkeypatch: pytest.MonkeyPatch, limits: ImageLimits, why: str
+) -> None:
+    monkeypatch.setattr(Device, "image_limits", limits)
+    assert _backprojection_plan.plan(scan(), GRIDS["inside"], gpu).kernel == "voxels"
+    with pytest.raises(LegsimError, match=f"the kernel 'textures' does not work on .*{why}"):
+        _backprojection_plan.plan(scan(), GRIDS["inside"], gpu, kernel="textures")
+
+
+def test_texture_units_that_read_wrongly_are_refused_by_name(
+    gpu: Device, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(Device, "texture_fault", "its texture units returned wrong numbers")
+    assert _backprojection_plan.plan(scan(), GRIDS["inside"], gpu).kernel == "voxels"
+    with pytest.raises(LegsimError, match=r"'textures' does not work on .*: its texture units"):
+        _backprojection_plan.plan(scan(), GRIDS["inside"], gpu, kernel="textures")

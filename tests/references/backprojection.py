@@ -53,6 +53,30 @@ def back_projected_at(image: np.ndarray, homogeneous: np.ndarray) -> np.ndarray:
     return np.where(seen, value / safe**2, 0.0)
 
 
+def steepest(
+    images: np.ndarray,
+    matrices: np.ndarray,
+    grid: VolumeGrid,
+    moved: Callable[[np.ndarray, int], np.ndarray] = lambda points, _: points,
+) -> np.ndarray:
+    """(z, y, x) by how much a voxel of :func:`backproject_moved` can change per pixel by which all
+    views are read beside its places, along u and v, but still between the same four pixels.
+    """
+    z, y, x = np.meshgrid(*grid.axes()[::-1], indexing="ij")
+    points = np.stack([x, y, z], -1).reshape(-1, 3)
+    total = np.zeros(len(points))
+    for view, (image, matrix) in enumerate(zip(images, matrices, strict=True)):
+        h = moved(points, view) @ matrix[:, :3].T + matrix[:, 3]
+        rows, columns = image.shape
+        i, j = np.floor(h[:, 0] / h[:, 2]).astype(int), np.floor(h[:, 1] / h[:, 2]).astype(int)
+        i, j = np.clip(i, -1, columns - 1) + 1, np.clip(j, -1, rows - 1) + 1
+        p = np.pad(image.astype(float), 1)
+        along_u, along_v = np.abs(np.diff(p, axis=1)), np.abs(np.diff(p, axis=0))
+        found = np.maximum(along_u[j, i], along_u[j + 1, i])
+        total += (found + np.maximum(along_v[j, i], along_v[j, i + 1])) / h[:, 2] ** 2
+    return total.reshape(grid.shape_zyx)
+
+
 @dataclass(frozen=True)
 class Ellipsoid:
     """Adds ``attenuation`` (1/m) inside, axes along world."""

@@ -91,11 +91,36 @@ def fdk(
     rtk_python: Annotated[
         Path | None, typer.Option(help="A Python with itk-rtk, to run RTK on the same projections.")
     ] = None,
+    textures: Annotated[
+        bool | None,
+        typer.Option(
+            help="Images from buffers and through texture units, one after the other; by default "
+            "on GPUs. CPUs do the latter in software, which is slow."
+        ),
+    ] = None,
 ) -> None:
     """Filtered back-projection: seconds and errors, beside RTK's."""
     from tools.benchmarks import fdk as bench_fdk
 
-    typer.echo(bench_fdk.run(views, count, binning, device, rtk_python))
+    typer.echo(bench_fdk.run(views, count, binning, device, rtk_python, textures))
+
+
+@app.command()
+def fdk_rounding(
+    views: Annotated[
+        int, typer.Option(help="Views over the paper's range of 197.6 degrees.")
+    ] = 248,
+    slices: Annotated[int, typer.Option(help="Slices of 512 x 512 voxels of 0.5 mm.")] = 8,
+    noise: Annotated[
+        float, typer.Option(help="Standard deviation of noise in the line integrals.")
+    ] = 0.02,
+    device: Annotated[str | None, typer.Option(help="Part of an OpenCL device's label.")] = None,
+) -> None:
+    """Filtered back-projection: what texture units change that know places in a pixel to 8 bits."""
+    from tools.benchmarks import fdk_rounding as bench_fdk_rounding
+
+    for line in bench_fdk_rounding.run(views, slices, noise, device):
+        typer.echo(line)
 
 
 @app.command()

@@ -11,17 +11,21 @@ import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
+from itertools import product
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
+from unittest import mock
 
 import numpy as np
 
 from legsim.core import transforms
 from legsim.deformation.models import ControlPointMotion, Motion, RigidMotion
 from legsim.geometry.cone_beam import ConeBeamGeometry, Projections
-from legsim.geometry.volume import VolumeGrid
+from legsim.geometry.volume import Volume, VolumeGrid
 from legsim.opencl.device import Device, open_device
 from legsim.reconstruction import fdk
+from legsim.reconstruction._backprojection_plan import Kernel
+from legsim.reconstruction.backprojection import VolumeSlab
 from legsim.reconstruction.fdk import FdkOptions
 from legsim.reconstruction.weights import ShortScanWarning
 
@@ -46,6 +50,8 @@ class Row:
     name: str
     seconds: float
     cpu_seconds: float
+    adding_seconds: float | None
+    """of back-projection alone, images on the device, by the clock"""
     rmse_percent: float | None
     """of the phantom's greatest contrast, in the field of view, away from edges"""
 
@@ -115,6 +121,20 @@ def timed(work: Callable[[], _Result]) -> tuple[_Result, float, float]:
     return result, seconds, now.ru_utime + now.ru_stime - used.ru_utime - used.ru_stime
 
 
+def adding(work: Callable[[], object]) -> float:
+    """Seconds by the clock that the device back-projects while ``work`` runs."""
+    spent, plain = [], VolumeSlab.add
+
+    def watched(*arguments: Any) -> None:
+        begin = time.perf_counter()
+        plain(*arguments)
+        spent.append(time.perf_counter() - begin)
+
+    with mock.patch.object(VolumeSlab, "add", watched):
+        work()
+    return sum(spent)
+
+
 def sway(views: int) -> RigidMotion:
     """A few millimeters and degrees."""
     phase = np.linspace(0, 9, views)
@@ -139,8 +159,24 @@ def warm_up(count: int) -> VolumeGrid:
     return VolumeGrid((8, count, 8), (step, step, step), (0.0, 0.0, 0.0))
 
 
+def kernels(device: Device, textures: bool | None) -> dict[str, Kernel | None]:
+    """What is measured, and what to add to its name: the kernel that FDK chooses; on a GPU, or
+    where ``textures`` says so, images from buffers and through texture units.
+    """
+    if not (textures or (textures is None and not device.is_cpu)):
+        return {"": None}
+    if device.texture_fault:
+        return {f", from buffers ({device.texture_fault})": "voxels"}
+    return {", from buffers": "voxels", ", through textures": "textures"}
+
+
 def measure(
-    views: int, count: int, binning: int, device: Device, rtk_python: Path | None
+    views: int,
+    count: int,
+    binning: int,
+    device: Device,
+    rtk_python: Path | None,
+    textures: bool | None,
 ) -> list[Row]:
     """All rows. Each way runs once; kernels are built before by a few columns."""
     geometry = scan(views, binning)
@@ -149,23 +185,32 @@ def measure(
     expected, counts = truth(grid)
     contrast = float(expected.max())
     rows = []
-    motions: list[tuple[str, Motion | None, FdkOptions]] = [
-        ("legsim, circular scan", None, FdkOptions()),
-        ("legsim, any matrices", sway(views), FdkOptions()),
-        ("legsim, moving least squares", bending(views), FdkOptions()),
+    motions: list[tuple[str, Motion | None]] = [
+        ("legsim, circular scan", None),
+        ("legsim, any matrices", sway(views)),
+        ("legsim, moving least squares", bending(views)),
     ]
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ShortScanWarning)
-        for name, motion, options in motions:
-            fdk.fdk(projections, warm_up(count), device=device, motion=motion, options=options)
-            found, seconds, cpu = timed(
-                partial(fdk.fdk, projections, grid, device=device, motion=motion, options=options)
+        for (name, motion), (how, kernel) in product(motions, kernels(device, textures).items()):
+            of = partial(
+                fdk.fdk,
+                projections,
+                device=device,
+                motion=motion,
+                options=FdkOptions(kernel=kernel),
             )
-            error = _rmse(found.attenuation, expected, counts, contrast) if motion is None else None
-            rows.append(Row(name, seconds, cpu, error))
+            of(warm_up(count))
+            found: list[tuple[Volume, float, float]] = []
+            spent = adding(lambda of=of, found=found: found.append(timed(partial(of, grid))))
+            volume, seconds, cpu = found[0]
+            error = (
+                _rmse(volume.attenuation, expected, counts, contrast) if motion is None else None
+            )
+            rows.append(Row(name + how, seconds, cpu, spent, error))
     if rtk_python is not None:
         volume, seconds, cpu = _rtk(projections, count, rtk_python)
-        rows.append(Row("RTK", seconds, cpu, _rmse(volume, expected, counts, contrast)))
+        rows.append(Row("RTK", seconds, cpu, None, _rmse(volume, expected, counts, contrast)))
     return rows
 
 
@@ -204,8 +249,9 @@ def table(rows: list[Row], views: int, count: int, binning: int) -> str:
     lines = [
         f"{views} views of {620 // binning} x {480 // binning} to {count}^3:",
         "",
-        "| | s | CPU s | GUPS, all stages | RTK's time / this | error, % of contrast |",
-        "|---|---|---|---|---|---|",
+        "| | s | CPU s | GUPS, all stages | GUPS, back-projection | RTK's time / this | "
+        "error, % of contrast |",
+        "|---|---|---|---|---|---|---|",
     ]
     for row in rows:
         ratio = (
@@ -213,16 +259,23 @@ def table(rows: list[Row], views: int, count: int, binning: int) -> str:
             if rtk
             else ""
         )
+        alone = f"{updates / row.adding_seconds:.2f}" if row.adding_seconds is not None else ""
         error = f"{row.rmse_percent:.3f}" if row.rmse_percent is not None else ""
         lines.append(
             f"| {row.name} | {row.seconds:.1f} | {row.cpu_seconds:.1f} | "
-            f"{updates / row.seconds:.2f} | {ratio} | {error} |"
+            f"{updates / row.seconds:.2f} | {alone} | {ratio} | {error} |"
         )
     return "\n".join(lines)
 
 
-def run(views: int, count: int, binning: int, device: str | None, rtk_python: Path | None) -> str:
+def run(
+    views: int,
+    count: int,
+    binning: int,
+    device: str | None,
+    rtk_python: Path | None,
+    textures: bool | None,
+) -> str:
     """The table."""
-    return table(
-        measure(views, count, binning, open_device(device), rtk_python), views, count, binning
-    )
+    rows = measure(views, count, binning, open_device(device), rtk_python, textures)
+    return table(rows, views, count, binning)

@@ -47,13 +47,16 @@ def _columns(filtered: FilteredScan, grid: VolumeGrid, images: np.ndarray) -> Ca
     """The same box by FDK's own choice of kernel, images on the device already."""
     device = filtered.device
     decided = _backprojection_plan.plan(filtered.geometry, grid, device)
-    buffer = device.upload(backprojection.arranged(images, np.array(decided.mirrored)))
+    stored = backprojection.ViewImages(filtered.geometry, device, decided)
+    everything = slice(0, len(images))
+    stored.write(everything, backprojection.arranged(images, np.array(decided.mirrored)))
     placement = backprojection.VoxelMap(filtered.geometry, grid, device, decided, None)
 
     def work() -> object:
         slab = backprojection.VolumeSlab(placement, 0, grid.shape_zyx[0])
         for first in range(0, len(images), decided.batch):
-            slab.add(buffer, slice(first, min(first + decided.batch, len(images))))
+            views = slice(first, min(first + decided.batch, len(images)))
+            slab.add(*stored.of(views), views)
         return slab.result()
 
     return work

@@ -4,7 +4,8 @@
    falls in a view depends on MOTION: 0 a 3x4 matrix, 1 moving least squares of three points (moving_least_squares.cl goes before this file), 2 a
    sampled field of displacements. Kernels:
 
-   backproject_voxels   any placement, every voxel on its own: the reference, and what GPUs run
+   backproject_voxels   any placement, every voxel on its own: the reference, and what GPUs run. TEXTURES 1 reads images through texture units
+                        (textures.cl goes before this file), 0 from a buffer; a work-item has EACH voxels, which share what they read of a view
    trace_nodes          homogeneous pixel of every eighth voxel, for the curves of backproject_columns
    backproject_columns  one voxel column at a time, for CPUs: CURVE 0 the column projects to a detector column, 1 to a straight line, 2 to
                         the curve through traced nodes. First the image is blended along that curve for every detector row, then
@@ -12,7 +13,8 @@
    arrange_volume       from (a, b, c) to the order that the host wants
 
    first:    which of the images the first of the views is
-   images:   (views, COLUMNS + 2 PAD, STRIDE) float32, detector rows fastest; row 0 at offset LEAD, column 0 at PAD; zero around it
+   images:   (views, COLUMNS + 2 PAD, STRIDE) float32, detector rows fastest; row 0 at offset LEAD, column 0 at PAD; zero around it.
+             With TEXTURES an array of images of that shape
    place:    MOTION 0: (views, 12) from voxel index (c, b, a, 1) of the slab to (u depth, v depth, depth), pixels and m.
              MOTION 1: (views, 24) as moving_least_squares.cl says, its map being the projection to (u depth, v depth, depth).
              MOTION 2: (views, 12) as MOTION 0, but from world positions relative to the anchor
@@ -94,24 +96,54 @@ float3 homogeneous_at(const point_t p, const int view, __global const float *pla
 #define PLACE __global const float *place
 #endif
 
-/* ids: (c, b, a) of one voxel; volume: (a, b, stride) */
-__kernel void backproject_voxels(__global const float *images, PLACE, __global const float *grid, __constant const float *rest,
-                                 __global const float *field, const int first, const int views, __global float *volume, const int stride)
+#if TEXTURES
+#define IMAGES __read_only image2d_array_t images
+
+float image_at(IMAGES, const int view, const float u, const float v)
 {
-    const int c = get_global_id(0), b = get_global_id(1), a = get_global_id(2);
-    const point_t point = point_at(c, b, a, grid, rest);
-    float sum = 0.0f;
-    for (int k = 0; k < views; ++k) {
-        const float3 h = homogeneous_at(point, k, place, rest, field);
-        const float inverse = h.z > 1e-6f ? 1.0f / h.z : 0.0f;
-        const float u = clamp(h.x * inverse, -1.0f, (float)COLUMNS), v = clamp(h.y * inverse, -1.0f, (float)ROWS);
-        const float left = floor(u), low = floor(v), du = u - left, dv = v - low;
-        __global const float *pixel = images + ((size_t)(first + k) * (COLUMNS + 2 * PAD) + (int)left + PAD) * STRIDE + LEAD + (int)low;
-        const float here = pixel[0] + dv * (pixel[1] - pixel[0]);
-        const float beside = pixel[STRIDE] + dv * (pixel[STRIDE + 1] - pixel[STRIDE]);
-        sum += (here + du * (beside - here)) * inverse * inverse;
+    return read_texture(images, v + LEAD, u + PAD, view);
+}
+#else
+#define IMAGES __global const float *images
+
+#ifdef FRACTIONS /* rounds places in a pixel as texture units do, to see what that costs */
+#define ROUNDED(x) (rint((x) * FRACTIONS) / FRACTIONS)
+#else
+#define ROUNDED(x) (x)
+#endif
+
+float image_at(IMAGES, const int view, const float u, const float v)
+{
+    const float left = floor(u), low = floor(v), du = ROUNDED(u - left), dv = ROUNDED(v - low);
+    __global const float *pixel = images + ((size_t)view * (COLUMNS + 2 * PAD) + (int)left + PAD) * STRIDE + LEAD + (int)low;
+    const float here = pixel[0] + dv * (pixel[1] - pixel[0]);
+    const float beside = pixel[STRIDE] + dv * (pixel[STRIDE + 1] - pixel[STRIDE]);
+    return here + du * (beside - here);
+}
+#endif
+
+/* ids: (c, b, a) of the first voxel of a work-item, whose others follow along c as many further as there are ids; ids may be rounded up
+   beyond the slab; counts: voxels along c, b, a; volume: (a, b, stride) */
+__kernel void backproject_voxels(IMAGES, PLACE, __global const float *grid, __constant const float *rest, __global const float *field,
+                                 const int first, const int views, __global float *volume, const int4 counts, const int stride)
+{
+    const int c = get_global_id(0), b = get_global_id(1), a = get_global_id(2), step = get_global_size(0);
+    if (c >= counts.x || b >= counts.y) return;
+    point_t points[EACH];
+    float sums[EACH];
+    for (int i = 0; i < EACH; ++i) {
+        points[i] = point_at(min(c + i * step, counts.x - 1), b, a, grid, rest);
+        sums[i] = 0.0f;
     }
-    volume[((size_t)a * get_global_size(1) + b) * stride + c] += sum;
+    for (int k = 0; k < views; ++k)
+        for (int i = 0; i < EACH; ++i) {
+            const float3 h = homogeneous_at(points[i], k, place, rest, field);
+            const float inverse = h.z > 1e-6f ? 1.0f / h.z : 0.0f;
+            const float u = clamp(h.x * inverse, -1.0f, (float)COLUMNS), v = clamp(h.y * inverse, -1.0f, (float)ROWS);
+            sums[i] += image_at(images, first + k, u, v) * inverse * inverse;
+        }
+    __global float *line = volume + ((size_t)a * counts.y + b) * stride;
+    for (int i = 0; i < EACH && c + i * step < counts.x; ++i) line[c + i * step] += sums[i];
 }
 
 /* ids: (c, b, a) of one node; nodes: (views, 3, a, b, c) of u depth, v depth and depth, which are linear in position where all moves
