@@ -2,9 +2,9 @@
 
 Femur and tibia move as two estimates say, whichever they are. So does the patella where it has an
 estimate of its own; else it follows the knee's flexion by the relation that Rajagopal et al. 2016
-published. Tissue takes shares of the bodies'
-motions that fall with the distance from the thigh's axis, the shank's axis and the patella; where
-bones were seen, what lies at a bone moves with it.
+published. Tissue takes shares of the motions of thigh and shank that fall with the distance from
+their axes. Where bones were seen, what lies at a bone moves with it, and the patella carries the
+tissue around it as far as it is long.
 """
 
 from collections.abc import Sequence
@@ -26,6 +26,9 @@ _FALLS_BY = 6
 
 _NEAREST = 1e-4
 """m: a smaller distance counts as this"""
+
+_PATELLA_CARRIES = 3.0
+"""radii of a ball of the patella's volume, at which it carries no tissue any more: its length"""
 
 _SOFTENS = 0.004
 """m beyond a bone's rigid margin, over which tissue goes over to its own shares"""
@@ -88,19 +91,28 @@ class Limb:
         follows = patella_motion(thigh, shank, self.joints, self.patella)
         return np.stack([thigh, shank, follows], 1)
 
-    def distances(self, points: FloatArray) -> FloatArray:
-        """(p, k) m of points (p, 3) from the bodies' axes, and the patella's middle."""
-        from_axes = axis_distances(points, self.joints)
-        if self.patella is None:
-            return from_axes
-        return np.column_stack([from_axes, np.linalg.norm(points - self.patella, axis=-1)])
+    def carried_by_patella(self, points: FloatArray) -> FloatArray:
+        """(p,) share of the patella in the motion of tissue at points (p, 3).
+
+        It falls from 1 at the bone to 0 where it reaches no more. Were it felt farther up the
+        thigh, skin there would slide with it as the knee is straightened, which it does not.
+        """
+        if self.bones is None or self.patella is None:
+            return np.zeros(len(points))
+        radius = np.cbrt(self.bones.volume(PATELLA) * 3 / (4 * np.pi))
+        away = KDTree(self.bones.points(PATELLA)).query(points)[0] / (_PATELLA_CARRIES * radius)
+        return _smooth_step(1 - away)
 
     def bone_distances(self, points: FloatArray) -> FloatArray:
-        """(p, k) m of points (p, 3) from the bodies' bones; a kilometer where none was seen."""
+        """(p, k) m of points (p, 3) from the bodies' bones; a kilometer where none was seen.
+
+        The greatest of the distances along the axes of world: a node no farther than a cell is a
+        corner of one that holds some bone.
+        """
         found = np.full((len(points), 2 if self.patella is None else 3), _UNSEEN)
         if self.bones is not None:
             for k, label in enumerate((FEMUR, TIBIA, PATELLA)[: found.shape[1]]):
-                found[:, k] = KDTree(self.bones.points(label)).query(points)[0]
+                found[:, k] = KDTree(self.bones.points(label)).query(points, p=np.inf)[0]
         return found
 
 
@@ -110,7 +122,7 @@ def articulated_motion(
     """Motion of all limbs together, its shares given at ``nodes``."""
     bodies = np.concatenate([limb.motions() for limb in limbs], 1)
     # all corners of a cell that holds some bone: linear between them, bone stays rigid
-    margin = float(np.linalg.norm(nodes.spacing_xyz))
+    margin = float(max(nodes.spacing_xyz))
     shares = shares_at(nodes.positions(), limbs, margin)
     per_body = np.moveaxis(shares.reshape(*nodes.shape_zyx, -1), -1, 0).astype(np.float32)
     return PolyrigidMotion(times, bodies, nodes, frozen_owned(np.ascontiguousarray(per_body)))
@@ -119,17 +131,35 @@ def articulated_motion(
 def shares_at(points: FloatArray, limbs: Sequence[Limb], margin: float) -> FloatArray:
     """Shares (p, k) of the bodies' motions at points (p, 3); each row sums to 1.
 
-    Nearer to a bone than ``margin`` (m) all is its own. Shares are continuous.
+    Nearer to a bone than ``margin`` (m, along the axes of world) all is its own. Shares are
+    continuous.
     """
-    distance = np.concatenate([limb.distances(points) for limb in limbs], -1)
-    falling = np.maximum(distance, _NEAREST) ** -_FALLS_BY
-    tissue = falling / falling.sum(-1, keepdims=True)
+    tissue = _tissue_shares(points, limbs)
     from_bones = np.concatenate([limb.bone_distances(points) for limb in limbs], -1)
     nearest = from_bones.min(-1, keepdims=True)
     bony = np.maximum(1 - (from_bones - nearest) / _BETWEEN, 0)
-    beyond = np.clip((nearest - margin) / _SOFTENS, 0, 1)
-    soft = beyond * beyond * (3 - 2 * beyond)
+    soft = _smooth_step((nearest - margin) / _SOFTENS)
     return soft * tissue + (1 - soft) * bony / bony.sum(-1, keepdims=True)
+
+
+def _tissue_shares(points: FloatArray, limbs: Sequence[Limb]) -> FloatArray:
+    """Shares (p, k) of tissue that lies at no bone."""
+    distance = np.concatenate([axis_distances(points, limb.joints) for limb in limbs], -1)
+    falling = np.maximum(distance, _NEAREST) ** -_FALLS_BY
+    of_axes = np.split(falling / falling.sum(-1, keepdims=True), len(limbs), -1)
+    carried = np.stack([limb.carried_by_patella(points) for limb in limbs], -1)
+    carried = carried / np.maximum(carried.sum(-1, keepdims=True), 1)
+    rest = 1 - carried.sum(-1, keepdims=True)
+    columns = []
+    for limb, shares, own in zip(limbs, of_axes, carried.T, strict=True):
+        columns += [rest * shares] if limb.patella is None else [rest * shares, own[:, None]]
+    return np.concatenate(columns, -1)
+
+
+def _smooth_step(t: FloatArray) -> FloatArray:
+    """0 below 0, 1 above 1, without a bend at either."""
+    t = np.clip(t, 0, 1)
+    return t * t * (3 - 2 * t)
 
 
 def patella_motion(
