@@ -25,11 +25,10 @@ from legsim.correction.fused import SensorPriors, sensor_state
 from legsim.correction.method import Scan
 from legsim.correction.path_measurements import BeadShadows, FiducialShadows, StandingPrior
 from legsim.correction.path_problem import (
-    SETTLED,
-    STEPS,
     Normal,
     PathProblem,
     add_measurements,
+    at_rest,
     believed,
     descended,
     prepared,
@@ -285,25 +284,25 @@ def _at_first_view(
 def _descended_together(
     joint: _Joint, errors: list[FloatArray], places: list[FloatArray]
 ) -> TiedPaths:
-    knee_off, settled = np.zeros(_KNEE), False
-    for size in STEPS:
-        normals, matrix, right, _ = _linearized(joint, errors, places, knee_off)
-        step = -size * solved(matrix, right)
-        parts = np.split(step, np.cumsum([len(one) for one in errors]))
-        places = [at + n.of_beads(by) for at, n, by in zip(places, normals, parts[:2], strict=True)]
-        errors = [one + by for one, by in zip(errors, parts[:2], strict=True)]
-        knee_off = knee_off + parts[2]
-        if max(np.abs(parts[0]).max(), np.abs(parts[1]).max()) < size * SETTLED:
-            settled = True
-            break
+    def step(thigh: FloatArray, shank: FloatArray, *others: FloatArray) -> tuple[FloatArray, ...]:
+        *at, knee_off = others
+        normals, matrix, right, _ = _linearized(joint, [thigh, shank], at, knee_off)
+        of_thigh, of_shank, of_knee = np.split(
+            -solved(matrix, right), np.cumsum([len(thigh), len(shank)])
+        )
+        of_places = [n.of_beads(by) for n, by in zip(normals, (of_thigh, of_shank), strict=True)]
+        return of_thigh, of_shank, *of_places, of_knee
+
+    (*found, knee_off), settled = at_rest(step, (*errors, *places, np.zeros(_KNEE)), errors=2)
+    errors, places = found[:2], found[2:]
     _, matrix, _, paths = _linearized(joint, errors, places, knee_off)
     covariance = solved(matrix, np.eye(len(matrix)))
-    found, first = [], 0
+    smooth, first = [], 0
     for problem, path, own, at in zip(joint.problems, paths, errors, places, strict=True):
         block = slice(first, first + len(own))
-        found.append(smoothed(problem, path, own, covariance[block, block], at, settled))
+        smooth.append(smoothed(problem, path, own, covariance[block, block], at, settled))
         first += len(own)
-    return TiedPaths(found[0], found[1], covariance, knee_off, settled)
+    return TiedPaths(smooth[0], smooth[1], covariance, knee_off, settled)
 
 
 def _linearized(
