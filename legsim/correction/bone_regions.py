@@ -73,6 +73,13 @@ class BoneRegions:
         points = self.points(label)
         return points.mean(0) if len(points) else None
 
+    def with_patella(self, middle: FloatArray, radius: float) -> "BoneRegions":
+        """The same bones with a ball (m) for the patella, in place of what was taken for it."""
+        away = np.linalg.norm(self.grid.positions() - middle, axis=-1)
+        others = np.where(self.labels == PATELLA, np.uint8(0), self.labels)
+        ball = (away < radius).reshape(self.labels.shape)
+        return BoneRegions(self.grid, frozen_owned(np.where(ball, np.uint8(PATELLA), others)))
+
 
 def find_bones(volume: Volume, joints: FloatArray) -> BoneRegions:
     """Finds the bones of the leg whose hip, knee and ankle are at ``joints`` (3, 3) m in world.

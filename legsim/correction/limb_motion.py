@@ -42,6 +42,9 @@ _UNSEEN = 1e3
 _UPPER_SHANK = 0.2
 """share of the way from knee to ankle"""
 
+_BENT = 0.1
+"""sine of a bend that tells forward: 6 degrees"""
+
 _SHORTEST = 0.05
 """m of a thigh or shank"""
 
@@ -170,6 +173,38 @@ def patella_motion(
     Its place on the femur is that of Rajagopal's model at the knee's flexion, scaled to the thigh's
     length; ``middle`` (3,) m is where the bone was seen. Flexion is about the axis to the right.
     """
+    femur, factors, bent = _scaled_femur(joints, middle)
+    turned = np.swapaxes(thigh[:, :3, :3] @ femur[:3, :3], 1, 2) @ shank[:, :3, :3] @ femur[:3, :3]
+    on_femur = patella.in_femur(turned @ bent, factors, "r")
+    return thigh @ femur @ on_femur @ transforms.inverse(femur @ on_femur[0])
+
+
+def expected_patella(limb: Limb) -> FloatArray | None:
+    """(3,) m in world, the middle of the patella at the first time as Rajagopal's model has it.
+
+    A knee bends backward: forward is away from the shank where it is bent most. None where it never
+    bends, so that nothing tells forward.
+    """
+    thigh, shank = np.moveaxis(limb.motions()[:, :2, :3, :3], 1, 0)
+    up = (limb.joints[0] - limb.joints[1]) / np.linalg.norm(limb.joints[0] - limb.joints[1])
+    shaft = limb.joints[2] - limb.joints[1]
+    against_thigh = np.swapaxes(thigh, 1, 2) @ shank @ shaft
+    backward = against_thigh - (against_thigh @ up)[:, None] * up
+    most = backward[np.argmax(np.linalg.norm(backward, axis=-1))]
+    if np.linalg.norm(most) < _BENT * np.linalg.norm(shaft):
+        return None
+    ahead = limb.joints[1] + _UPPER_SHANK * shaft - most
+    femur, factors, bent = _scaled_femur(limb.joints, ahead)
+    on_femur = patella.in_femur(bent[None], factors, "r")[0]
+    return transforms.apply(femur @ on_femur, (factors * patella.MIDDLE)[None])[0]
+
+
+def _scaled_femur(
+    joints: FloatArray, middle: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """world_from_femur (4, 4) of Rajagopal's femur, its scale (3,), and the rotation (3, 3) of a
+    tibia that is bent as the leg is.
+    """
     length = float(np.linalg.norm(joints[0] - joints[1]))
     femur = _femur_frame(joints, middle)
     knee = patella.knee_in_femur(_bend(femur, joints))
@@ -177,10 +212,7 @@ def patella_motion(
     tilted = transforms.axis_rotation((0, 0, 1), np.arctan2(-knee[0], -knee[1]))
     femur = femur @ transforms.rigid(tilted, np.zeros(3))
     bent = transforms.axis_rotation((0, 0, 1), -_bend(femur, joints))
-    turned = np.swapaxes(thigh[:, :3, :3] @ femur[:3, :3], 1, 2) @ shank[:, :3, :3] @ femur[:3, :3]
-    factors = np.full(3, length / float(np.linalg.norm(knee)))
-    on_femur = patella.in_femur(turned @ bent, factors, "r")
-    return thigh @ femur @ on_femur @ transforms.inverse(femur @ on_femur[0])
+    return femur, np.full(3, length / float(np.linalg.norm(knee))), bent
 
 
 def _bend(femur: FloatArray, joints: FloatArray) -> float:
