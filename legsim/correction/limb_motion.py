@@ -180,7 +180,8 @@ def patella_motion(
 
 
 def expected_patella(limb: Limb) -> FloatArray | None:
-    """(3,) m in world, the middle of the patella at the first time as Rajagopal's model has it.
+    """world_from_patella (4, 4) at the first time as Rajagopal's model has it: from its middle, x
+    forward.
 
     A knee bends backward: forward is away from the shank where it is bent most. None where it never
     bends, so that nothing tells forward.
@@ -196,7 +197,7 @@ def expected_patella(limb: Limb) -> FloatArray | None:
     ahead = limb.joints[1] + _UPPER_SHANK * shaft - most
     femur, factors, bent = _scaled_femur(limb.joints, ahead)
     on_femur = patella.in_femur(bent[None], factors, "r")[0]
-    return transforms.apply(femur @ on_femur, (factors * patella.MIDDLE)[None])[0]
+    return femur @ on_femur @ transforms.translation(factors * patella.MIDDLE)
 
 
 def _scaled_femur(
