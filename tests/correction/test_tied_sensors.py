@@ -90,7 +90,7 @@ TIE = LegTie(
     ankle_spread=5e-3,
     hip_spread=10e-3,
 )
-FREE = replace(TIE, laxity=1e4, placement=1e4, ankle_spread=None, hip_spread=None)
+FREE = replace(TIE, laxity=1e4, placement=1e4, together=None, ankle_spread=None, hip_spread=None)
 
 
 def scanned(rng: np.random.Generator, start: StartErrors = START) -> Scan:
