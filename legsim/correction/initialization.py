@@ -37,7 +37,8 @@ from legsim.kinematics.leg import Leg
 from legsim.kinematics.skeleton import SegmentPoses
 from legsim.opencl.device import Device
 from legsim.phantom.leg_phantom import LegPhantom
-from legsim.scan import projector
+from legsim.scan import acquisition
+from legsim.scan.acquisition import Imaging
 
 _LEAST_CONTRAST = 0.2
 """line integral; a bead of tantalum of 1 mm reaches 4"""
@@ -108,6 +109,8 @@ class FiducialScan:
     phantom: LegPhantom
     device: Device | None = None
     """renders the fiducials where they are found in images"""
+    rays_per_pixel: int = 1
+    """along each side of a pixel, of such images"""
 
 
 def from_fiducials(
@@ -225,10 +228,13 @@ def _seen(
     centers = transforms.apply(sensor.segment_from_sensor, fiducials.points_sensor)
     radius = options.bead_radius
     beaded = scan.phantom.with_spheres("fiducial", centers, segment=sensor.segment, radius=radius)
-    images = projector.project(
+    images = acquisition.project(
         beaded.phantom,
         geometry,
         scan.device,
+        Imaging(),
+        rng,
+        rays_per_pixel=scan.rays_per_pixel,
         posed=lambda view: beaded.posed(
             scan.poses.world_from_segment[view], scan.poses.segment_names
         ),

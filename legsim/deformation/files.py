@@ -34,7 +34,7 @@ def load_motion(path: Path) -> Motion:
     """
     try:
         with path.open("rb") as stream, np.load(stream, allow_pickle=False) as data:
-            return _motion(data)
+            return _motion(_arrays(data))
     except FileNotFoundError:
         raise file_error(path, "no such file", "give a motion-<method>.npz") from None
     except _UNREADABLE as error:
@@ -45,6 +45,19 @@ def load_motion(path: Path) -> Motion:
         ) from None
     except LegsimError as error:
         raise file_error(path, str(error), "correct the file") from None
+
+
+def _arrays(data: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """What an archive holds; NumPy gives the bytes of what does not begin as an array does.
+
+    Raises:
+        ValueError: it holds something else.
+    """
+    arrays = {name: data[name] for name in data}
+    others = [name for name, held in arrays.items() if not isinstance(held, np.ndarray)]
+    if others:
+        raise ValueError(f"its {others[0]} is no array")
+    return arrays
 
 
 def _motion(data: Mapping[str, np.ndarray]) -> Motion:

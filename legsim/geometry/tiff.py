@@ -33,6 +33,10 @@ _AXES = {"T": "times", "Z": "slices", "C": "channels"}
 _UNCALIBRATED = (20, 21, 22)
 """ImageJ's functions that leave values as they are: none, and optical density not yet calibrated"""
 
+_LONGEST = 65536
+"""pixels along a side: a damaged header says millions, which take minutes and gigabytes to unpack
+"""
+
 _PAGE_BYTES = 32
 """of the smallest description of a page: a count, two tags, and where the next one is"""
 
@@ -115,6 +119,13 @@ def _check(path: Path, file: "tifffile.TiffFile", pages: list[tuple[Any, Any]]) 
             "export the views alone, without previews",
         )
     first = file.pages.first
+    if max(first.shape) > _LONGEST:
+        raise file_error(
+            path,
+            f"says that its images have {' x '.join(map(str, first.shape))} pixels, more along one "
+            f"side than any detector ({_LONGEST}): it is damaged",
+            "export it again",
+        )
     if (first.samplesperpixel > 1 and first.planarconfig == 1) or first.photometric == _PALETTE:
         raise _colors(path, first.shape)
     if file.is_imagej or file.is_ome:

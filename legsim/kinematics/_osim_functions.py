@@ -24,6 +24,9 @@ SUPPORTED = (
     "MultiplierFunction",
 )
 
+_LARGEST = 1e9
+"""of any unit: what is beyond it overflows where poses of joints are multiplied"""
+
 
 class Function(Protocol):
     """A function of one variable."""
@@ -152,7 +155,7 @@ def numbers(element: Element, tag: str, place: str, *, endless: bool = False) ->
     """The numbers in a child element, none where it is missing; ``endless`` allows infinity.
 
     Raises:
-        LegsimError: a word is not a finite number.
+        LegsimError: a word is not a finite number, or is beyond all that a model measures.
     """
     text = element.findtext(tag) or ""
     try:
@@ -161,6 +164,11 @@ def numbers(element: Element, tag: str, place: str, *, endless: bool = False) ->
         values = np.array([np.nan])
     if np.isnan(values).any() or not (endless or np.isfinite(values).all()):
         raise LegsimError(f"{place}: <{tag}> holds {text.strip()[:40]!r}, not finite numbers")
+    if (np.abs(values[np.isfinite(values)]) > _LARGEST).any():
+        raise LegsimError(
+            f"{place}: <{tag}> holds {text.strip()[:40]!r}; no number of a model is beyond "
+            f"{_LARGEST:.0e}, the file is damaged"
+        )
     return values
 
 

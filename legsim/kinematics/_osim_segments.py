@@ -200,8 +200,14 @@ class _Leg:
         self, part: str, origin: FloatArray, local: FloatArray, end: FloatArray
     ) -> FloatArray:
         """The body's axes turned by the least that brings ``local`` onto the way to ``end``."""
-        turn = self._turn(part)
-        a, b = turn @ (local / np.linalg.norm(local)), (end - origin) / np.linalg.norm(end - origin)
+        turn, along = self._turn(part), end - origin
+        length = np.linalg.norm(along)
+        if length == 0:
+            raise LegsimError(
+                f"the joints at both ends of the {part}_{self._side} lie at one point; check the "
+                "frames of the model's joints"
+            )
+        a, b = turn @ (local / np.linalg.norm(local)), along / length
         axis, cosine = np.cross(a, b), float(np.clip(a @ b, -1, 1))
         angle = float(np.arctan2(np.linalg.norm(axis), cosine))
         if np.degrees(angle) > _LARGEST_TURN_DEG:

@@ -308,7 +308,9 @@ def _starts(
     return initialization.from_fiducials(
         signals,
         setup.sensors,
-        FiducialScan(setup.geometry, setup.poses, setup.phantom, device),
+        FiducialScan(
+            setup.geometry, setup.poses, setup.phantom, device, setup.c_arm.rays_per_pixel
+        ),
         simulation.sensor_poses(person.leg, person.splines, setup.sensors, setup.times),
         fiducial_options(settings.methods.fiducials),
         scheme=settings.methods.scheme,

@@ -183,6 +183,7 @@ def _method_inputs(stage: StageContext, scan: SimulatedScan, grid: VolumeGrid) -
             side=setup.side[0],
             energy_kev=settings.phantom.energy_kev,
             rng=np.random.default_rng([settings.seed, _BEADS]),
+            rays_per_pixel=setup.c_arm.rays_per_pixel,
             progress=partial(stage.on_progress, "projecting beads"),
         )
 
@@ -248,6 +249,7 @@ def _fused_beads(
         side=setup.side[0],
         energy_kev=settings.phantom.energy_kev,
         rng=_stream(settings, stream),
+        rays_per_pixel=setup.c_arm.rays_per_pixel,
         progress=partial(stage.on_progress, "projecting few beads"),
     )
 
@@ -291,7 +293,9 @@ def fused_fiducials(
     return initialization.fiducial_shadows(
         sensor,
         poses.of(name),
-        FiducialScan(setup.geometry, setup.poses, setup.phantom, device),
+        FiducialScan(
+            setup.geometry, setup.poses, setup.phantom, device, setup.c_arm.rays_per_pixel
+        ),
         stages.fiducial_options(settings.methods.fiducials),
         np.random.default_rng([settings.seed, _FIDUCIALS]),
     )

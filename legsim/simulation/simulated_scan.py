@@ -99,6 +99,7 @@ class SimulatedScan:
             side=self.setup.side[0],
             energy_kev=self.setup.energy_kev,
             rng=np.random.default_rng([seed, _BEADS]),
+            rays_per_pixel=self.setup.c_arm.rays_per_pixel,
         )
 
 

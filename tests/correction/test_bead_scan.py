@@ -111,3 +111,30 @@ def test_beads_swing_with_the_skin(rng: np.random.Generator):
     has = np.isfinite(found).all(-1)
     assert has[4:].sum() >= 6
     assert np.linalg.norm(found - c_arm().project(centers)[0], axis=-1)[has].max() < 0.1
+
+
+def test_shadows_are_means_over_pixels_as_the_scan_s_own(rng: np.random.Generator):
+    """Drawn so, a shadow of 1.3 pixels is found to 0.1 pixel wherever in a pixel it falls."""
+    shifts = [transforms.translation([0, 0.0001 * k, 0.00017 * k]) for k in range(6)]
+    poses = SegmentPoses(
+        TIMES, SEGMENTS, np.stack(shifts)[:, None] @ PHANTOM.reference_world_from_segment
+    )
+    plain, opened = Projections(c_arm(), np.zeros((6, 240, 310), np.float32)), device.open_device()
+    beads, off = Beads(count=4, radius=1e-3, guess_error=0.0), {}
+    truth = c_arm().project(
+        transforms.apply(np.stack(shifts), bead_scan.bead_positions(PHANTOM, beads))
+    )[0]
+    for rays in (1, 2, 4):
+        scan = bead_scan.add_beads(
+            plain,
+            PHANTOM,
+            poses,
+            beads,
+            opened,
+            energy_kev=60.0,
+            rng=rng,
+            rays_per_pixel=rays,
+        )
+        found = bead_tracking.track(scan.projections, scan.guesses, radius=scan.radius)
+        off[rays] = float(np.nanmax(np.abs(found - truth)))
+    assert max(off[2], off[4]) < 0.1 < 0.15 < off[1], off

@@ -1,5 +1,7 @@
 """Motion files give back what was written."""
 
+import zipfile
+
 import numpy as np
 import pytest
 
@@ -43,3 +45,21 @@ def test_what_is_no_motion_file_is_refused(tmp_path, content):
     (tmp_path / "m.npz").write_bytes(content)
     with pytest.raises(LegsimError, match=r"m\.npz: is not a motion file"):
         load_motion(tmp_path / "m.npz")
+
+
+@pytest.mark.parametrize("name", ["times", "grid_center", "displacements"])
+def test_a_member_that_is_no_array_is_refused(tmp_path, rng, name):
+    """Of a damaged archive NumPy gives its bytes."""
+    grid = VolumeGrid((2, 3, 4), (0.1, 0.1, 0.1), (0.0, 0.0, 0.0))
+    save_motion(
+        tmp_path / "m.npz", FieldMotion(np.arange(3.0), grid, rng.normal(size=(3, 2, 3, 4, 3)))
+    )
+    with (
+        zipfile.ZipFile(tmp_path / "m.npz") as whole,
+        zipfile.ZipFile(tmp_path / "b.npz", "w") as broken,
+    ):
+        for member in whole.namelist():
+            data = whole.read(member)
+            broken.writestr(member, b"#" + data[1:] if member == f"{name}.npy" else data)
+    with pytest.raises(LegsimError, match=f"its {name} is no array"):
+        load_motion(tmp_path / "b.npz")

@@ -81,6 +81,18 @@ def test_another_programs_axes_give_the_same_places_in_world(
     np.testing.assert_allclose(loaded.attenuation, volume.attenuation, rtol=1e-6)
 
 
+def test_axes_without_a_length_are_refused(tmp_path: Path) -> None:
+    """1e-300 mm in a damaged header: ITK divides by the length's square, which is 0."""
+    image_files.save_volume(tmp_path / "v.nrrd", some_volume(np.random.default_rng(3)))
+    text = (tmp_path / "v.nrrd").read_bytes()
+    at = text.index(b"space directions: (")
+    end = text.index(b"\n", at)
+    said = b"space directions: (0,-10,0) (0,0,10) (-11e-300,0,0)"
+    (tmp_path / "v.nrrd").write_bytes(text[:at] + said + text[end:])
+    with pytest.raises(LegsimError, match=r"its axes along .*nan"):
+        image_files.load_volume(tmp_path / "v.nrrd")
+
+
 @given(
     axes=st.permutations([0, 1, 2]), flips=st.tuples(st.booleans(), st.booleans(), st.booleans())
 )

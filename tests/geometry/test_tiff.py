@@ -64,6 +64,21 @@ def test_a_list_of_more_pages_than_a_file_can_describe_is_refused(tmp_path, rng)
         tiff.read(tmp_path / "s.tif")
 
 
+def test_images_longer_than_any_detector_are_refused_before_they_are_unpacked(tmp_path, rng):
+    """A hundred million rows by one wrong byte of the header."""
+    image = Image.fromarray(some_views(rng, 1)[0])
+    image.save(tmp_path / "s.tif")
+    data = bytearray((tmp_path / "s.tif").read_bytes())
+    with tifffile.TiffFile(tmp_path / "s.tif") as file:
+        tag = file.pages.first.tags["ImageLength"]
+    data[tag.offset + 2 : tag.offset + 12] = (
+        (4).to_bytes(2, "little") + (1).to_bytes(4, "little") + (100663302).to_bytes(4, "little")
+    )
+    (tmp_path / "s.tif").write_bytes(bytes(data))
+    with pytest.raises(LegsimError, match="100663302 x 7 pixels, more along one side"):
+        tiff.read(tmp_path / "s.tif")
+
+
 def test_broken_tags_are_refused_without_a_word_elsewhere(tmp_path, rng, caplog):
     tifffile.imwrite(tmp_path / "s.tif", some_views(rng), compression="zlib")
     whole = (tmp_path / "s.tif").read_bytes()

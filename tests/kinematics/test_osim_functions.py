@@ -55,6 +55,7 @@ def test_a_parabola_goes_through_three_knots():
         ("<SineFunction/>", "joint knee: the function type SineFunction is not supported"),
         ("<SimmSpline><x>0 1 1</x><y>0 1 2</y></SimmSpline>", "strictly increasing"),
         ("<Constant><value>one</value></Constant>", "'one', not finite numbers"),
+        ("<Constant><value>-1e200</value></Constant>", "'-1e200'; no number of a model is beyond"),
         ("<LinearFunction><coefficients>1 2 3</coefficients></LinearFunction>", "3 coefficients"),
         ("<MultiplierFunction><scale>2</scale></MultiplierFunction>", "one function, not 0"),
     ],

@@ -203,3 +203,11 @@ def test_a_talus_along_the_ankles_axis_is_level_with_the_calcaneus(tmp_path):
     ours, theirs = (leg.kinematics(straight) for leg in legs)
     np.testing.assert_allclose(ours.rotations, theirs.rotations, atol=1e-12)
     np.testing.assert_allclose(ours.origins, theirs.origins, atol=1e-12)
+
+
+@pytest.mark.parametrize(("joint", "part"), [("0 -0.41 0", "femur"), ("0 -0.4 0", "tibia")])
+def test_a_leg_whose_joints_lie_at_one_point_is_refused(tmp_path, joint, part):
+    text = osim.version_4(osim.two_legs())
+    assert joint in text
+    with pytest.raises(LegsimError, match=f"both ends of the {part}_. lie at one point"):
+        OsimLeg(osim_file.read(osim.saved(tmp_path, text.replace(joint, "0 0 0"))))

@@ -60,6 +60,7 @@ def scanned(settings: RunConfig, device: Device) -> tuple[ScanSetup, BeadScan]:
         side=setup.side[0],
         energy_kev=wanted.energy_kev,
         rng=rng,
+        rays_per_pixel=setup.c_arm.rays_per_pixel,
     )
     return setup, seen
 
