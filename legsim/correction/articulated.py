@@ -8,17 +8,18 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy import ndimage
 
 from legsim.core import transforms
 from legsim.core.errors import LegsimError
 from legsim.core.values import FloatArray
-from legsim.correction.bone_regions import FEMUR, NEAR_AXES, PATELLA, TIBIA, find_bones
+from legsim.correction.bone_regions import FEMUR, NEAR_AXES, PATELLA, TIBIA, BoneRegions, find_bones
 from legsim.correction.control_points import AttachedPoint
-from legsim.correction.limb_motion import Limb, articulated_motion
+from legsim.correction.limb_motion import Limb, articulated_motion, expected_patella
 from legsim.correction.method import Correction, Scan
 from legsim.correction.rigid import sensor_path
 from legsim.deformation.models import FieldMotion, RigidMotion
-from legsim.geometry.cone_beam import Projections
+from legsim.geometry.cone_beam import ConeBeamGeometry, Projections
 from legsim.geometry.volume import Volume, VolumeGrid
 from legsim.imu.strapdown import Scheme
 from legsim.opencl.device import Device
@@ -26,6 +27,16 @@ from legsim.reconstruction.fdk import FdkOptions, fdk
 
 _SEEN_AT = 2e-3
 """m between the voxels in which bones are looked for"""
+
+_SEEN_BY = 0.5
+"""share of the views that must see a place: what fewer see, a reconstruction does not know"""
+
+_SMEARED = 5e-3
+"""m, RMS, by which a patella may move against a reconstruction that does not follow it: a quarter
+of its thickness"""
+
+_PATELLA_RADIUS = 0.044
+"""of a ball as large as a patella, by the thigh's length: 18 mm, 24 cm^3, for 0.41 m"""
 
 _SAME_TIME = 1e-6
 """s"""
@@ -84,7 +95,8 @@ def follow_limbs(
         options=FdkOptions(window="hann"),
         device=device,
     )
-    found = [_with_bones(limb, volume) for limb in limbs]
+    volume = _seen(volume, projections.geometry, first)
+    found = [_with_bones(limb, volume, first) for limb in limbs]
     notes = tuple(f"articulated: {note}" for _, note in found)
     if all(limb.bones is None for limb, _ in found):
         return first, notes
@@ -164,8 +176,30 @@ def _around_legs(grid: VolumeGrid, limbs: Sequence[Limb]) -> VolumeGrid:
     return grid.cropped((z, y, x))
 
 
-def _with_bones(limb: Limb, volume: Volume) -> tuple[Limb, str]:
-    """The limb with the bones that the volume shows, and a sentence about them."""
+def _seen(volume: Volume, geometry: ConeBeamGeometry, motion: FieldMotion) -> Volume:
+    """The volume with nothing in places that few views see along the motion."""
+    nodes, (rows, columns) = motion.grid.positions(), geometry.shape_vu
+    seen = np.zeros(len(nodes))
+    for view, field in enumerate(motion.displacements):
+        pixels, depth = geometry[view : view + 1].project(nodes + field.reshape(-1, 3))
+        u, v = pixels[0].T
+        seen += (u > 0) & (u < columns - 1) & (v > 0) & (v < rows - 1) & (depth[0] > 0)
+    index = (volume.grid.positions() - motion.grid.origin) / motion.grid.spacing_xyz
+    share = ndimage.map_coordinates(
+        (seen / len(geometry)).reshape(motion.grid.shape_zyx),
+        index.T[::-1],
+        order=1,
+        mode="nearest",
+    )
+    known = share.reshape(volume.grid.shape_zyx) >= _SEEN_BY
+    return Volume(volume.grid, np.where(known, volume.attenuation, np.float32(0)))
+
+
+def _with_bones(limb: Limb, volume: Volume, motion: FieldMotion) -> tuple[Limb, str]:
+    """The limb with the bones that the volume shows, and a sentence about them.
+
+    ``motion`` is what the volume was reconstructed along.
+    """
     try:
         bones = find_bones(volume, limb.joints)
     except LegsimError as error:
@@ -174,15 +208,45 @@ def _with_bones(limb: Limb, volume: Volume) -> tuple[Limb, str]:
             "from their axes, so that bone near the knee is not rigid"
             f"{'' if limb.kneecap is None else ', and the motion of the patella is not used'}."
         )
-    sizes = {
-        name: 1e6 * bones.volume(label)
-        for name, label in (("femur", FEMUR), ("tibia", TIBIA), ("patella", PATELLA))
-    }
-    seen = ", ".join(f"{size:.0f} cm^3 of the {name}" for name, size in sizes.items() if size > 0)
+    led = _with_expected_patella(replace(limb, bones=bones))
+    smeared = _smeared(led, motion)
+    if smeared > _SMEARED:
+        return led, (
+            f"{_shown(bones, ('femur', 'tibia'))} The patella moves against it by "
+            f"{1e3 * smeared:.0f} mm RMS, which hides it there: it is taken to be where the "
+            "published knee has it, and to fill a ball."
+        )
     without = (
         ""
-        if sizes["patella"] > 0
+        if bones.middle(PATELLA) is not None
         else " No patella was told apart: it moves with what it touches there"
         + ("." if limb.kneecap is None else ", and its own motion is not used.")
     )
-    return replace(limb, bones=bones), f"a first reconstruction shows {seen}.{without}"
+    return replace(limb, bones=bones), f"{_shown(bones, ('femur', 'tibia', 'patella'))}{without}"
+
+
+def _shown(bones: BoneRegions, names: Sequence[str]) -> str:
+    """A sentence on the sizes of those bones that were found."""
+    labels = {"femur": FEMUR, "tibia": TIBIA, "patella": PATELLA}
+    sizes = {name: 1e6 * bones.volume(labels[name]) for name in names}
+    seen = ", ".join(f"{size:.0f} cm^3 of the {name}" for name, size in sizes.items() if size > 0)
+    return f"a first reconstruction shows {seen}."
+
+
+def _with_expected_patella(limb: Limb) -> Limb:
+    """The limb with a ball for the patella, where the published knee has it; as it is where that is
+    unknown.
+    """
+    expected = expected_patella(limb)
+    if limb.bones is None or expected is None:
+        return limb
+    radius = _PATELLA_RADIUS * float(np.linalg.norm(limb.joints[0] - limb.joints[1]))
+    return replace(limb, bones=limb.bones.with_patella(expected, radius))
+
+
+def _smeared(limb: Limb, motion: FieldMotion) -> float:
+    """m, RMS, by which the patella moves against a motion; 0 where there is none."""
+    if limb.patella is None:
+        return 0.0
+    own = RigidMotion(motion.times, limb.motions()[:, 2]).carry(limb.patella[None])
+    return float(np.sqrt(((own - motion.carry(limb.patella[None])) ** 2).sum(-1).mean()))

@@ -1,8 +1,8 @@
 """Rigid bones by two consumer sensors and few beads on each segment, tied at the knee.
 
 The tied smoother says how thigh and shank move from rough starts and biased signals; bones and the
-tissue between them follow as in :mod:`legsim.correction.articulated`. Where the two move against
-each other by no more than what is unknown of it, both follow the shank as one rigid body.
+tissue between them follow as in :mod:`legsim.correction.articulated`. What beads do not tell of how
+the two move against each other is held as small as in a person who holds a posture.
 """
 
 from collections.abc import Callable
@@ -87,12 +87,7 @@ class ArticulatedBeads:
             still = RigidMotion.identity(scan.times)
             return Correction("articulated-beads", scan.projections, still, notes=(*noted, said))
         joints = found.joints(tie)
-        parting, apart = _parted(found, joints)
-        if not apart:
-            notes = (*noted, said, parting)
-            return Correction(
-                "articulated-beads", scan.projections, found.shank.motion, notes=notes
-            )
+        parting = _parted(found, joints)
         limb = Limb(joints, found.thigh.path.poses, found.shank.path.poses)
         nodes = self.nodes or around_center(scan.projections)
         motion, seen = follow_limbs(scan.projections, [limb], nodes, self.device)
@@ -146,17 +141,14 @@ def _judged(scan: Scan, found: TiedPaths) -> tuple[str, bool]:
     return f"{said}: {why}, and the scan is left as it is.", False
 
 
-def _parted(found: TiedPaths, joints: FloatArray) -> tuple[str, bool]:
-    """A sentence on how thigh and shank move against each other, and whether that is determined.
+def _parted(found: TiedPaths, joints: FloatArray) -> str:
+    """A sentence on how thigh and shank move against each other.
 
     An error of it displaces one bone against the other, and no registration takes that away.
     """
     upward = (joints[0] - joints[1]) / np.linalg.norm(joints[0] - joints[1])
     size, error = found.parting(joints[1] + _ABOVE_KNEE[:, None] * upward)
-    said = (
+    return (
         f"articulated-beads: near the knee, thigh and shank move against each other by "
-        f"{1e3 * size:.2g} mm RMS with an error of {1e3 * error:.2g} mm"
+        f"{1e3 * size:.2g} mm RMS with an error of {1e3 * error:.2g} mm."
     )
-    if size > DISCERNED * error:
-        return f"{said}.", True
-    return f"{said}, which does not determine it: both follow the shank.", False

@@ -52,6 +52,10 @@ _PATELLA_FROM_AXES, _PATELLA_FROM_KNEE = 0.015, 0.09
 """m from the patella's middle to the axes at least, to the knee at most"""
 
 
+_THICKNESS = 0.5
+"""half the thickness of a patella by the radius of a ball of its volume"""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class BoneRegions:
     """Which voxels are bone, and of which bone."""
@@ -72,6 +76,19 @@ class BoneRegions:
         """(3,) m in world, the mean of one bone's voxels; None where it was not found."""
         points = self.points(label)
         return points.mean(0) if len(points) else None
+
+    def with_patella(self, world_from_patella: FloatArray, radius: float) -> "BoneRegions":
+        """The same bones with a patella at a place (4, 4; x forward) in place of what was found.
+
+        It is a ball (m), and what bone lies no farther behind than its back, to twice the radius.
+        """
+        arms = self.grid.positions() - world_from_patella[:3, 3]
+        away = np.linalg.norm(arms, axis=-1).reshape(self.labels.shape)
+        ahead = (arms @ world_from_patella[:3, 0]).reshape(self.labels.shape)
+        fits = (away < 2 * radius) & (ahead > -_THICKNESS * radius) & (self.labels > 0)
+        others = np.where(self.labels == PATELLA, np.uint8(0), self.labels)
+        whole = np.where(fits | (away < radius), np.uint8(PATELLA), others)
+        return BoneRegions(self.grid, frozen_owned(whole))
 
 
 def find_bones(volume: Volume, joints: FloatArray) -> BoneRegions:

@@ -2,9 +2,9 @@
 
 Femur and tibia move as two estimates say, whichever they are. So does the patella where it has an
 estimate of its own; else it follows the knee's flexion by the relation that Rajagopal et al. 2016
-published. Tissue takes shares of the bodies'
-motions that fall with the distance from the thigh's axis, the shank's axis and the patella; where
-bones were seen, what lies at a bone moves with it.
+published. Tissue takes shares of the motions of thigh and shank that fall with the distance from
+their axes. Where bones were seen, what lies at a bone moves with it, and the patella carries the
+tissue around it as far as it is long.
 """
 
 from collections.abc import Sequence
@@ -27,6 +27,9 @@ _FALLS_BY = 6
 _NEAREST = 1e-4
 """m: a smaller distance counts as this"""
 
+_PATELLA_CARRIES = 3.0
+"""radii of a ball of the patella's volume, at which it carries no tissue any more: its length"""
+
 _SOFTENS = 0.004
 """m beyond a bone's rigid margin, over which tissue goes over to its own shares"""
 
@@ -38,6 +41,9 @@ _UNSEEN = 1e3
 
 _UPPER_SHANK = 0.2
 """share of the way from knee to ankle"""
+
+_BENT = 0.1
+"""sine of a bend that tells forward: 6 degrees"""
 
 _SHORTEST = 0.05
 """m of a thigh or shank"""
@@ -88,19 +94,28 @@ class Limb:
         follows = patella_motion(thigh, shank, self.joints, self.patella)
         return np.stack([thigh, shank, follows], 1)
 
-    def distances(self, points: FloatArray) -> FloatArray:
-        """(p, k) m of points (p, 3) from the bodies' axes, and the patella's middle."""
-        from_axes = axis_distances(points, self.joints)
-        if self.patella is None:
-            return from_axes
-        return np.column_stack([from_axes, np.linalg.norm(points - self.patella, axis=-1)])
+    def carried_by_patella(self, points: FloatArray) -> FloatArray:
+        """(p,) share of the patella in the motion of tissue at points (p, 3).
+
+        It falls from 1 at the bone to 0 where it reaches no more. Were it felt farther up the
+        thigh, skin there would slide with it as the knee is straightened, which it does not.
+        """
+        if self.bones is None or self.patella is None:
+            return np.zeros(len(points))
+        radius = np.cbrt(self.bones.volume(PATELLA) * 3 / (4 * np.pi))
+        away = KDTree(self.bones.points(PATELLA)).query(points)[0] / (_PATELLA_CARRIES * radius)
+        return _smooth_step(1 - away)
 
     def bone_distances(self, points: FloatArray) -> FloatArray:
-        """(p, k) m of points (p, 3) from the bodies' bones; a kilometer where none was seen."""
+        """(p, k) m of points (p, 3) from the bodies' bones; a kilometer where none was seen.
+
+        The greatest of the distances along the axes of world: a node no farther than a cell is a
+        corner of one that holds some bone.
+        """
         found = np.full((len(points), 2 if self.patella is None else 3), _UNSEEN)
         if self.bones is not None:
             for k, label in enumerate((FEMUR, TIBIA, PATELLA)[: found.shape[1]]):
-                found[:, k] = KDTree(self.bones.points(label)).query(points)[0]
+                found[:, k] = KDTree(self.bones.points(label)).query(points, p=np.inf)[0]
         return found
 
 
@@ -110,7 +125,7 @@ def articulated_motion(
     """Motion of all limbs together, its shares given at ``nodes``."""
     bodies = np.concatenate([limb.motions() for limb in limbs], 1)
     # all corners of a cell that holds some bone: linear between them, bone stays rigid
-    margin = float(np.linalg.norm(nodes.spacing_xyz))
+    margin = float(max(nodes.spacing_xyz))
     shares = shares_at(nodes.positions(), limbs, margin)
     per_body = np.moveaxis(shares.reshape(*nodes.shape_zyx, -1), -1, 0).astype(np.float32)
     return PolyrigidMotion(times, bodies, nodes, frozen_owned(np.ascontiguousarray(per_body)))
@@ -119,17 +134,35 @@ def articulated_motion(
 def shares_at(points: FloatArray, limbs: Sequence[Limb], margin: float) -> FloatArray:
     """Shares (p, k) of the bodies' motions at points (p, 3); each row sums to 1.
 
-    Nearer to a bone than ``margin`` (m) all is its own. Shares are continuous.
+    Nearer to a bone than ``margin`` (m, along the axes of world) all is its own. Shares are
+    continuous.
     """
-    distance = np.concatenate([limb.distances(points) for limb in limbs], -1)
-    falling = np.maximum(distance, _NEAREST) ** -_FALLS_BY
-    tissue = falling / falling.sum(-1, keepdims=True)
+    tissue = _tissue_shares(points, limbs)
     from_bones = np.concatenate([limb.bone_distances(points) for limb in limbs], -1)
     nearest = from_bones.min(-1, keepdims=True)
     bony = np.maximum(1 - (from_bones - nearest) / _BETWEEN, 0)
-    beyond = np.clip((nearest - margin) / _SOFTENS, 0, 1)
-    soft = beyond * beyond * (3 - 2 * beyond)
+    soft = _smooth_step((nearest - margin) / _SOFTENS)
     return soft * tissue + (1 - soft) * bony / bony.sum(-1, keepdims=True)
+
+
+def _tissue_shares(points: FloatArray, limbs: Sequence[Limb]) -> FloatArray:
+    """Shares (p, k) of tissue that lies at no bone."""
+    distance = np.concatenate([axis_distances(points, limb.joints) for limb in limbs], -1)
+    falling = np.maximum(distance, _NEAREST) ** -_FALLS_BY
+    of_axes = np.split(falling / falling.sum(-1, keepdims=True), len(limbs), -1)
+    carried = np.stack([limb.carried_by_patella(points) for limb in limbs], -1)
+    carried = carried / np.maximum(carried.sum(-1, keepdims=True), 1)
+    rest = 1 - carried.sum(-1, keepdims=True)
+    columns = []
+    for limb, shares, own in zip(limbs, of_axes, carried.T, strict=True):
+        columns += [rest * shares] if limb.patella is None else [rest * shares, own[:, None]]
+    return np.concatenate(columns, -1)
+
+
+def _smooth_step(t: FloatArray) -> FloatArray:
+    """0 below 0, 1 above 1, without a bend at either."""
+    t = np.clip(t, 0, 1)
+    return t * t * (3 - 2 * t)
 
 
 def patella_motion(
@@ -140,6 +173,39 @@ def patella_motion(
     Its place on the femur is that of Rajagopal's model at the knee's flexion, scaled to the thigh's
     length; ``middle`` (3,) m is where the bone was seen. Flexion is about the axis to the right.
     """
+    femur, factors, bent = _scaled_femur(joints, middle)
+    turned = np.swapaxes(thigh[:, :3, :3] @ femur[:3, :3], 1, 2) @ shank[:, :3, :3] @ femur[:3, :3]
+    on_femur = patella.in_femur(turned @ bent, factors, "r")
+    return thigh @ femur @ on_femur @ transforms.inverse(femur @ on_femur[0])
+
+
+def expected_patella(limb: Limb) -> FloatArray | None:
+    """world_from_patella (4, 4) at the first time as Rajagopal's model has it: from its middle, x
+    forward.
+
+    A knee bends backward: forward is away from the shank where it is bent most. None where it never
+    bends, so that nothing tells forward.
+    """
+    thigh, shank = np.moveaxis(limb.motions()[:, :2, :3, :3], 1, 0)
+    up = (limb.joints[0] - limb.joints[1]) / np.linalg.norm(limb.joints[0] - limb.joints[1])
+    shaft = limb.joints[2] - limb.joints[1]
+    against_thigh = np.swapaxes(thigh, 1, 2) @ shank @ shaft
+    backward = against_thigh - (against_thigh @ up)[:, None] * up
+    most = backward[np.argmax(np.linalg.norm(backward, axis=-1))]
+    if np.linalg.norm(most) < _BENT * np.linalg.norm(shaft):
+        return None
+    ahead = limb.joints[1] + _UPPER_SHANK * shaft - most
+    femur, factors, bent = _scaled_femur(limb.joints, ahead)
+    on_femur = patella.in_femur(bent[None], factors, "r")[0]
+    return femur @ on_femur @ transforms.translation(factors * patella.MIDDLE)
+
+
+def _scaled_femur(
+    joints: FloatArray, middle: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """world_from_femur (4, 4) of Rajagopal's femur, its scale (3,), and the rotation (3, 3) of a
+    tibia that is bent as the leg is.
+    """
     length = float(np.linalg.norm(joints[0] - joints[1]))
     femur = _femur_frame(joints, middle)
     knee = patella.knee_in_femur(_bend(femur, joints))
@@ -147,10 +213,7 @@ def patella_motion(
     tilted = transforms.axis_rotation((0, 0, 1), np.arctan2(-knee[0], -knee[1]))
     femur = femur @ transforms.rigid(tilted, np.zeros(3))
     bent = transforms.axis_rotation((0, 0, 1), -_bend(femur, joints))
-    turned = np.swapaxes(thigh[:, :3, :3] @ femur[:3, :3], 1, 2) @ shank[:, :3, :3] @ femur[:3, :3]
-    factors = np.full(3, length / float(np.linalg.norm(knee)))
-    on_femur = patella.in_femur(turned @ bent, factors, "r")
-    return thigh @ femur @ on_femur @ transforms.inverse(femur @ on_femur[0])
+    return femur, np.full(3, length / float(np.linalg.norm(knee))), bent
 
 
 def _bend(femur: FloatArray, joints: FloatArray) -> float:

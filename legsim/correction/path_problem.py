@@ -5,7 +5,7 @@ one standard deviation. Beads' places are eliminated (Schur complement). Shadows
 three standard deviations, as its inverse square, so that wrong ones do not pull.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
@@ -22,7 +22,7 @@ from legsim.geometry.cone_beam import ConeBeamGeometry
 
 _HALF_STEPS = (0.5,) * 40
 
-STEPS = (1.0,) * 20 + _HALF_STEPS
+_STEPS = (1.0,) * 20 + _HALF_STEPS
 """sizes of the steps
 
 Whole ones first: bias and tilt hide each other along a curved valley, where a step first raises the
@@ -31,7 +31,7 @@ Where wrong shadows take turns in having weight, whole steps go round in a circl
 ones do not.
 """
 
-SETTLED = 1e-3
+_SETTLED = 1e-3
 """standard deviations by which the last step may still change any error"""
 
 _NEAR = 0.01
@@ -254,24 +254,47 @@ def descended(
     """Errors and places of least cost, and whether the steps came to rest.
 
     Raises:
+        DivergedError: as :func:`at_rest`.
+    """
+
+    def step(errors: FloatArray, places: FloatArray) -> tuple[FloatArray, FloatArray]:
+        return problem.linearized(errors, places)[0].step()
+
+    (errors, places), settled = at_rest(step, (errors, places), errors=1)
+    return errors, places, settled
+
+
+def at_rest(
+    step: Callable[..., Sequence[FloatArray]], begun: Sequence[FloatArray], errors: int
+) -> tuple[Sequence[FloatArray], bool]:
+    """Unknowns where Gauss-Newton steps end, and whether they came to rest there.
+
+    Args:
+        step: from unknowns to the whole step of each.
+        begun: unknowns to start from.
+        errors: how many of them, the first ones, are errors of sensors; these must come to rest.
+
+    Raises:
         DivergedError: half steps run away, too.
     """
     try:
-        return _stepped(problem, errors, places, STEPS)
+        return _stepped(step, begun, errors, _STEPS)
     except DivergedError:
-        return _stepped(problem, errors, places, _HALF_STEPS)
+        return _stepped(step, begun, errors, _HALF_STEPS)
 
 
 def _stepped(
-    problem: PathProblem, errors: FloatArray, places: FloatArray, sizes: Sequence[float]
-) -> tuple[FloatArray, FloatArray, bool]:
+    step: Callable[..., Sequence[FloatArray]],
+    at: Sequence[FloatArray],
+    errors: int,
+    sizes: Sequence[float],
+) -> tuple[Sequence[FloatArray], bool]:
     for size in sizes:
-        normal, _ = problem.linearized(errors, places)
-        by_errors, by_places = normal.step()
-        errors, places = errors + size * by_errors, places + size * by_places
-        if np.abs(by_errors).max() < SETTLED:
-            return errors, places, True
-    return errors, places, False
+        whole = step(*at)
+        at = [one + size * by for one, by in zip(at, whole, strict=True)]
+        if max(np.abs(by).max() for by in whole[:errors]) < _SETTLED:
+            return at, True
+    return at, False
 
 
 def believed(problem: PathProblem, path: SensorPath, places: FloatArray) -> PathProblem:

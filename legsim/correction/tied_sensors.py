@@ -11,7 +11,7 @@ its segment rigidly. The angle between the two is left free, as the knee's is.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -25,11 +25,10 @@ from legsim.correction.fused import SensorPriors, sensor_state
 from legsim.correction.method import Scan
 from legsim.correction.path_measurements import BeadShadows, FiducialShadows, StandingPrior
 from legsim.correction.path_problem import (
-    SETTLED,
-    STEPS,
     Normal,
     PathProblem,
     add_measurements,
+    at_rest,
     believed,
     descended,
     prepared,
@@ -41,6 +40,10 @@ from legsim.geometry.cone_beam import ConeBeamGeometry
 
 _KNEE = 3
 """numbers of the knee's place in the thigh's sensor"""
+
+_ROUNDS, _BEYOND = 5, 1.2
+"""estimates with more and more freedom between thigh and shank, at most, and by how much what is
+found exceeds it"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -75,6 +78,13 @@ class LegTie:
     is no ball in a socket"""
     placement: float = 5e-3
     """m by which the knee is misplaced in the thigh's sensor, as far as the shank's has it"""
+    together: float | None = 0.25e-3
+    """m, RMS over the scan, by which thigh and shank of a person who holds a posture move against
+    each other at the knee; None leaves them free
+
+    Beads tell little of it along the rays. Where it is found to be more, it is as large as that,
+    and the estimate is made again.
+    """
     ankle_spread: float | None = None
     """m, RMS over the scan of an ankle whose foot stands; None leaves it free, see below"""
     hip_spread: float | None = None
@@ -89,7 +99,7 @@ class LegTie:
     def __post_init__(self) -> None:
         for name in ("knee_in_thigh", "knee_in_shank", "ankle_in_shank", "hip_in_thigh"):
             object.__setattr__(self, name, frozen(name, getattr(self, name), (3,)))
-        for name in ("laxity", "placement", "ankle_spread", "hip_spread", "samples"):
+        for name in ("laxity", "placement", "together", "ankle_spread", "hip_spread", "samples"):
             size = getattr(self, name)
             if size is not None and not size > 0:
                 raise LegsimError(f"{name} of a leg's tie must be positive; got {size:g}")
@@ -167,6 +177,8 @@ class _Joint(NamedTuple):
     tie: LegTie
     still: tuple[StandingPrior | None, StandingPrior | None]
     """hip, ankle; None where they are free"""
+    alike: StandingPrior | None
+    """points at the knee that thigh and shank carry to nearly the same places; None: anywhere"""
 
     def tied(
         self, paths: Sequence[SensorPath], knee_off: FloatArray
@@ -187,6 +199,13 @@ class _Joint(NamedTuple):
         known = np.zeros((_KNEE, count))
         known[:, -_KNEE:] = np.eye(_KNEE)
         add_measurements(matrix, right, knee_off / self.tie.placement, known / self.tie.placement)
+        if self.alike is not None:
+            points, firm = self.alike.points, self.alike.weight(len(thigh.poses))
+            there = [transforms.apply(path.motion(), points) for path in paths]
+            by = [path.of_points(points) for path in paths]
+            free = np.zeros((*there[0].shape, _KNEE))
+            rows = np.concatenate([by[0], -by[1], free], -1)
+            add_measurements(matrix, right, firm * (there[0] - there[1]), firm * rows)
         first = 0
         for path, still, size in zip(paths, self.still, sizes, strict=True):
             own = slice(first, first + size)
@@ -233,8 +252,9 @@ def smooth_tied(
         _at_first_view(thigh.state, errors[0], tie.hip_in_thigh, tie.hip_spread, tie.samples),
         _at_first_view(shank.state, errors[1], tie.ankle_in_shank, tie.ankle_spread, tie.samples),
     )
-    joint = _Joint(problems, tie, still)
+    joint = _Joint(problems, tie, still, _alike(shank.state, errors[1], tie))
     found = _descended_together(joint, errors, places)
+    joint, found = _as_far_apart_as_found(joint, found)
     first, second = (
         believed(problem, one.path, one.bead_places)
         for problem, one in zip(problems, (found.thigh, found.shank), strict=True)
@@ -282,28 +302,54 @@ def _at_first_view(
     return StandingPrior(transforms.apply(first, place[None]), spread, samples)
 
 
+def _alike(state: ErrorState, errors: FloatArray, tie: LegTie) -> StandingPrior | None:
+    """Points around the knee, where the shank's sensor has it at the first view."""
+    if tie.together is None:
+        return None
+    knee = transforms.apply(state.poses(errors)[0], tie.knee_in_shank[None])[0]
+    return replace(StandingPrior.at(knee, tie.together), samples=tie.samples)
+
+
+def _as_far_apart_as_found(joint: _Joint, found: TiedPaths) -> tuple[_Joint, TiedPaths]:
+    """The estimate of a leg whose thigh and shank move against each other by what is found."""
+    for _ in range(_ROUNDS):
+        if joint.alike is None:
+            break
+        # of one coordinate, as the prior's
+        apart = found.parting(joint.alike.points)[0] / np.sqrt(3)
+        if apart <= _BEYOND * joint.alike.spread:
+            break
+        joint = joint._replace(alike=replace(joint.alike, spread=float(apart)))
+        found = _descended_together(
+            joint,
+            [found.thigh.errors, found.shank.errors],
+            [found.thigh.bead_places, found.shank.bead_places],
+        )
+    return joint, found
+
+
 def _descended_together(
     joint: _Joint, errors: list[FloatArray], places: list[FloatArray]
 ) -> TiedPaths:
-    knee_off, settled = np.zeros(_KNEE), False
-    for size in STEPS:
-        normals, matrix, right, _ = _linearized(joint, errors, places, knee_off)
-        step = -size * solved(matrix, right)
-        parts = np.split(step, np.cumsum([len(one) for one in errors]))
-        places = [at + n.of_beads(by) for at, n, by in zip(places, normals, parts[:2], strict=True)]
-        errors = [one + by for one, by in zip(errors, parts[:2], strict=True)]
-        knee_off = knee_off + parts[2]
-        if max(np.abs(parts[0]).max(), np.abs(parts[1]).max()) < size * SETTLED:
-            settled = True
-            break
+    def step(thigh: FloatArray, shank: FloatArray, *others: FloatArray) -> tuple[FloatArray, ...]:
+        *at, knee_off = others
+        normals, matrix, right, _ = _linearized(joint, [thigh, shank], at, knee_off)
+        of_thigh, of_shank, of_knee = np.split(
+            -solved(matrix, right), np.cumsum([len(thigh), len(shank)])
+        )
+        of_places = [n.of_beads(by) for n, by in zip(normals, (of_thigh, of_shank), strict=True)]
+        return of_thigh, of_shank, *of_places, of_knee
+
+    (*found, knee_off), settled = at_rest(step, (*errors, *places, np.zeros(_KNEE)), errors=2)
+    errors, places = found[:2], found[2:]
     _, matrix, _, paths = _linearized(joint, errors, places, knee_off)
     covariance = solved(matrix, np.eye(len(matrix)))
-    found, first = [], 0
+    smooth, first = [], 0
     for problem, path, own, at in zip(joint.problems, paths, errors, places, strict=True):
         block = slice(first, first + len(own))
-        found.append(smoothed(problem, path, own, covariance[block, block], at, settled))
+        smooth.append(smoothed(problem, path, own, covariance[block, block], at, settled))
         first += len(own)
-    return TiedPaths(found[0], found[1], covariance, knee_off, settled)
+    return TiedPaths(smooth[0], smooth[1], covariance, knee_off, settled)
 
 
 def _linearized(

@@ -13,6 +13,9 @@ from legsim.kinematics._simm_spline import SimmSpline
 from legsim.kinematics.leg_model import LegModel
 from legsim.kinematics.skeleton import segment_index
 
+MIDDLE = np.array([0.0018, 0.0264, 0.0])
+"""m, the bone's center of mass in its frame, which begins at its lower end (the same model)"""
+
 
 @cache
 def _splines() -> tuple[SimmSpline, SimmSpline, SimmSpline]:

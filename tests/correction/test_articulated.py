@@ -17,7 +17,7 @@ from legsim.correction.limb_motion import Limb, articulated_motion, patella_moti
 from legsim.correction.method import Scan
 from legsim.deformation.models import FieldMotion, RigidMotion
 from legsim.geometry.cone_beam import ConeBeamGeometry, Projections
-from legsim.geometry.volume import VolumeGrid
+from legsim.geometry.volume import Volume, VolumeGrid
 from legsim.imu.signals import ImuSignals, SensorStart
 from legsim.phantom.meshes import Part, Phantom
 from legsim.scan import projector
@@ -131,6 +131,30 @@ def test_without_bones_the_axes_alone_decide_and_that_is_reported(device):
         motion.displacements,
         articulated_motion(VIEWS, [moving()], NODES).on_grid(NODES).displacements,
     )
+
+
+def test_bones_are_looked_for_where_half_the_views_look():
+    """Along the motion: what goes out of the detector in most views is not known."""
+    grid = NODES
+    volume = Volume(grid, np.ones(grid.shape_zyx, np.float32))
+    still = RigidMotion.identity(VIEWS).on_grid(NODES)
+    away = np.tile(np.eye(4), (124, 1, 1))
+    away[50:, 1, 3] = 0.4
+    gone = RigidMotion(VIEWS, away).on_grid(NODES)
+    middle = tuple(n // 2 for n in grid.shape_zyx)
+    assert articulated._seen(volume, geometry(), still).attenuation[middle] == 1
+    assert (articulated._seen(volume, geometry(), gone).attenuation == 0).all()
+
+
+def test_a_patella_that_the_first_reconstruction_smears_is_put_where_the_model_has_it(
+    device, monkeypatch: pytest.MonkeyPatch
+):
+    """As in whole squats; here a knee that bends by 4 degrees is said to smear it."""
+    monkeypatch.setattr(articulated, "_SMEARED", 1e-6)
+    motion, (note,) = follow_limbs(exposed(device), [moving()], NODES, device)
+    assert "taken to be where the published knee has it" in note
+    assert "cm^3 of the patella" not in note
+    assert missed(motion, "femur") < 1e-3
 
 
 def scan(signals: ImuSignals, starts: tuple[SensorStart, ...], joints=()) -> Scan:

@@ -8,9 +8,16 @@ import pytest
 from legsim.core import transforms
 from legsim.core.errors import LegsimError
 from legsim.correction.bone_regions import FEMUR, PATELLA, TIBIA, BoneRegions
-from legsim.correction.limb_motion import Limb, articulated_motion, patella_motion, shares_at
+from legsim.correction.limb_motion import (
+    Limb,
+    articulated_motion,
+    expected_patella,
+    patella_motion,
+    shares_at,
+)
 from legsim.deformation.models import RigidMotion
 from legsim.geometry.volume import VolumeGrid
+from legsim.kinematics import patella
 from legsim.kinematics.leg_model import LegModel
 from legsim.kinematics.skeleton import segment_index
 from tests.examples import knee
@@ -177,6 +184,43 @@ def test_the_patella_moves_as_the_leg_model_moves_it(side, start):
     )
     assert went[-1].max() > 2e-3
     assert missed.max() < 2e-4
+
+
+@pytest.mark.parametrize("start", [20.0, 75.0])
+def test_the_patella_is_expected_where_the_leg_model_has_it(start: float):
+    """To 5 mm: the knee's place in the joint is beside its axis. A straight leg tells no forward."""
+    leg = LegModel.load()
+    values = np.tile(leg.default_coordinates, (2, 1))
+    values[:, leg.coordinate_names.index("knee_angle_r")] = -np.radians([start, start + 10])
+    found = leg.kinematics(values)
+    femur, tibia, talus, true = (
+        transforms.rigid(found.rotations[:, k], found.origins[:, k])
+        for k in (segment_index(f"{b}_r") for b in ("femur", "tibia", "talus", "patella"))
+    )
+    limb = Limb(np.stack([p[0, :3, 3] for p in (femur, tibia, talus)]), femur, tibia)
+    pose = expected_patella(limb)
+    assert pose is not None
+    middle = transforms.apply(true[0], patella.MIDDLE[None])[0]
+    assert np.linalg.norm(pose[:3, 3] - middle) < 5e-3
+    assert pose[:3, 0] @ true[0, :3, 0] > 0.99
+    straight = replace(limb, joints=np.array([[0, 0.4, 0], [0, 0, 0], [0, -0.4, 0]]), shank=femur)
+    assert expected_patella(straight) is None
+
+
+def test_the_patella_carries_tissue_as_far_as_it_is_long():
+    """All of it at the bone, none of the thigh's front beyond its length, in any size of person."""
+    limb = squat(3.0)
+    above = knee.PATELLA + np.array([[0.0, 0.02, 0.0], [0.0, 0.035, 0.0], [0.0, 0.09, 0.0]])
+    shares = limb.carried_by_patella(above)
+    assert shares[0] > 0.9
+    assert 0.1 < shares[1] < shares[0]
+    assert shares[2] == 0
+    assert (replace(limb, bones=None).carried_by_patella(above) == 0).all()
+    double = BoneRegions(
+        VolumeGrid(knee.GRID.shape_zyx, (0.004, 0.004, 0.004), (0.02, 0.0, 0.0)), BONES.labels
+    )
+    large = replace(limb, joints=2 * limb.joints, bones=double)
+    np.testing.assert_allclose(large.carried_by_patella(2 * above), shares, atol=1e-9)
 
 
 def test_a_leg_without_length_is_refused():

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from legsim.correction.path_problem import DivergedError, Normal, add_measurements, solved
+from legsim.correction.path_problem import DivergedError, Normal, add_measurements, at_rest, solved
 
 
 def test_a_step_is_that_of_all_unknowns_together(rng: np.random.Generator):
@@ -36,3 +36,23 @@ def test_measurements_add_up_to_those_of_least_squares(rng: np.random.Generator)
 def test_equations_without_a_solution_say_what_to_check(matrix: np.ndarray):
     with pytest.raises(DivergedError, match="no path of the sensor fits its start"):
         solved(matrix, np.ones(3))
+
+
+def test_whole_steps_that_run_away_are_tried_again_by_halves():
+    """Steps 2.5 times too long: whole ones swing wider and wider, half ones come to rest."""
+
+    def step(errors: np.ndarray, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        if np.abs(errors).max() > 1e3:
+            raise DivergedError("far away")
+        return -2.5 * errors, -places
+
+    (errors, places), settled = at_rest(step, (np.array([1.0, -2.0]), np.ones(3)), errors=1)
+    assert settled
+    assert np.abs(errors).max() < 1e-3
+    assert np.abs(places).max() < 1e-2
+
+    def never(errors: np.ndarray) -> tuple[np.ndarray]:
+        raise DivergedError(f"{errors} fit nothing")
+
+    with pytest.raises(DivergedError, match="fit nothing"):
+        at_rest(never, (np.ones(2),), errors=1)

@@ -1,5 +1,6 @@
 """Two sensors that share a knee: its center goes one way, and the covariance is that of the errors."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -9,14 +10,14 @@ from scipy.stats import chi2
 from legsim.core import transforms
 from legsim.core.errors import LegsimError
 from legsim.core.values import FloatArray
-from legsim.correction import smoother, tied_sensors
+from legsim.correction import path_problem, smoother, tied_sensors
 from legsim.correction.error_state import error_state
 from legsim.correction.fused import SensorPriors
 from legsim.correction.method import Scan
 from legsim.correction.path_measurements import BeadShadows
 from legsim.correction.rough_start import StartErrors, rough
 from legsim.correction.smoother import SmoothedPath
-from legsim.correction.tied_sensors import LegTie, MeasuredSegment
+from legsim.correction.tied_sensors import LegTie, MeasuredSegment, TiedPaths
 from legsim.geometry.cone_beam import ConeBeamGeometry, Projections
 from legsim.imu.errors import SensorErrors
 from legsim.imu.readout import read_out
@@ -90,7 +91,7 @@ TIE = LegTie(
     ankle_spread=5e-3,
     hip_spread=10e-3,
 )
-FREE = replace(TIE, laxity=1e4, placement=1e4, ankle_spread=None, hip_spread=None)
+FREE = replace(TIE, laxity=1e4, placement=1e4, together=None, ankle_spread=None, hip_spread=None)
 
 
 def scanned(rng: np.random.Generator, start: StartErrors = START) -> Scan:
@@ -174,12 +175,52 @@ def test_tied_sensors_carry_the_knee_to_one_place(rng: np.random.Generator):
     apart, before = tied.apart(KNEE), free.apart(KNEE)
     assert np.sqrt((apart**2).sum(-1).mean()) < 0.5 * np.sqrt((before**2).sum(-1).mean())
     assert np.linalg.norm(apart.mean(0)) < 0.5 * np.linalg.norm(before.mean(0))
-    firm = tied_sensors.smooth_tied(*both, replace(TIE, laxity=1e-5), GEOMETRY)
+    firm = tied_sensors.smooth_tied(*both, replace(TIE, laxity=1e-5, together=None), GEOMETRY)
     assert np.abs(firm.apart(KNEE)).max() < 5e-5
     for one in (tied, free):
         spread = np.sqrt(np.trace(one.apart_covariance(KNEE), axis1=1, axis2=2))
         assert spread[0] == pytest.approx(0, abs=1e-9)
     assert spread[1:].min() > 0
+
+
+def test_what_beads_do_not_tell_of_thigh_against_shank_is_held_small(rng: np.random.Generator):
+    both = segments(rng)
+    points = KNEE + np.array([[0.0, 0.05, 0.0], [0.05, 0.0, 0.0], [0.0, 0.0, 0.05]])
+    true = [transforms.apply(LEG[name].motion(), points) for name in LEG]
+
+    def off(found: TiedPaths) -> float:
+        thigh, shank = (m.carry(points) for m in found.motions)
+        return float(np.sqrt(np.square((thigh - shank) - (true[0] - true[1])).mean()))
+
+    loose, held = (
+        tied_sensors.smooth_tied(*both, replace(TIE, together=by), GEOMETRY)
+        for by in (None, 0.25e-3)
+    )
+    assert off(held) < off(loose)
+    assert held.parting(points)[1] < loose.parting(points)[1]
+
+
+def test_steps_that_run_away_are_tried_again_by_halves(
+    rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
+):
+    """As wrong shadows make them; here the first steps are far too long."""
+    both = segments(rng)
+    right = tied_sensors.smooth_tied(*both, TIE, GEOMETRY)
+    whole, alone = path_problem._STEPS, tied_sensors.descended
+    monkeypatch.setattr(
+        tied_sensors, "descended", lambda *given: _with_steps(monkeypatch, whole, alone, given)
+    )
+    found = tied_sensors.smooth_tied(*both, TIE, GEOMETRY)
+    assert found.settled
+    np.testing.assert_allclose(found.thigh.path.poses, right.thigh.path.poses, atol=1e-5)
+
+
+def _with_steps(monkeypatch: pytest.MonkeyPatch, whole: object, alone: Callable, given: tuple):
+    """Each sensor alone goes by its usual steps, and both together by ones that run away."""
+    monkeypatch.setattr(path_problem, "_STEPS", whole)
+    found = alone(*given)
+    monkeypatch.setattr(path_problem, "_STEPS", (-30.0,) * 400)
+    return found
 
 
 def test_a_knee_that_is_misplaced_in_one_sensor_is_found(rng: np.random.Generator):

@@ -9,7 +9,6 @@ after the one similarity of the whole scene that fits both best.
 """
 
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import Annotated, NamedTuple
 
 import numpy as np
@@ -32,7 +31,7 @@ from legsim.simulation.setup import ScanSetup
 from legsim.study import aiding
 
 SENSORS = ("thigh_l", "shank_l")
-FREE = {"laxity": 1e3, "placement": 1e3}
+FREE = {"laxity": 1e3, "placement": 1e3, "together": None}
 
 
 class Leg(NamedTuple):
@@ -130,7 +129,14 @@ def main(
         leg = truth(settings, setup)
         free = LegTie(leg.places[0], leg.places[2], leg.places[3], leg.places[1], **FREE)
         ankle = None if ankle_mm is None else 1e-3 * ankle_mm
-        tie = replace(free, laxity=1e-3 * laxity_mm, placement=5e-3, ankle_spread=ankle)
+        tie = LegTie(
+            leg.places[0],
+            leg.places[2],
+            leg.places[3],
+            leg.places[1],
+            laxity=1e-3 * laxity_mm,
+            ankle_spread=ankle,
+        )
         table: dict[str, list[list[float]]] = {"alone": [], "tied": []}
         for seed in range(seeds):
             scan = aiding.sensed(settings.model_copy(update={"seed": seed}), setup)
