@@ -303,11 +303,17 @@ def _at_first_view(
 
 
 def _alike(state: ErrorState, errors: FloatArray, tie: LegTie) -> StandingPrior | None:
-    """Points around the knee, where the shank's sensor has it at the first view."""
+    """Points around the knee, where the shank's sensor has it at the first view.
+
+    Each has its mirror image in the knee: turning about the knee then moves them by nothing in the
+    mean, and no shift of one bone against the other can undo a bend.
+    """
     if tie.together is None:
         return None
     knee = transforms.apply(state.poses(errors)[0], tie.knee_in_shank[None])[0]
-    return replace(StandingPrior.at(knee, tie.together), samples=tie.samples)
+    below = StandingPrior.at(knee, tie.together)
+    points = np.concatenate([below.points, 2 * knee - below.points])
+    return replace(below, points=points, samples=tie.samples)
 
 
 def _as_far_apart_as_found(joint: _Joint, found: TiedPaths) -> tuple[_Joint, TiedPaths]:

@@ -94,6 +94,16 @@ TIE = LegTie(
 FREE = replace(TIE, laxity=1e4, placement=1e4, together=None, ankle_spread=None, hip_spread=None)
 
 
+PRIORS = SensorPriors(SENSOR, START, clock=0.0)
+
+
+def swinging(degrees: float) -> Mounted:
+    """A thigh that swings about the knee, RMS per axis."""
+    sway = Sway.standing(6, angle_deg=degrees)
+    own = replace(sway, position=SHANK.position, center=SHANK.center)
+    return replace(LEG["thigh_l"], sway=own)
+
+
 def scanned(rng: np.random.Generator, start: StartErrors = START) -> Scan:
     """Both sensors with errors and rough starts; the images are empty."""
     read = [one.signals(SAMPLES) for one in LEG.values()]
@@ -183,21 +193,37 @@ def test_tied_sensors_carry_the_knee_to_one_place(rng: np.random.Generator):
     assert spread[1:].min() > 0
 
 
-def test_what_beads_do_not_tell_of_thigh_against_shank_is_held_small(rng: np.random.Generator):
-    both = segments(rng)
-    points = KNEE + np.array([[0.0, 0.05, 0.0], [0.05, 0.0, 0.0], [0.0, 0.0, 0.05]])
-    true = [transforms.apply(LEG[name].motion(), points) for name in LEG]
+def parting_missed(found: TiedPaths, points: FloatArray) -> float:
+    """m, RMS, by which the motion of thigh against shank is wrong at points (p, 3)."""
+    thigh, shank = (motion.carry(points) for motion in found.motions)
+    true = [transforms.apply(one.motion(), points) for one in LEG.values()]
+    return float(np.sqrt(np.square((thigh - shank) - (true[0] - true[1])).sum(-1).mean()))
 
-    def off(found: TiedPaths) -> float:
-        thigh, shank = (m.carry(points) for m in found.motions)
-        return float(np.sqrt(np.square((thigh - shank) - (true[0] - true[1])).mean()))
 
-    loose, held = (
-        tied_sensors.smooth_tied(*both, replace(TIE, together=by), GEOMETRY)
-        for by in (None, 0.25e-3)
+@pytest.mark.parametrize("seed", [0, 1])
+@pytest.mark.parametrize("degrees", [0.4, 2.0])
+def test_what_beads_do_not_tell_of_thigh_against_shank_is_held_small(
+    degrees: float, seed: int, monkeypatch: pytest.MonkeyPatch
+):
+    """With the priors and the tie of a scan: the joint above the knee is as well placed as that
+    below it, also where the thigh swings about the knee.
+    """
+    monkeypatch.setitem(LEG, "thigh_l", swinging(degrees))
+    tie = LegTie(
+        LEG["thigh_l"].place(0.0), TIE.knee_in_shank, TIE.ankle_in_shank, LEG["thigh_l"].place(0.4)
     )
-    assert off(held) < off(loose)
-    assert held.parting(points)[1] < loose.parting(points)[1]
+    above = KNEE + np.array([0.0, 0.04, 0.08])[:, None] * [0.0, 1.0, 0.0]
+
+    def parting(own: LegTie) -> tuple[float, float]:
+        rng = np.random.default_rng(seed)
+        scan, beads = scanned(rng), (shadows("thigh_l", rng), shadows("shank_l", rng))
+        found = tied_sensors.tied_paths(scan, tuple(LEG), own, PRIORS, beads)
+        return parting_missed(found, above), found.parting(above)[1]
+
+    loose, held = parting(replace(tie, together=None)), parting(tie)
+    assert held[0] < loose[0]
+    assert held[1] < loose[1]
+    assert held[0] < 2 * held[1]
 
 
 def test_steps_that_run_away_are_tried_again_by_halves(
