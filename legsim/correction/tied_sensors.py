@@ -10,6 +10,7 @@ The thigh's and the shank's lengths are in the places of the joints: a sensor ca
 its segment rigidly. The angle between the two is left free, as the knee's is.
 """
 
+import operator
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
@@ -41,9 +42,8 @@ from legsim.geometry.cone_beam import ConeBeamGeometry
 _KNEE = 3
 """numbers of the knee's place in the thigh's sensor"""
 
-_ROUNDS, _BEYOND = 5, 1.2
-"""estimates with more and more freedom between thigh and shank, at most, and by how much what is
-found exceeds it"""
+_ROUNDS, _BEYOND = 8, 1.2
+"""estimates with more and more freedom, at most, and by how much what is found exceeds it"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -180,6 +180,23 @@ class _Joint(NamedTuple):
     alike: StandingPrior | None
     """points at the knee that thigh and shank carry to nearly the same places; None: anywhere"""
 
+    def as_free_as(self, found: TiedPaths) -> "_Joint":
+        """The same with priors of posture as wide as what is found; itself where they are.
+
+        One coordinate counts, as the priors do. Without shadows of a segment its prior alone holds
+        it, and stays.
+        """
+        alike = self.alike
+        if alike is not None:
+            alike = _widened(alike, found.parting(alike.points)[0] / np.sqrt(3))
+        problems = tuple(
+            _freed(problem, one.path)
+            for problem, one in zip(self.problems, (found.thigh, found.shank), strict=True)
+        )
+        if alike is self.alike and all(map(operator.is_, problems, self.problems)):
+            return self
+        return self._replace(alike=alike, problems=(problems[0], problems[1]))
+
     def tied(
         self, paths: Sequence[SensorPath], knee_off: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
@@ -253,15 +270,15 @@ def smooth_tied(
         _at_first_view(shank.state, errors[1], tie.ankle_in_shank, tie.ankle_spread, tie.samples),
     )
     joint = _Joint(problems, tie, still, _alike(shank.state, errors[1], tie))
-    found = _descended_together(joint, errors, places)
-    joint, found = _as_far_apart_as_found(joint, found)
+    found = _as_far_as_found(joint, errors, places)
     first, second = (
         believed(problem, one.path, one.bead_places)
         for problem, one in zip(problems, (found.thigh, found.shank), strict=True)
     )
     if first is problems[0] and second is problems[1]:
         return found
-    return _descended_together(joint._replace(problems=(first, second)), errors, places)
+    # from the start: what wrong shadows made the leg seem to do must widen no prior
+    return _as_far_as_found(joint._replace(problems=(first, second)), errors, places)
 
 
 def tied_paths(
@@ -316,22 +333,39 @@ def _alike(state: ErrorState, errors: FloatArray, tie: LegTie) -> StandingPrior 
     return replace(below, points=points, samples=tie.samples)
 
 
-def _as_far_apart_as_found(joint: _Joint, found: TiedPaths) -> tuple[_Joint, TiedPaths]:
-    """The estimate of a leg whose thigh and shank move against each other by what is found."""
+def _widened(prior: StandingPrior, found: float) -> StandingPrior:
+    """A prior whose spread is what is found (m); the same where it is about that or less."""
+    return prior if found <= _BEYOND * prior.spread else replace(prior, spread=float(found))
+
+
+def _freed(problem: PathProblem, path: SensorPath) -> PathProblem:
+    """The problem of a person who leaves their place by as much as is found."""
+    standing = problem.standing
+    if standing is None or (problem.beads is None and problem.fiducials is None):
+        return problem
+    moved = transforms.apply(path.motion(), standing.points) - standing.points
+    wider = _widened(standing, np.sqrt(np.square(moved).mean()))
+    return problem if wider is standing else replace(problem, standing=wider)
+
+
+def _as_far_as_found(
+    joint: _Joint, errors: list[FloatArray], places: list[FloatArray]
+) -> TiedPaths:
+    """The estimate of a leg that leaves its place and bends by what is found; not settled where
+    that grew to the end.
+    """
+    found = _descended_together(joint, errors, places)
     for _ in range(_ROUNDS):
-        if joint.alike is None:
-            break
-        # of one coordinate, as the prior's
-        apart = found.parting(joint.alike.points)[0] / np.sqrt(3)
-        if apart <= _BEYOND * joint.alike.spread:
-            break
-        joint = joint._replace(alike=replace(joint.alike, spread=float(apart)))
+        freer = joint.as_free_as(found)
+        if freer is joint:
+            return found
+        joint = freer
         found = _descended_together(
             joint,
             [found.thigh.errors, found.shank.errors],
             [found.thigh.bead_places, found.shank.bead_places],
         )
-    return joint, found
+    return found if joint.as_free_as(found) is joint else replace(found, settled=False)
 
 
 def _descended_together(

@@ -1,6 +1,8 @@
 """Rigid bones along two biased sensors whose beads are seen; who rests is left alone."""
 
+import re
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,26 +13,25 @@ from legsim.core.values import FloatArray
 from legsim.correction import articulated_beads
 from legsim.correction.articulated_beads import ArticulatedBeads, BeadedLeg
 from legsim.correction.control_points import AttachedPoint
-from legsim.correction.fused import SensorPriors
 from legsim.correction.method import Scan
 from legsim.correction.path_measurements import BeadShadows
+from legsim.correction.tied_sensors import TiedPaths, tied_paths
 from legsim.deformation.models import FieldMotion, RigidMotion
 from legsim.geometry.volume import VolumeGrid
 from tests.correction.test_tied_sensors import (
     KNEE,
     LEG,
-    SENSOR,
+    PRIORS,
     SHANK,
-    START,
     TIE,
+    parting_missed,
     scanned,
     shadows,
+    swinging,
 )
-from tests.references.sway import Sway
 
 pytestmark = pytest.mark.filterwarnings("ignore::legsim.reconstruction.weights.ShortScanWarning")
 NODES = VolumeGrid.cubic(1, 0.15, KNEE.tolist()).coarse(0.02)
-PRIORS = SensorPriors(SENSOR, START, clock=0.0)
 POINTS = (
     AttachedPoint("thigh_l", TIE.hip_in_thigh),
     AttachedPoint("shank_l", TIE.knee_in_shank),
@@ -56,8 +57,7 @@ def missed(motion: FieldMotion | RigidMotion, name: str, points: FloatArray) -> 
 @pytest.fixture
 def bending(monkeypatch: pytest.MonkeyPatch):
     """A thigh that turns by 2 degrees on a shank that does not."""
-    sway = replace(Sway.standing(6, angle_deg=2.0), position=SHANK.position, center=SHANK.center)
-    monkeypatch.setitem(LEG, "thigh_l", replace(LEG["thigh_l"], sway=sway))
+    monkeypatch.setitem(LEG, "thigh_l", swinging(2.0))
 
 
 @pytest.mark.usefixtures("bending")
@@ -71,6 +71,27 @@ def test_thigh_and_shank_are_followed_each_on_its_side(rng: np.random.Generator)
         assert missed(found.motion, name, points) < 0.6 * np.sqrt((still**2).mean())
     assert "thigh_l: 2 beads, 100 % of their shadows found" in found.notes[0]
     assert "of the motion of thigh and shank that was found" in found.notes[2]
+
+
+@pytest.mark.parametrize("degrees", [1.0, 2.0, 4.0])
+def test_the_stated_error_of_how_thigh_and_shank_part_is_about_the_true_one(
+    degrees: float, rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
+):
+    kept: list[TiedPaths] = []
+
+    def tied(*given: Any) -> TiedPaths:
+        kept.append(tied_paths(*given))
+        return kept[-1]
+
+    monkeypatch.setattr(articulated_beads, "tied_paths", tied)
+    monkeypatch.setitem(LEG, "thigh_l", swinging(degrees))
+    leg = BeadedLeg(lambda name: shadows(name, rng), LEG["thigh_l"].place(0.0))
+    points = (replace(POINTS[0], position_sensor=LEG["thigh_l"].place(0.4)), *POINTS[1:])
+    found = ArticulatedBeads(leg, PRIORS, NODES)(replace(scanned(rng), joints=(points,)))
+    said = next(note for note in found.notes if "against each other" in note)
+    stated = re.search(r"with an error of (\S+) mm", said)
+    assert stated is not None
+    assert 1e3 * parting_missed(kept[0]) < 2 * float(stated[1])
 
 
 def test_who_may_rest_is_left_alone(rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch):

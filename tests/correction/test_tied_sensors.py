@@ -94,6 +94,7 @@ TIE = LegTie(
 FREE = replace(TIE, laxity=1e4, placement=1e4, together=None, ankle_spread=None, hip_spread=None)
 
 
+ABOVE = KNEE + np.array([0.0, 0.04, 0.08])[:, None] * [0.0, 1.0, 0.0]
 PRIORS = SensorPriors(SENSOR, START, clock=0.0)
 
 
@@ -102,6 +103,12 @@ def swinging(degrees: float) -> Mounted:
     sway = Sway.standing(6, angle_deg=degrees)
     own = replace(sway, position=SHANK.position, center=SHANK.center)
     return replace(LEG["thigh_l"], sway=own)
+
+
+def default_tie() -> LegTie:
+    """That of a scan, with the joints where they are now."""
+    thigh = LEG["thigh_l"]
+    return LegTie(thigh.place(0.0), TIE.knee_in_shank, TIE.ankle_in_shank, thigh.place(0.4))
 
 
 def scanned(rng: np.random.Generator, start: StartErrors = START) -> Scan:
@@ -138,6 +145,20 @@ def segments(
 
 def alone(one: MeasuredSegment) -> SmoothedPath:
     return smoother.smooth(one.state, standing=one.standing, geometry=GEOMETRY, beads=one.beads)
+
+
+def followed(seed: int, tie: LegTie) -> TiedPaths:
+    """Two beads on each segment and the priors of a scan."""
+    rng = np.random.default_rng(seed)
+    scan, beads = scanned(rng), (shadows("thigh_l", rng), shadows("shank_l", rng))
+    return tied_sensors.tied_paths(scan, ("thigh_l", "shank_l"), tie, PRIORS, beads)
+
+
+def parting_missed(found: TiedPaths) -> float:
+    """m, RMS, by which the motion of thigh against shank is wrong above the knee."""
+    thigh, shank = (motion.carry(ABOVE) for motion in found.motions)
+    true = [transforms.apply(one.motion(), ABOVE) for one in LEG.values()]
+    return float(np.sqrt(np.square((thigh - shank) - (true[0] - true[1])).sum(-1).mean()))
 
 
 def missed(found: SmoothedPath, name: str) -> FloatArray:
@@ -193,13 +214,6 @@ def test_tied_sensors_carry_the_knee_to_one_place(rng: np.random.Generator):
     assert spread[1:].min() > 0
 
 
-def parting_missed(found: TiedPaths, points: FloatArray) -> float:
-    """m, RMS, by which the motion of thigh against shank is wrong at points (p, 3)."""
-    thigh, shank = (motion.carry(points) for motion in found.motions)
-    true = [transforms.apply(one.motion(), points) for one in LEG.values()]
-    return float(np.sqrt(np.square((thigh - shank) - (true[0] - true[1])).sum(-1).mean()))
-
-
 @pytest.mark.parametrize("seed", [0, 1])
 @pytest.mark.parametrize("degrees", [0.4, 2.0])
 def test_what_beads_do_not_tell_of_thigh_against_shank_is_held_small(
@@ -209,16 +223,11 @@ def test_what_beads_do_not_tell_of_thigh_against_shank_is_held_small(
     below it, also where the thigh swings about the knee.
     """
     monkeypatch.setitem(LEG, "thigh_l", swinging(degrees))
-    tie = LegTie(
-        LEG["thigh_l"].place(0.0), TIE.knee_in_shank, TIE.ankle_in_shank, LEG["thigh_l"].place(0.4)
-    )
-    above = KNEE + np.array([0.0, 0.04, 0.08])[:, None] * [0.0, 1.0, 0.0]
+    tie = default_tie()
 
     def parting(own: LegTie) -> tuple[float, float]:
-        rng = np.random.default_rng(seed)
-        scan, beads = scanned(rng), (shadows("thigh_l", rng), shadows("shank_l", rng))
-        found = tied_sensors.tied_paths(scan, tuple(LEG), own, PRIORS, beads)
-        return parting_missed(found, above), found.parting(above)[1]
+        found = followed(seed, own)
+        return parting_missed(found), found.parting(ABOVE)[1]
 
     loose, held = parting(replace(tie, together=None)), parting(tie)
     assert held[0] < loose[0]
@@ -226,17 +235,49 @@ def test_what_beads_do_not_tell_of_thigh_against_shank_is_held_small(
     assert held[0] < 2 * held[1]
 
 
+@pytest.mark.parametrize("seed", [0, 1])
+@pytest.mark.parametrize("degrees", [6.0, 15.0])
+def test_a_large_bend_is_followed_to_the_stated_error(
+    degrees: float, seed: int, monkeypatch: pytest.MonkeyPatch
+):
+    """Who bends so far leaves the place of a person who stands, too."""
+    monkeypatch.setitem(LEG, "thigh_l", swinging(degrees))
+    found = followed(seed, default_tie())
+    assert found.settled
+    assert parting_missed(found) < 1.5 * found.parting(ABOVE)[1] < 2.5e-3
+
+
+def test_priors_that_widen_to_the_end_are_not_settled(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setitem(LEG, "thigh_l", swinging(6.0))
+    monkeypatch.setattr(tied_sensors, "_ROUNDS", 1)
+    assert not followed(0, default_tie()).settled
+
+
+def test_what_wrong_shadows_seem_to_show_widens_no_prior(rng: np.random.Generator):
+    """Shadows stated too good give what those give that are stated as they are."""
+    both = [
+        replace(one, beads=shadows(name, rng, 3.0))
+        for name, one in zip(LEG, segments(rng), strict=True)
+    ]
+    wrong = [replace(one, beads=replace(one.beads, error_px=0.3)) for one in both]
+    found, stated = (
+        tied_sensors.smooth_tied(*pair, default_tie(), GEOMETRY) for pair in (wrong, both)
+    )
+    assert found.parting(ABOVE)[1] == pytest.approx(stated.parting(ABOVE)[1], rel=0.1)
+    assert found.parting(ABOVE)[0] == pytest.approx(stated.parting(ABOVE)[0], rel=0.2)
+
+
 def test_steps_that_run_away_are_tried_again_by_halves(
     rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
 ):
     """As wrong shadows make them; here the first steps are far too long."""
-    both = segments(rng)
-    right = tied_sensors.smooth_tied(*both, TIE, GEOMETRY)
+    both, tie = segments(rng), replace(TIE, together=None)
+    right = tied_sensors.smooth_tied(*both, tie, GEOMETRY)
     whole, alone = path_problem._STEPS, tied_sensors.descended
     monkeypatch.setattr(
         tied_sensors, "descended", lambda *given: _with_steps(monkeypatch, whole, alone, given)
     )
-    found = tied_sensors.smooth_tied(*both, TIE, GEOMETRY)
+    found = tied_sensors.smooth_tied(*both, tie, GEOMETRY)
     assert found.settled
     np.testing.assert_allclose(found.thigh.path.poses, right.thigh.path.poses, atol=1e-5)
 
