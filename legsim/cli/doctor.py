@@ -13,7 +13,8 @@ from packaging.requirements import Requirement
 from legsim.core import resources
 from legsim.core.errors import LegsimError
 from legsim.core.memory import in_words
-from legsim.opencl import discovery, runtimes, textures
+from legsim.opencl import discovery, runtimes
+from legsim.opencl.device import opened
 
 _NEEDED_MEMORY = 8 * 2**30
 
@@ -86,12 +87,13 @@ def _devices() -> list[Finding]:
             )
         else:
             taken = "; taken by default" if candidate is chosen else ""
+            good, images = _images_read(candidate)
             findings.append(
                 Finding(
                     f"opencl {candidate.label}",
-                    True,
-                    f"{size}; probe kernel {1e3 * candidate.seconds:.1f} ms"
-                    f"{_images_read(candidate)}{taken}",
+                    good,
+                    f"{size}; probe kernel {1e3 * candidate.seconds:.1f} ms{images}{taken}",
+                    "" if good else "unset LEGSIM_TEXTURES",
                 )
             )
     if chosen is None:
@@ -106,12 +108,18 @@ def _devices() -> list[Finding]:
     return findings
 
 
-def _images_read(candidate: discovery.Candidate) -> str:
-    """How a GPU's back-projection reads images."""
-    if candidate.kind != "gpu":
-        return ""
-    fault = textures.check(candidate).fault
-    return f"; images from buffers, as {fault}" if fault else "; images through texture units"
+def _images_read(candidate: discovery.Candidate) -> tuple[bool, str]:
+    """Whether LEGSIM_TEXTURES suits a device, and how a GPU's back-projection reads images."""
+    device = opened(candidate)
+    try:
+        through = device.uses_textures
+    except LegsimError as error:
+        return False, f"; {error}"
+    if device.is_cpu and not through:
+        return True, ""
+    if through:
+        return True, "; images through texture units"
+    return True, f"; images from buffers, as {device.texture_fault or 'LEGSIM_TEXTURES is off'}"
 
 
 def _memory() -> Finding:

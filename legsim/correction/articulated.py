@@ -208,13 +208,15 @@ def _with_bones(limb: Limb, volume: Volume, motion: FieldMotion) -> tuple[Limb, 
             "from their axes, so that bone near the knee is not rigid"
             f"{'' if limb.kneecap is None else ', and the motion of the patella is not used'}."
         )
-    led = _with_expected_patella(replace(limb, bones=bones))
+    shown = replace(limb, bones=bones)
+    led = _with_expected_patella(shown)
     smeared = _smeared(led, motion)
-    if smeared > _SMEARED:
+    if led is not shown and smeared > _SMEARED:
         return led, (
             f"{_shown(bones, ('femur', 'tibia'))} The patella moves against it by "
             f"{1e3 * smeared:.0f} mm RMS, which hides it there: it is taken to be where the "
-            "published knee has it, and to fill a ball."
+            "published knee has it, and to fill a ball"
+            f"{'' if limb.kneecap is None else ', which follows the motion that was given'}."
         )
     without = (
         ""
@@ -222,7 +224,7 @@ def _with_bones(limb: Limb, volume: Volume, motion: FieldMotion) -> tuple[Limb, 
         else " No patella was told apart: it moves with what it touches there"
         + ("." if limb.kneecap is None else ", and its own motion is not used.")
     )
-    return replace(limb, bones=bones), f"{_shown(bones, ('femur', 'tibia', 'patella'))}{without}"
+    return shown, f"{_shown(bones, ('femur', 'tibia', 'patella'))}{without}"
 
 
 def _shown(bones: BoneRegions, names: Sequence[str]) -> str:

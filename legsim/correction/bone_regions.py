@@ -80,14 +80,17 @@ class BoneRegions:
     def with_patella(self, world_from_patella: FloatArray, radius: float) -> "BoneRegions":
         """The same bones with a patella at a place (4, 4; x forward) in place of what was found.
 
-        It is a ball (m), and what bone lies no farther behind than its back, to twice the radius.
+        It is a ball (m) without the bone that lies behind its back, and what bone lies no farther
+        behind, to twice the radius.
         """
         arms = self.grid.positions() - world_from_patella[:3, 3]
         away = np.linalg.norm(arms, axis=-1).reshape(self.labels.shape)
         ahead = (arms @ world_from_patella[:3, 0]).reshape(self.labels.shape)
-        fits = (away < 2 * radius) & (ahead > -_THICKNESS * radius) & (self.labels > 0)
+        before = ahead > -_THICKNESS * radius
         others = np.where(self.labels == PATELLA, np.uint8(0), self.labels)
-        whole = np.where(fits | (away < radius), np.uint8(PATELLA), others)
+        ball = (away < radius) & (before | (others == 0))
+        fits = (away < 2 * radius) & before & (self.labels > 0)
+        whole = np.where(ball | fits, np.uint8(PATELLA), others)
         return BoneRegions(self.grid, frozen_owned(whole))
 
 

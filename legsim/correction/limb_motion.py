@@ -184,7 +184,8 @@ def expected_patella(limb: Limb) -> FloatArray | None:
     forward.
 
     A knee bends backward: forward is away from the shank where it is bent most. None where it never
-    bends, so that nothing tells forward.
+    bends, so that nothing tells forward. Whether the leg is a left or a right one is unknown: the
+    patella lies in the middle between both, 3 mm beside its place in either.
     """
     thigh, shank = np.moveaxis(limb.motions()[:, :2, :3, :3], 1, 0)
     up = (limb.joints[0] - limb.joints[1]) / np.linalg.norm(limb.joints[0] - limb.joints[1])
@@ -197,6 +198,7 @@ def expected_patella(limb: Limb) -> FloatArray | None:
     ahead = limb.joints[1] + _UPPER_SHANK * shaft - most
     femur, factors, bent = _scaled_femur(limb.joints, ahead)
     on_femur = patella.in_femur(bent[None], factors, "r")[0]
+    on_femur[2, 3] = 0.0
     return femur @ on_femur @ transforms.translation(factors * patella.MIDDLE)
 
 

@@ -212,10 +212,11 @@ def open_device(wanted: str | None = None) -> Device:
             f"no working OpenCL device matches {wanted!r} (LEGSIM_DEVICE or --device); there are: "
             f"{', '.join(c.label for c in working)}"
         )
-    return _opened(matching[0])
+    return opened(matching[0])
 
 
 @cache
-def _opened(candidate: Candidate) -> Device:
+def opened(candidate: Candidate) -> Device:
+    """The device of a candidate, the same one each time."""
     context = cl.Context([candidate.handle])
     return Device(candidate, context, cl.CommandQueue(context))

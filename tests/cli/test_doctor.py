@@ -47,6 +47,26 @@ def test_of_a_gpu_it_says_how_images_are_read(tmp_path, monkeypatch, fault, said
     assert said in found.detail
 
 
+@pytest.mark.parametrize(
+    ("wanted", "good", "said"),
+    [
+        ("off", True, "images from buffers, as LEGSIM_TEXTURES is off"),
+        ("on", True, "images through texture units"),
+        ("maybe", False, "LEGSIM_TEXTURES is 'maybe'"),
+    ],
+)
+def test_what_the_environment_says_of_textures_is_reported(
+    tmp_path, monkeypatch, wanted, good, said
+):
+    gpu = dataclasses.replace(discovery.candidates()[0], kind="gpu")
+    monkeypatch.setenv("LEGSIM_TEXTURES", wanted)
+    monkeypatch.setattr(discovery, "candidates", lambda: (gpu,))
+    monkeypatch.setattr(textures, "check", lambda _: textures.TextureReads("", 0.0))
+    (found,) = findings(tmp_path, "opencl").values()
+    assert found.good is good
+    assert said in found.detail
+
+
 def test_packages_are_those_that_the_installation_asks_for(tmp_path, monkeypatch):
     asked = [
         "numpy>=2.2",

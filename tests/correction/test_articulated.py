@@ -157,6 +157,23 @@ def test_a_patella_that_the_first_reconstruction_smears_is_put_where_the_model_h
     assert missed(motion, "femur") < 1e-3
 
 
+def test_a_note_says_only_of_a_patella_that_was_replaced_that_it_was(
+    rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
+):
+    """Nothing tells forward in a straight leg: its patella stays where it was seen."""
+    monkeypatch.setattr(articulated, "_SMEARED", 1e-6)
+    still = RigidMotion.identity(VIEWS).on_grid(NODES)
+    led = replace(moving(), kneecap=true_motions()["patella"].moved_from_reference)
+    limb, note = articulated._with_bones(led, knee.volume(rng), still)
+    assert "fill a ball, which follows the motion that was given" in note
+    monkeypatch.setattr(articulated, "expected_patella", lambda _: None)
+    limb, note = articulated._with_bones(led, knee.volume(rng), still)
+    assert "taken to be" not in note
+    assert "cm^3 of the patella" in note
+    assert limb.patella is not None
+    np.testing.assert_allclose(limb.patella, knee.PATELLA, atol=1e-3)
+
+
 def scan(signals: ImuSignals, starts: tuple[SensorStart, ...], joints=()) -> Scan:
     air = Projections(geometry(), np.zeros((124, 96, 124), np.float32))
     return Scan(air, signals, starts, joints)

@@ -5,7 +5,14 @@ import pytest
 
 from legsim.core import transforms
 from legsim.core.errors import LegsimError
-from legsim.correction.bone_regions import FEMUR, PATELLA, TIBIA, axis_distances, find_bones
+from legsim.correction.bone_regions import (
+    FEMUR,
+    PATELLA,
+    TIBIA,
+    BoneRegions,
+    axis_distances,
+    find_bones,
+)
 from legsim.geometry.volume import Volume, VolumeGrid
 from tests.examples import knee
 
@@ -34,6 +41,24 @@ def test_bones_that_touch_in_the_image_are_parted_in_the_gap(rng):
     wrong = ((found == FEMUR) & (true == TIBIA)) | ((found == TIBIA) & (true == FEMUR))
     assert wrong.sum() < 0.002 * (true > 0).sum()
     assert min(overlap(found, true)) > 0.8
+
+
+def test_an_expected_patella_is_a_ball_that_takes_no_bone_from_behind_its_back():
+    """x is forward: the plane of its back cuts the femur, and the femur behind it stays whole."""
+    true = BoneRegions(knee.GRID, knee.truth().astype(np.uint8))
+    at, radius = np.array([0.022, 0.005, 0.0]), 0.015
+    found = true.with_patella(transforms.translation(at), radius)
+    arms = knee.GRID.positions().reshape(*found.labels.shape, 3) - at
+    behind, away = arms[..., 0] < -0.5 * radius, np.linalg.norm(arms, axis=-1)
+    femur, patella = true.labels == FEMUR, found.labels == PATELLA
+    assert (femur & behind & (away < radius)).any()
+    assert not (patella & femur & behind).any()
+    assert patella[(away < radius) & ~behind].all()
+    assert patella[(away < radius) & (true.labels == 0)].all()
+    assert not patella[away >= 2 * radius].any()
+    middle = found.middle(PATELLA)
+    assert middle is not None
+    np.testing.assert_allclose(middle[1:], at[1:], atol=0.25 * radius)
 
 
 def test_bone_is_bone_in_any_unit(rng):
