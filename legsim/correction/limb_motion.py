@@ -42,8 +42,9 @@ _UNSEEN = 1e3
 _UPPER_SHANK = 0.2
 """share of the way from knee to ankle"""
 
-_BENT = 0.1
-"""sine of a bend that tells forward: 6 degrees"""
+_BENT, _HELD_BENT = 0.1, 0.3
+"""sine of a change of a bend that tells forward, 6 degrees, and of a bend that is held: 17 degrees,
+which no knee bends sideways"""
 
 _SHORTEST = 0.05
 """m of a thigh or shank"""
@@ -183,23 +184,34 @@ def expected_patella(limb: Limb) -> FloatArray | None:
     """world_from_patella (4, 4) at the first time as Rajagopal's model has it: from its middle, x
     forward.
 
-    A knee bends backward: forward is away from the shank where it is bent most. None where it never
-    bends, so that nothing tells forward. Whether the leg is a left or a right one is unknown: the
-    patella lies in the middle between both, 3 mm beside its place in either.
+    A knee bends backward: forward is away from where the shank goes as it bends. None where it
+    hardly bends, so that nothing tells forward. Whether the leg is a left or a right one is
+    unknown: the patella lies in the middle between both, 3 mm beside its place in either.
     """
-    thigh, shank = np.moveaxis(limb.motions()[:, :2, :3, :3], 1, 0)
-    up = (limb.joints[0] - limb.joints[1]) / np.linalg.norm(limb.joints[0] - limb.joints[1])
-    shaft = limb.joints[2] - limb.joints[1]
-    against_thigh = np.swapaxes(thigh, 1, 2) @ shank @ shaft
-    backward = against_thigh - (against_thigh @ up)[:, None] * up
-    most = backward[np.argmax(np.linalg.norm(backward, axis=-1))]
-    if np.linalg.norm(most) < _BENT * np.linalg.norm(shaft):
+    backward, shaft = _backward(limb), limb.joints[2] - limb.joints[1]
+    if backward is None:
         return None
-    ahead = limb.joints[1] + _UPPER_SHANK * shaft - most
+    ahead = limb.joints[1] + _UPPER_SHANK * shaft - backward
     femur, factors, bent = _scaled_femur(limb.joints, ahead)
     on_femur = patella.in_femur(bent[None], factors, "r")[0]
     on_femur[2, 3] = 0.0
     return femur @ on_femur @ transforms.translation(factors * patella.MIDDLE)
+
+
+def _backward(limb: Limb) -> FloatArray | None:
+    """(3,) in world, where the shank goes at the first time as the knee bends; None if unknown."""
+    thigh, shank = np.moveaxis(limb.motions()[:, :2, :3, :3], 1, 0)
+    up = (limb.joints[0] - limb.joints[1]) / np.linalg.norm(limb.joints[0] - limb.joints[1])
+    shaft = limb.joints[2] - limb.joints[1]
+    against_thigh = np.swapaxes(thigh, 1, 2) @ shank @ shaft
+    off = (against_thigh - (against_thigh @ up)[:, None] * up) / np.linalg.norm(shaft)
+    # a leg in varus or valgus is off sideways, too, but by the same in all views
+    along = np.linalg.svd(off - off.mean(0), full_matrices=False)[2][0]
+    bends = off @ along
+    if np.ptp(bends) >= _BENT:
+        return along * np.sign(bends[np.argmax(np.abs(bends))])
+    most = off[np.argmax(np.linalg.norm(off, axis=-1))]
+    return most if np.linalg.norm(most) >= _HELD_BENT else None
 
 
 def _scaled_femur(

@@ -212,6 +212,20 @@ def test_the_patella_is_expected_where_the_leg_model_has_it(start: float, side: 
     assert expected_patella(straight) is None
 
 
+@pytest.mark.parametrize("bends", [[0, 10], [10, 0], [5, 20]])
+def test_forward_is_told_by_how_the_knee_bends_not_by_how_it_stands(bends: list[float]):
+    """A leg 7 degrees in varus: its shank is beside the thigh's axis all the time."""
+    at = np.radians(np.linspace(*bends, 5))
+    shank = about(np.zeros(3), (at - at[0])[:, None] * [0, 0, -1.0])
+    down = transforms.axis_rotation((0, 0, 1), -at[0]) @ [0, -0.38, 0.38 * np.tan(np.radians(7))]
+    limb = Limb(np.array([[0, 0.4, 0], [0, 0, 0], down]), np.tile(np.eye(4), (5, 1, 1)), shank)
+    pose = expected_patella(limb)
+    assert pose is not None
+    assert abs(pose[2, 0]) < np.sin(np.radians(2))
+    assert pose[0, 3] > 0.03
+    assert expected_patella(replace(limb, shank=limb.thigh)) is None
+
+
 def test_the_patella_carries_tissue_as_far_as_it_is_long():
     """All of it at the bone, none of the thigh's front beyond its length, in any size of person."""
     limb = squat(3.0)

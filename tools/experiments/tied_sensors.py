@@ -114,6 +114,8 @@ def main(
     seeds: int = 3,
     laxity_mm: float = 1.0,
     ankle_mm: float | None = None,
+    together_mm: float = 0.25,
+    views: int = 248,
 ) -> None:
     """Prints two rows per scan: mean and greatest over the seeds."""
     typer.echo(
@@ -123,7 +125,13 @@ def main(
     for file in files.split():
         settings = config.load_settings(
             preset="demo",
-            overrides=(f"motion.file={file}", f"imu.noise.kind={sensor}", "methods.start=rough"),
+            overrides=(
+                f"motion.file={file}",
+                f"imu.noise.kind={sensor}",
+                "methods.start=rough",
+                f"scan.views={views}",
+                f"scan.rate_hz={views / 8}",
+            ),
         )
         setup = stages.place(settings, run_motion.solve(settings.motion))
         leg = truth(settings, setup)
@@ -136,6 +144,7 @@ def main(
             leg.places[1],
             laxity=1e-3 * laxity_mm,
             ankle_spread=ankle,
+            together=1e-3 * together_mm,
         )
         table: dict[str, list[list[float]]] = {"alone": [], "tied": []}
         for seed in range(seeds):
