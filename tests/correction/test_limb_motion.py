@@ -212,10 +212,10 @@ def test_the_patella_is_expected_where_the_leg_model_has_it(start: float, side: 
     assert expected_patella(straight) is None
 
 
-@pytest.mark.parametrize("bends", [[0, 10], [10, 0], [5, 20]])
-def test_forward_is_told_by_how_the_knee_bends_not_by_how_it_stands(bends: list[float]):
+@pytest.mark.parametrize("bends", [(0.0, 10.0), (10.0, 0.0), (5.0, 20.0)])
+def test_forward_is_told_by_how_the_knee_bends_not_by_how_it_stands(bends: tuple[float, float]):
     """A leg 7 degrees in varus: its shank is beside the thigh's axis all the time."""
-    at = np.radians(np.linspace(*bends, 5))
+    at = np.radians(np.linspace(bends[0], bends[1], 5))
     shank = about(np.zeros(3), (at - at[0])[:, None] * [0, 0, -1.0])
     down = transforms.axis_rotation((0, 0, 1), -at[0]) @ [0, -0.38, 0.38 * np.tan(np.radians(7))]
     limb = Limb(np.array([[0, 0.4, 0], [0, 0, 0], down]), np.tile(np.eye(4), (5, 1, 1)), shank)

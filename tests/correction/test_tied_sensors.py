@@ -259,9 +259,10 @@ def test_what_wrong_shadows_seem_to_show_widens_no_prior(rng: np.random.Generato
         replace(one, beads=shadows(name, rng, 3.0))
         for name, one in zip(LEG, segments(rng), strict=True)
     ]
-    wrong = [replace(one, beads=replace(one.beads, error_px=0.3)) for one in both]
+    wrong = [replace(one, beads=BeadShadows(one.beads.pixels, 0.3)) for one in both if one.beads]
     found, stated = (
-        tied_sensors.smooth_tied(*pair, default_tie(), GEOMETRY) for pair in (wrong, both)
+        tied_sensors.smooth_tied(pair[0], pair[1], default_tie(), GEOMETRY)
+        for pair in (wrong, both)
     )
     assert found.parting(ABOVE)[1] == pytest.approx(stated.parting(ABOVE)[1], rel=0.1)
     assert found.parting(ABOVE)[0] == pytest.approx(stated.parting(ABOVE)[0], rel=0.2)
