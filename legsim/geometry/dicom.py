@@ -292,7 +292,9 @@ def _angles(data: "Dataset", views: int) -> tuple[FloatArray | None, tuple[str, 
     The increments of a moving positioner are counted from the first frame by some programs and
     from the frame before by others: equal ones are steps.
     """
-    start = data.get("PositionerPrimaryAngle", data.get("GantryAngle"))
+    # an empty element is there, with None
+    stated = (data.get(name) for name in ("PositionerPrimaryAngle", "GantryAngle"))
+    start = next((angle for angle in stated if angle not in (None, "")), None)
     if start is None:
         angles = _of_frames(data, "PositionerPositionSequence", "PositionerPrimaryAngle")
         return (np.array(angles, float), ()) if len(angles) == views else (None, ())

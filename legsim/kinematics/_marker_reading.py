@@ -91,6 +91,18 @@ def by_role(
     return markers, report, (*notes, *report.notes, *said), weights
 
 
+def labels_beside(reading: Reading, path: Path, shown: mocap_files.RawRecording) -> tuple[str, ...]:
+    """Labels of the trial that the person is scaled from, whose content is ``shown``.
+
+    Raises:
+        LegsimError: no shipped marker set covers them; named here, where the file is known.
+    """
+    labels = tuple(mocap_files.labels_of(shown))
+    if reading.marker_map == "auto" and labels:
+        named(path, lambda: marker_sets.guess(labels))
+    return labels
+
+
 def _map(
     reading: Reading, labels: Sequence[str], required: Sequence[str], beside: Sequence[str]
 ) -> MarkerMap:

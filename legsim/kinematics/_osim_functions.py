@@ -152,7 +152,8 @@ def read(element: Element, place: str) -> Function:
 
 
 def numbers(element: Element, tag: str, place: str, *, endless: bool = False) -> FloatArray:
-    """The numbers in a child element, none where it is missing; ``endless`` allows infinity.
+    """The numbers in a child element, none where it is missing; ``endless`` allows infinity, and
+    takes as such what is beyond all that a model measures.
 
     Raises:
         LegsimError: a word is not a finite number, or is beyond all that a model measures.
@@ -164,6 +165,9 @@ def numbers(element: Element, tag: str, place: str, *, endless: bool = False) ->
         values = np.array([np.nan])
     if np.isnan(values).any() or not (endless or np.isfinite(values).all()):
         raise LegsimError(f"{place}: <{tag}> holds {text.strip()[:40]!r}, not finite numbers")
+    if endless:
+        # 1e10, or the largest number of a double, as programs write that there is no limit
+        return np.where(np.abs(values) > _LARGEST, np.copysign(np.inf, values), values)
     if (np.abs(values[np.isfinite(values)]) > _LARGEST).any():
         raise LegsimError(
             f"{place}: <{tag}> holds {text.strip()[:40]!r}; no number of a model is beyond "

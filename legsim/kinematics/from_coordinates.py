@@ -65,6 +65,11 @@ _LIES_M = 0.15
 """m from the feet up to the pelvis: who squats as deep as can be, or sits on a low stool, has more
 """
 
+_DOWN = -0.5
+"""vertical part of the pelvis' axis towards the trunk, for one that points down: a pelvis that lies
+flat is rolled back by less than 30 degrees where the knees come to the chest
+"""
+
 
 def named(path: Path, compute: Callable[[], _Result]) -> _Result:
     """Puts the file's name before what a stage that knows no files objects to."""
@@ -148,13 +153,16 @@ def _checked_upright(path: Path, leg: Leg, values: FloatArray) -> tuple[str, ...
     """A warning where somebody lies along world's horizontal, as where another axis points up.
 
     Raises:
-        LegsimError: somebody hangs head down.
+        LegsimError: somebody hangs head down: the pelvis is below the feet, and its axis towards
+            the trunk points down. Who lies on the back and raises the legs only has the first.
     """
     some = np.unique(np.linspace(0, len(values) - 1, _POSES).astype(int))
-    heights = leg.kinematics(values[some]).origins[..., 1]
+    poses = leg.kinematics(values[some])
+    heights = poses.origins[..., 1]
     pelvis, *feet = (SEGMENTS.index(name) for name in ("pelvis", "calcn_r", "calcn_l"))
+    trunk = float(np.median(poses.rotations[:, pelvis, 1, 1]))
     above = float(np.median(heights[:, pelvis] - heights[:, feet].mean(-1)))
-    if above < -_LIES_M:
+    if above < -_LIES_M and trunk < _DOWN:
         raise file_error(
             path,
             f"the pelvis is {-above:.2g} m below the feet, so that somebody hangs head down: y is "
@@ -165,8 +173,9 @@ def _checked_upright(path: Path, leg: Leg, values: FloatArray) -> tuple[str, ...
         )
     if above > _LIES_M:
         return ()
+    where = f"only {100 * above:.0f} cm above" if above >= 0 else f"{-100 * above:.0f} cm below"
     return (
-        f"warning: the pelvis is only {100 * above:.0f} cm above the feet, so that somebody lies "
+        f"warning: the pelvis is {where} the feet, so that somebody lies "
         "or sits on the ground: see whether y points up in the file",
     )
 

@@ -27,7 +27,7 @@ from legsim.kinematics import (
 )
 from legsim.kinematics._ik_names import Tasks
 from legsim.kinematics._ik_problem import Problem
-from legsim.kinematics._marker_reading import Reading, by_own_names, by_role
+from legsim.kinematics._marker_reading import Reading, by_own_names, by_role, labels_beside
 from legsim.kinematics._planted_feet import Pegs
 from legsim.kinematics.from_coordinates import moving_leg, named
 from legsim.kinematics.ik_options import IkOptions
@@ -216,7 +216,7 @@ def _markers_on_own_leg(
         required=() if given else PAPER_ROLES,
         tasks=tasks,
         content=raw,
-        beside=() if shown is None else mocap_files.labels_of(shown),
+        beside=() if shown is None else labels_beside(reading, scaled_from, shown),
     )
     notes = (*notes, *said)
     reference = measured if same else by_role(reading, scaled_from, content=shown, static=True)[0]

@@ -192,7 +192,7 @@ def read_qualisys(path: Path | str) -> RawMarkers:
     names = [name for name in rows[last][1:] if name]
     start = next((k for k in range(last + 1, len(rows)) if _is_numbers(rows[k])), len(rows))
     table = _table(path, rows, start)
-    before = max(len(_filled(row)) for row in table.cells) - 3 * len(names)
+    before = _columns_before(table.cells, 3 * len(names))
     if before not in (0, 2):
         problem = f"has {before + 3 * len(names)} columns for {len(names)} markers"
         cure = "export it with frame and time, or without both"
@@ -205,12 +205,16 @@ def read_qualisys(path: Path | str) -> RawMarkers:
 
 
 def _cells(path: Path, mark: str) -> list[list[str]]:
-    """The cells of all lines, without blanks around them."""
+    """The cells of all lines, without blanks around them. Between tabs quotes are text, which
+    somebody may have typed into a description; those around a whole cell are a spreadsheet's.
+    """
+    quoting = csv.QUOTE_NONE if mark == "\t" else csv.QUOTE_MINIMAL
     try:
-        rows = list(csv.reader(files.read(path, "CSV"), delimiter=mark))
+        rows = list(csv.reader(files.read(path, "CSV"), delimiter=mark, quoting=quoting))
     except csv.Error as error:
         raise file_error(path, f"is no table ({error})", _AGAIN) from error
-    return [[cell.strip() for cell in row] for row in rows]
+    around = ' "' if mark == "\t" else " "
+    return [[cell.strip().strip(around) for cell in row] for row in rows]
 
 
 def _find(path: Path, rows: list[list[str]], wanted: Callable[[list[str]], bool], what: str) -> int:
@@ -239,11 +243,18 @@ def _rate(path: Path, text: str, line: int) -> float:
     return value
 
 
-def _filled(row: list[str]) -> list[str]:
-    """A row without an empty cell at its end, as a closing tab makes one."""
-    return row[:-1] if row and not row[-1] else row
+def _columns_before(rows: list[list[str]], of_markers: int) -> int:
+    """Columns before those of the markers. An empty last column is that of a closing tab, or of a
+    marker that is never seen.
+    """
+    width = max(map(len, rows))
+    ends = [row[-3:] for row in rows if len(row) == width]
+    if any(end[-1] for end in ends):
+        return width - of_markers
+    unseen = not any(map(any, ends)) and width - of_markers in (0, 2)
+    return width - of_markers - (not unseen)
 
 
 def _is_numbers(row: list[str]) -> bool:
-    """Whether a row holds numbers alone, and at least one."""
-    return bool(row) and any(row) and all(not cell or number(cell) is not None for cell in row)
+    """Whether a row holds numbers alone, or cells of a frame in which no marker is seen."""
+    return len(row) > 1 and all(not cell or number(cell) is not None for cell in row)

@@ -247,6 +247,22 @@ def test_a_bead_whose_guess_is_too_far_off_is_followed_back_from_where_it_is_met
     assert np.linalg.norm(found - truth, axis=-1).max() < 0.15
 
 
+def test_a_bead_is_met_where_most_views_show_it_not_at_the_first_shadow_taken_for_it():
+    """Its guess is right along the ray of a later view, and another shadow lies beside where the
+    guess is seen in three of the first views.
+    """
+    truth = seen(sway(2, 0.1), beads(2))[:90]
+    toward = c_arm().sources()[60] - beads(2)[0]
+    guess = beads(2) + np.array([8e-3 * toward / np.linalg.norm(toward), np.zeros(3)])
+    expected = c_arm().project(guess)[0][:90, 0]
+    assert np.linalg.norm(expected - truth[:, 0], axis=-1)[:12].min() > 7
+    decoy = np.full((90, 1, 2), 20.0)
+    decoy[4:7, 0] = expected[4:7] - 0.2 * (truth[4:7, 0] - expected[4:7])
+    images = shadows(np.concatenate([truth, decoy], 1), 1.3)
+    found = bead_tracking.track(images, guess, radius=1e-3)
+    assert np.linalg.norm(found - truth, axis=-1).max() < 0.15
+
+
 def test_a_bead_whose_guess_is_too_far_off_in_all_views_is_sought_farther():
     """Its guess is 7 mm too low, 9 pixels in every view; the other one's is right."""
     truth = seen(sway(2), beads(2))[:20]

@@ -149,6 +149,13 @@ def test_an_rt_images_pixels_are_the_detectors_unless_its_plane_is_the_isocenter
         assert said in found.notes[0]
 
 
+def test_an_empty_angle_of_the_positioner_does_not_hide_the_gantrys(tmp_path, values):
+    path = rt_image(tmp_path / "a.dcm", values, PositionerPrimaryAngle="")
+    angles = dicom.read_projections(path).angles_deg
+    assert angles is not None
+    np.testing.assert_allclose(angles, [358.0])
+
+
 def test_gantry_angles_are_the_views_and_go_on_beyond_a_turn(tmp_path, values):
     for k, angle in enumerate((358.0, 359.5, 1.0)):
         path = tmp_path / f"{k}.dcm"

@@ -34,6 +34,9 @@ def test_what_loggers_write_is_seconds(cells, seconds):
     ["24/05/2025, 09:04:07.125", "24/05/2025, 09:04:08.000"],
     ["5/24/2025 9:04:07.125 AM", "5/24/2025 9:04:08.000 AM"],
     ["24-May-2025 09:04:07.125", "24-May-2025 09:04:08.000"],
+    ["May 24 2025 09:04:07.125", "May 24 2025 09:04:08.000"],
+    ["May 24, 2025, 9:04:07.125 AM", "May 24, 2025, 9:04:08.000 AM"],
+    ["25-05-24 09:04:07.125", "25-05-24 09:04:08.000"],
     ["2025/05/24 09:04:07:125", "2025/05/24 09:04:08:000"],
 ])  # fmt: skip
 def test_dates_of_any_order_are_one_moment(cells):
@@ -48,6 +51,28 @@ def test_of_a_date_that_may_be_either_the_day_is_what_changes():
         ["4/3/2025 23:59:59", "5/3/2025 0:0:1"],
     ):
         assert np.diff(read(cells)) == [2.0]
+
+
+@pytest.mark.parametrize("dates", [
+    ("25-12-30", "25-12-31"), ("25.12.30", "25.12.31"), ("30-12-25", "31-12-25"),
+    ("25-12-31", "26-01-01"), ("12/31/25", "1/1/26"), ("31/12/25", "01/01/26"),
+    ("05-06-07", "05-06-08"), ("05/06/07", "06/06/07"), ("05/06/07", "05/07/07"),
+    ("25-Dec-30", "25-Dec-31"), ("31-Jan-2025", "01-Feb-2025"), ("Dec 31 2024", "Jan 1 2025"),
+    ("4/30/2025", "5/1/2025"), ("30/4/2025", "1/5/2025"),
+])  # fmt: skip
+def test_the_order_of_a_date_is_that_by_which_days_go_on(dates):
+    before, after = dates
+    assert np.diff(read([f"{before} 23:59:59", f"{after} 0:00:01"])) == [2.0]
+
+
+def test_dates_that_leap_by_every_order_are_refused():
+    with pytest.raises(LegsimError, match=r"'1/2/2025 .*column 't' may be .*'dmy' or 'mdy'.*leap"):
+        read(["1/2/2025 12:00:00", "2/3/2025 12:00:00"])
+
+
+def test_a_date_that_is_none_is_named_though_the_others_have_another_order():
+    with pytest.raises(LegsimError, match=r"a.csv \(line 4\): '33/05/2025 1:00:00' in"):
+        read(["24/05/2025 1:00:00", "25/05/2025 1:00:00", "33/05/2025 1:00:00"])
 
 
 def test_a_clock_of_twelve_hours_goes_past_noon_and_midnight():

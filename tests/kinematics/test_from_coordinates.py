@@ -1,5 +1,7 @@
 """Coordinates of a file become a person who moves: completed, checked, in the model's signs."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -327,6 +329,20 @@ def test_who_hangs_head_down_is_refused(tmp_path, solved, name, turn):
     )
     with pytest.raises(LegsimError, match=r"pose.: the pelvis is 0\.\d+ m below the feet.* y up"):
         from_recording.solve_kinematics(str(tmp_path / "c.mot"))
+
+
+@pytest.mark.parametrize(("tilt", "flexion"), [(90, 70), (60, 90), (100, 90)])
+def test_who_raises_the_legs_on_the_back_is_warned_of(tmp_path, solved, tilt, flexion):
+    values = np.zeros_like(solved.values)
+    values[:, solved.coordinate_names.index("pelvis_ty")] = 0.1
+    values[:, solved.coordinate_names.index("pelvis_tilt")] = np.radians(tilt)
+    for side in "rl":
+        values[:, solved.coordinate_names.index(f"hip_flexion_{side}")] = np.radians(flexion)
+    opensim.save(
+        tmp_path / "c.mot", JointTrajectories(solved.times, solved.coordinate_names, values)
+    )
+    notes = from_recording.solve_kinematics(str(tmp_path / "c.mot")).notes
+    assert any(re.search(r"the pelvis is \d+ cm below the feet, .* lies", note) for note in notes)
 
 
 def test_who_lies_is_reported_and_who_stands_is_not(tmp_path, solved):

@@ -173,3 +173,12 @@ def test_a_recording_of_one_plane_is_refused_with_its_file(tmp_path, squat):
     settings = saved(tmp_path, MarkerTrajectories(cut.times, cut.marker_names, flat))
     with pytest.raises(LegsimError, match=r"moved\.trc: all markers lie in one plane"):
         run_motion.solve(settings)
+
+
+def test_a_static_trial_of_unknown_labels_is_refused_with_its_own_file(tmp_path, squat):
+    cut = short(squat)
+    strange = tuple(f"foo{k}" for k in range(len(cut.marker_names)))
+    trc.save(tmp_path / "moving.trc", cut)
+    trc.save(tmp_path / "static.trc", MarkerTrajectories(cut.times, strange, cut.positions_world))
+    with pytest.raises(LegsimError, match=r"static\.trc: no marker set knows any of .*foo"):
+        from_recording.solve_kinematics(tmp_path / "moving.trc", scale_from=tmp_path / "static.trc")

@@ -197,9 +197,10 @@ def test_a_coordinates_range_matters_where_its_joint_does(tmp_path, span, said):
         OsimLeg(osim_file.read(osim.saved(tmp_path, of_leg)))
 
 
-def test_a_range_without_end_and_flags_of_numbers_are_opensims(tmp_path):
+@pytest.mark.parametrize("span", ["-Inf inf", "-1e10 1e10", "-1.797e308 1.797e308"])
+def test_a_range_without_end_and_flags_of_numbers_are_opensims(tmp_path, span):
     text = osim.version_4(osim.two_legs())
-    endless = text.replace("<range>-2.0 0.2</range>", "<range>-Inf inf</range>", 1).replace(
+    endless = text.replace("<range>-2.0 0.2</range>", f"<range>{span}</range>", 1).replace(
         "<clamped>true</clamped>", "<clamped>1</clamped>", 1
     )
     knee = osim_file.read(osim.saved(tmp_path, endless)).joints[2].coordinates[0]

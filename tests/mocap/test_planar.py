@@ -39,6 +39,16 @@ def test_markers_in_one_plane_are_refused(walk, axis):
         objections(walk)
 
 
+@pytest.mark.parametrize("normal", [[1, 0, -1], [0.2, 0.3, 1.0]])
+def test_markers_in_a_plane_along_no_axis_are_refused(walk, normal):
+    across = np.array(normal) / np.linalg.norm(normal)
+    flat = walk - (walk @ across - 0.1)[..., None] * across
+    with pytest.raises(LegsimError, match=r"lie in one plane .across \["):
+        objections(flat)
+    assert objections(flat[:, :4]) == (), "four markers of a pelvis may lie in one"
+    assert objections(flat + 4e-3 * np.sin(np.arange(6))[:, None] * across) == ()
+
+
 def test_two_markers_alone_say_nothing(walk):
     walk[..., 1] = 0.2
     assert objections(walk[:, :2]) == ()

@@ -105,6 +105,52 @@ def test_frames_that_are_left_out_are_noted_and_keep_their_times(tmp_path, posit
     assert raw.notes == ("2 frames are left out",)
 
 
+def read_text(tmp_path: Path, text: str) -> RawMarkers:
+    (tmp_path / "q.tsv").write_text(text, encoding="utf-8")
+    return program_tables.read_qualisys(tmp_path / "q.tsv")
+
+
+@pytest.mark.parametrize("timed", [True, False])
+@pytest.mark.parametrize("closed", ["", "\t"])
+def test_frames_in_which_nothing_is_seen_keep_their_times(tmp_path, positions, timed, closed):
+    lines = qualisys(positions, timed=timed).split("\n")
+    first = len(lines) - 1 - len(positions)
+    for k in (first, first + 1):
+        cells = lines[k].split("\t")
+        lines[k] = "\t".join(cells[: 2 * timed] + [""] * 9)
+    text = "\n".join([*lines[:first], *(line + closed for line in lines[first:-1])]) + "\n"
+    raw = read_text(tmp_path, text)
+    np.testing.assert_allclose(raw.times, np.arange(12) / RATE, atol=1e-12)
+    assert np.isnan(raw.positions[:2]).all()
+    assert np.isfinite(raw.positions[3:]).any((1, 2)).all()
+
+
+@pytest.mark.parametrize("timed", [True, False])
+@pytest.mark.parametrize("closed", ["", "\t"])
+def test_a_last_marker_that_is_never_seen_has_its_columns(tmp_path, positions, timed, closed):
+    lines = qualisys(positions, timed=timed).split("\n")
+    for k in range(len(lines) - 1 - len(positions), len(lines) - 1):
+        cells = lines[k].split("\t")
+        lines[k] = "\t".join(cells[: 2 * timed + 6] + [""] * 3) + closed
+    raw = read_text(tmp_path, "\n".join(lines))
+    assert len(raw.times) == 12
+    whole = read_text(tmp_path, qualisys(positions, timed=timed))
+    np.testing.assert_array_equal(raw.positions[:, :2], whole.positions[:, :2])
+    assert np.isnan(raw.positions[:, 2]).all()
+
+
+def test_a_quote_in_a_description_is_text_and_those_around_a_name_are_not(tmp_path, positions):
+    text = qualisys(positions)
+    raw = read_text(
+        tmp_path,
+        text.replace("DATA_INCLUDED", 'DESCRIPTION\t"quote\nDATA_INCLUDED').replace(
+            f"\t{NAMES[0]}\t", f'\t"{NAMES[0]}"\t', 1
+        ),
+    )
+    np.testing.assert_array_equal(raw.positions, read_text(tmp_path, text).positions)
+    assert raw.labels[0] == NAMES[0]
+
+
 def broken(text: str, old: str, new: str) -> str:
     assert old in text
     return text.replace(old, new)
