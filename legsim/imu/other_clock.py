@@ -26,7 +26,7 @@ def rate_doubts(
     path: Path, names: Sequence[str], only: RowsOf | None, rate_hz: float, count: float
 ) -> tuple[str, ...]:
     """Doubts a stated rate by columns of the table that look like times; nothing where each of them
-    goes with it in some unit, or says nothing: days, minutes and ticks of a processor are times too.
+    goes with it in some unit, or says nothing, as days, minutes and ticks of a processor do.
 
     Args:
         path: of the table.
