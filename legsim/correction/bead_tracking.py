@@ -140,14 +140,23 @@ def _followed(
     for view in range(len(geometry)):
         search(view, offsets[max(view - 1, 0)])
         progress(view + 1, len(geometry))
-    # a bead whose guess was too far off is met later: from there it is followed back
-    forward = found.copy()
-    met = np.logical_or.accumulate(np.isfinite(forward).all(-1))
-    early = ~met & met[-1]
+    # a bead whose guess was too far off is met later, after other shadows were perhaps taken for it
+    # in single views: from its longest run on it is followed back
+    forward, surely = found.copy(), _longest_runs(np.isfinite(found).all(-1))
+    early = np.arange(len(found))[:, None] < surely
     for view in np.flatnonzero(early.any(1))[::-1]:
         search(int(view), offsets[view + 1])
         found[view] = np.where(early[view][:, None], found[view], forward[view])
     return found
+
+
+def _longest_runs(has: NDArray[np.bool_]) -> NDArray[np.intp]:
+    """(b,) first view of the longest run of views (v, b) that show a bead; 0 where none does."""
+    ends = np.zeros(has.shape, np.intp)
+    for view, shown in enumerate(has):
+        ends[view] = shown * (1 + (ends[view - 1] if view else 0))
+    last = ends.argmax(0)
+    return np.where(has.any(0), last - ends.max(0) + 1, 0)
 
 
 def _shift(change: FloatArray) -> FloatArray:

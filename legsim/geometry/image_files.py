@@ -380,15 +380,15 @@ def _open(path: Path, dimensions: tuple[int, ...] = (3,)) -> sitk.ImageFileReade
             f"has {reader.GetDimension()} dimensions and {reader.GetNumberOfComponents()} channels",
             "expected 3 dimensions and 1 channel; extract those first",
         )
-    stated = (reader.GetOrigin(), reader.GetSpacing(), reader.GetDirection())
-    if not all(within(np.array(numbers)) for numbers in stated):
-        problem = "its first voxel is at {} mm, its spacing {} mm, its axes along {}"
-        raise file_error(path, problem.format(*stated), "write it again with finite numbers")
     if 0 in reader.GetSize():
         raise file_error(path, f"has a size of {reader.GetSize()}: no pixels", "export it again")
     if path.name.lower().endswith((".nii", ".nii.gz")):
         fields = {key: reader.GetMetaData(key) for key in reader.GetMetaDataKeys()}
         _nifti_header.check(path, fields)
+    stated = (reader.GetOrigin(), reader.GetSpacing(), reader.GetDirection())
+    if not all(within(np.array(numbers)) for numbers in stated):
+        problem = "its first voxel is at {} mm, its spacing {} mm, its axes along {}"
+        raise file_error(path, problem.format(*stated), "write it again with finite numbers")
     return reader
 
 

@@ -247,6 +247,19 @@ def test_a_bead_whose_guess_is_too_far_off_is_followed_back_from_where_it_is_met
     assert np.linalg.norm(found - truth, axis=-1).max() < 0.15
 
 
+def test_a_bead_is_met_where_most_views_show_it_not_at_the_first_shadow_taken_for_it():
+    """As above, with another shadow where the guess is seen, in a few of the views before."""
+    truth = seen(sway(2), beads(2))[:60]
+    toward = c_arm().sources()[50] - beads(2)[0]
+    guess = beads(2) + np.array([7e-3 * toward / np.linalg.norm(toward), np.zeros(3)])
+    decoy = c_arm().project(guess)[0][:60, :1] + [0.0, 1.0]
+    decoy[[0, 1, 2, 3, *range(7, 60)]] = [20.0, 20.0]
+    assert np.linalg.norm(decoy[:, 0] - truth[:, 0], axis=-1).min() > 3
+    images = shadows(np.concatenate([truth, decoy], 1), 1.3)
+    found = bead_tracking.track(images, guess, radius=1e-3)
+    assert np.linalg.norm(found - truth, axis=-1).max() < 0.15
+
+
 def test_a_bead_whose_guess_is_too_far_off_in_all_views_is_sought_farther():
     """Its guess is 7 mm too low, 9 pixels in every view; the other one's is right."""
     truth = seen(sway(2), beads(2))[:20]

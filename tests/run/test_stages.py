@@ -14,7 +14,7 @@ from legsim.run.stages import StageContext
 def scan_key(*overrides: str, compiler: str = "one 1.0") -> str:
     """Hangs on the settings alone."""
     settings = config.load_settings(overrides=overrides)
-    device = SimpleNamespace(candidate=SimpleNamespace(compiler=compiler))
+    device = SimpleNamespace(arithmetic=compiler)
     nothing = cast(RunFolder, None), cast(Device, device), lambda *_: None
     return StageContext(settings, *nothing).scan_key
 
