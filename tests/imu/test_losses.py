@@ -172,6 +172,8 @@ def test_one_instrument_that_stands_still_while_the_other_goes_on_is_noted(value
     assert "samples repeat the angular velocities of the one before" in note
     assert "nothing is known" not in note
     assert "510 ms at 8.9" in note or "500 ms at 9.0" in note
+    digits = np.round(rate / 0.005) * 0.005
+    assert len(held_note(replace(one, angular_velocity=digits))) == 1
     # at rest digits as coarse as a sensor's noise repeat by chance, and a loss costs nothing
     calm = still(count=2000)
     coarse = replace(calm, angular_velocity=np.round(calm.angular_velocity / 0.004) * 0.004)
