@@ -2,7 +2,7 @@
 
 from typing import Annotated, Literal
 
-from pydantic import Field, model_validator
+from pydantic import AfterValidator, Field, model_validator
 
 from legsim.config.tree import ConfigSection
 
@@ -11,7 +11,14 @@ Vector = tuple[float, float, float]
 Column = str | Annotated[int, Field(ge=1, le=10_000)]
 """name of a table's column, or its number from 1 on"""
 
-Axis = str | Annotated[int, Field(ge=-10_000, le=10_000)]
+
+def _from_1_on(column: str | int) -> str | int:
+    if column == 0:
+        raise ValueError("columns are counted from 1")
+    return column
+
+
+Axis = Annotated[str | Annotated[int, Field(ge=-10_000, le=10_000)], AfterValidator(_from_1_on)]
 """the same; "-ax", or -2, is a column with the other sign"""
 
 Positive = Annotated[float, Field(gt=0, le=1e12)]

@@ -9,7 +9,7 @@ from scipy.interpolate import make_interp_spline
 from legsim.core.errors import LegsimError
 from legsim.core.values import FloatArray, increasing_times
 from legsim.imu import recording
-from legsim.imu.bridging import bridged, wide_steps
+from legsim.imu.bridging import MOST, bridged, wide_steps
 from legsim.imu.losses import gap_note
 from legsim.imu.recording import ImuRecording
 from legsim.imu.signals import ImuSignals
@@ -113,16 +113,19 @@ def join(recordings: Sequence[ImuRecording]) -> JoinedSignals:
 
 def _shared_times(clocks: Sequence[FloatArray]) -> FloatArray:
     """Times (n,) of the fastest of the ``clocks``, within what all of them cover; where it has a
-    longer gap and others have samples, they are even.
+    longer gap and others have samples, they are even, or those of the other with the most samples
+    there where even ones would be too many.
     """
     first, last = max(times[0] for times in clocks), min(times[-1] for times in clocks)
     fastest = min(clocks, key=lambda times: float(np.median(np.diff(times))))
+    step = float(np.median(np.diff(fastest)))
     parts = [fastest]
     for k in np.flatnonzero(wide_steps(fastest)):
         begin, end = fastest[k : k + 2]
-        others = max(int(((times > begin) & (times < end)).sum()) for times in clocks)
-        missing = int(np.rint((end - begin) / np.median(np.diff(fastest)))) - 1 if others else 0
-        parts.append(np.linspace(begin, end, missing + 2)[1:-1])
+        within = max((times[(times > begin) & (times < end)] for times in clocks), key=len)
+        missing = np.rint((end - begin) / step) - 1
+        even = len(within) and missing <= MOST
+        parts.append(np.linspace(begin, end, int(missing) + 2)[1:-1] if even else within)
     whole = np.sort(np.concatenate(parts))
     return whole[(whole >= first) & (whole <= last)]
 

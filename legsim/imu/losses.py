@@ -27,6 +27,9 @@ _MOSTLY_LONG = 0.75
 _FEWEST, _SLOWER = 16, 0.05
 """repeats, and least share of them, of a sensor that is read faster than it measures"""
 
+_DIGIT = 1.5
+"""smallest differences of readings, within which they are a digit apart at most"""
+
 _CLIPPED, _JUMP = 3, 4.0
 """samples in a row at an extreme, and digits by which readings that are cut off jump to it: those
 of a smooth peak come near it first"""
@@ -130,8 +133,22 @@ def held_note(name: str, times: FloatArray, readings: FloatArray) -> tuple[str, 
         spread = [other[a : a + n + 1].std(0).max() for a, n in zip(first, count, strict=True)]
         moving = np.array(spread) > least
         first, count = first[moving], count[moving]
-        notes += _held(name, what, times, first, count, _beyond_others(count))
+        own = readings[:, :3] if k == 0 else readings[:, 3:]
+        held = _beyond_others(count) & ~_within_a_digit(own, first, count)
+        notes += _held(name, what, times, first, count, held)
     return tuple(notes)
+
+
+def _within_a_digit(
+    own: FloatArray, first: NDArray[np.intp], count: NDArray[np.intp]
+) -> NDArray[np.bool_]:
+    """Which runs of ``count`` (m,) repeats an instrument of readings (n, 3) begins and ends by a
+    digit at most: that is coarse digits in a slow motion. A reading that was held jumps at its end.
+    """
+    digit = np.array([np.diff(np.unique(v)).min(initial=np.inf) for v in own.T])
+    before, after = np.maximum(first - 1, 0), np.minimum(first + count + 1, len(own) - 1)
+    jump = np.maximum(np.abs(own[before] - own[first]), np.abs(own[after] - own[first]))
+    return np.asarray((jump <= _DIGIT * digit).all(-1))
 
 
 def _beyond_others(count: NDArray[np.intp]) -> NDArray[np.bool_]:
@@ -161,16 +178,22 @@ def _held(
     seconds = times[np.minimum(first + count + 1, len(times) - 1)] - times[first]
     longest = int(np.argmax(seconds))
     of = f"all {what}" if what == _ALL else f"the {what}"
+    seconds, begin = float(seconds[longest]), float(times[first[longest]])
+    # one instrument alone leaves what the other one says of the motion
+    place = _stretch(seconds, begin) if what == _ALL else _place(seconds, begin)
     return (
         f"Sensor {name}: {count.sum()} of {len(times)} samples repeat {of} of the one "
-        "before, as where packets were lost; the longest stretch is "
-        f"{_stretch(float(seconds[longest]), float(times[first[longest]]))}.",
+        f"before, as where packets were lost; the longest stretch is {place}.",
     )
 
 
 def _stretch(seconds: float, begin: float) -> str:
     advice = "; nothing is known of the motion within it" if seconds > LONG_GAP else ""
-    return f"{1e3 * seconds:.0f} ms at {begin:.3f} s{advice}"
+    return f"{_place(seconds, begin)}{advice}"
+
+
+def _place(seconds: float, begin: float) -> str:
+    return f"{1e3 * seconds:.0f} ms at {begin:.3f} s"
 
 
 def _stretches(same: NDArray[np.bool_]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:

@@ -9,6 +9,10 @@ _AXES = ("angular velocity", "acceleration")
 _FILLED, _STRAIGHT = 6, 0.01
 """samples at least on a line, and share of the usual second difference up to which they are"""
 
+_OFF_LINE, _GOES = 0.02, 10.0
+"""of what a stretch goes, by which all of it is off the line between its ends at most; times that,
+which three axes go at least"""
+
 _FINE = 0.1
 """of the usual second difference, up to which digits are fine"""
 
@@ -68,10 +72,11 @@ def _filled(name: str, times: FloatArray, readings: FloatArray) -> tuple[str, ..
     straight = (bent <= within).all(-1) & (within > 0).all()
     edges = np.flatnonzero(np.diff(np.concatenate([[False], straight, [False]]).astype(int)))
     first, count = edges[::2], edges[1::2] - edges[::2]
-    # readings that stand still are held, not filled
-    moves = [np.ptp(readings[k : k + n + 2], axis=0).astype(bool).sum() > 2
-             for k, n in zip(first, count, strict=True)]  # fmt: skip
-    long = (count >= _FILLED) & np.array(moves, bool)
+    goes = [
+        n >= _FILLED and _goes_straight(readings[k : k + n + 2], digit)
+        for k, n in zip(first, count, strict=True)
+    ]
+    long = np.array(goes, bool)
     if not long.any():
         return ()
     first, count = first[long], count[long]
@@ -83,3 +88,15 @@ def _filled(name: str, times: FloatArray, readings: FloatArray) -> tuple[str, ..
         f"{1e3 * seconds:.0f} ms at {times[first[k]]:.3f} s. Export without interpolation, so that "
         "what was lost is known.",
     )
+
+
+def _goes_straight(stretch: FloatArray, digit: FloatArray) -> bool:
+    """Whether readings (n, 6) go on lines from their first to their last, as a filled gap does.
+
+    Those of a sensor at rest go nowhere, however little they are bent beside those in motion, and
+    those that are held are not filled.
+    """
+    goes = np.abs(stretch[-1] - stretch[0])
+    off = np.abs(stretch - np.linspace(stretch[0], stretch[-1], len(stretch))).max(0)
+    straight = off <= np.maximum(_OFF_LINE * goes, 1.1 * digit)
+    return bool(straight.all() and (goes > _GOES * off).sum() > 2)

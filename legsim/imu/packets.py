@@ -49,16 +49,17 @@ def unwrapped(counter: ArrayLike, period: int | None = None) -> FloatArray:
     return np.concatenate([[0.0], np.cumsum(steps)])
 
 
-def sparse_note(sent: FloatArray, rate_hz: float) -> tuple[str, ...]:
-    """Describes numbers of packets (n,) that mostly grow by more than 1; nothing where they do not.
+def sparse_note(sent: FloatArray, rate_hz: float, in_turn: int = 1) -> tuple[str, ...]:
+    """Describes numbers of packets (n,) that mostly grow by more than 1; nothing where they do not,
+    or where they grow by as many as there are instruments that take turns.
 
     Such a counter counts the packets of other sensors too, or ticks of a clock.
     """
     step = float(np.median(np.diff(sent))) if len(sent) > 1 else 1.0
-    if step <= 1:
+    if step <= 1 or step == in_turn:
         return ()
     return (
-        f"In doubt: the packets' numbers grow by {step:g} from one sample to the next; rate_hz is "
+        f"the packets' numbers grow by {step:g} from one sample to the next; rate_hz is "
         f"taken for {rate_hz:g} numbers per second, which makes {rate_hz / step:.4g} samples of "
         "them",
     )

@@ -15,8 +15,9 @@ _ROUNDED = 1 / 3
 _CLOSE = 0.5
 """of the usual step, by which sorted times are apart where they are not of one even clock"""
 
-_ACROSS = 10.0
-"""usual steps at most, across which a clock starts at 0 again"""
+_ACROSS, _LOST_S, _SHARE = 10.0, 1.0, 0.1
+"""usual steps at most, across which a clock starts at 0 again; or s, as long as these are a small
+share of its period: packets may be lost there"""
 
 _REACH = 64
 """rows within which a packet may come again"""
@@ -58,7 +59,8 @@ def going_on(times: FloatArray, unit: float) -> tuple[FloatArray, tuple[str, ...
     for bits in (16, 32):
         period = unit * 2.0**bits
         across = period + steps[back]
-        if ((across > 0) & (across < _ACROSS * usual)).all():
+        most = max(_ACROSS * usual, min(_LOST_S, _SHARE * period))
+        if ((across > 0) & (across < most)).all():
             anew = np.zeros(len(times))
             anew[back + 1] = period
             note = f"its times start at 0 again {back.size} times, after {bits} bits, and go on"
@@ -83,7 +85,8 @@ def check_order(times: FloatArray) -> None:
     if back.size == 1 and _begins_anew(times, k):
         fix = "the clock begins anew there: split the file into its recordings"
     elif usual > 0 and (steps < _CLOSE * usual).mean() < 0.5 * back.size / len(steps):
-        fix = f"{back.size} samples are out of order: sort the rows by their times"
+        out = "1 sample is" if back.size == 1 else f"{back.size} samples are"
+        fix = f"{out} out of order: sort the rows by their times"
     elif (np.diff(np.delete(times, back + 1)) >= 0).all():
         fix = "that row has a wrong time: correct it, or delete the row"
     else:

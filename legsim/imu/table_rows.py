@@ -244,11 +244,15 @@ def _broken_off(
             "angular_velocity_file",
             place=place,
         )
-    asked = (
-        f"the header {len(table.names)}"
-        if table.named
-        else f"column {max(table.at) + 1} is asked for"
-    )
+    last, among = max(table.at) + 1, len(table.names)
+    if table.named and last > among:
+        return file_error(
+            path,
+            f"column {last} is asked for, the header names {among}",
+            "correct the number of the column (the first is 1)",
+            place=place,
+        )
+    asked = f"the header {among}" if table.named else f"column {last} is asked for"
     return file_error(
         path,
         f"the row has {len(cells)} cells, {asked}",
@@ -338,6 +342,17 @@ def _names(
                     )
                 return k + 1, delimiter, names
     raise _missing(path, lines, wanted)
+
+
+def is_named(path: Path, column: str, others: Sequence[str]) -> bool:
+    """Whether a line of a table has a column's name among the names ``others``."""
+    wanted = {column, *others}
+    return any(
+        wanted <= set(cells)
+        for line in table_lines(path)[:_HEADER_WITHIN]
+        for delimiter in _DELIMITERS
+        for cells in (cells_of(line, delimiter), _names_of(line, delimiter))
+    )
 
 
 def _names_of(line: str, delimiter: str) -> list[str]:

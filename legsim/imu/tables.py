@@ -26,7 +26,7 @@ from legsim.imu import (
 from legsim.imu.column_units import ByColumn, force_scale, rate_scale
 from legsim.imu.recording import ImuRecording, check_steady, checked
 from legsim.imu.table_layout import ONE_CLOCK, SensorColumns, TableLayout
-from legsim.imu.table_rows import Column, RowsOf, number_in, read_rows
+from legsim.imu.table_rows import Column, RowsOf, is_named, number_in, read_rows
 from legsim.imu.units import AccelerationUnit, AngularVelocityUnit, TimeUnit
 from legsim.mocap.c3d_analog import load_analog
 
@@ -192,7 +192,8 @@ def _check_apart(path: Path, layout: TableLayout) -> None:
     """Refuses columns that hold both quantities, row by row."""
     for sensor in layout.sensors:
         both = (sensor.acceleration, sensor.angular_velocity)
-        if set.intersection(*({_sign(c)[1] for c in columns} for columns in both)):
+        signed = _signed(path, layout, both)
+        if set.intersection(*({signed[c][1] for c in columns} for columns in both)):
             raise file_error(
                 path,
                 f"sensor {sensor.name!r} has columns that are accelerations and angular velocities",
@@ -215,7 +216,8 @@ def _read(
     only: RowsOf | None = None,
 ) -> _Vectors:
     """Accelerations, then angular velocities; of some rows alone where ``only`` says which."""
-    of_force, of_rate = ([_sign(c)[1] for v in kind for c in v] for kind in (forces, rates))
+    signed = _signed(path, layout, [*forces, *rates])
+    of_force, of_rate = ([signed[c][1] for v in kind for c in v] for kind in (forces, rates))
     try:
         if path.suffix.lower() == ".c3d":
             found = _of_channels(path, layout, [*of_force, *of_rate])
@@ -228,10 +230,41 @@ def _read(
     except LegsimError as error:
         raise _in_file(path, error) from error
     vectors = (
-        np.stack([sign * scale[c] * found.columns[c] for sign, c in map(_sign, three)], -1)
+        np.stack([sign * scale[c] * found.columns[c] for sign, c in (signed[c] for c in three)], -1)
         for three in (*forces, *rates)
     )
     return _Vectors(found.times, tuple(vectors), found.notes, found.rows)
+
+
+def _signed(
+    path: Path, layout: TableLayout, vectors: Sequence[tuple[Column, Column, Column]]
+) -> Mapping[Column, tuple[float, Column]]:
+    """Sign and column of each one that is asked for; "-ax" is the table's own where it has it.
+
+    Raises:
+        LegsimError: a column that is twice in one vector.
+    """
+    asked = [column for three in vectors for column in three]
+    names = [c for c in (layout.time, layout.counter, *asked) if isinstance(c, str)]
+    plain = [name for name in names if name[:1] != "-"]
+    signed = {c: _sign(c) for c in asked}
+    for name in names:
+        if name in signed and signed[name][0] < 0 and _has(path, name, plain):
+            signed[name] = 1.0, name
+    for three in vectors:
+        if len({signed[c][1] for c in three}) < len(three):
+            raise file_error(
+                path,
+                f"{', '.join(map(str, three))} has one column twice",
+                "give those of x, y and z",
+            )
+    return signed
+
+
+def _has(path: Path, name: str, others: Sequence[str]) -> bool:
+    if path.suffix.lower() == ".c3d":
+        return name in load_analog(path).labels
+    return is_named(path, name, others)
 
 
 def _sign(column: Column) -> tuple[float, Column]:
@@ -303,7 +336,8 @@ def _of_text(
     else:
         rate_hz = layout.rate_hz or 1.0
         sent = ticks if layout.counter is None else packets.unwrapped(ticks, layout.counter_period)
-        said += packets.sparse_note(sent, rate_hz)
+        whose = {t for s in layout.sensors for t in (s.acceleration_rows, s.angular_velocity_rows)}
+        said += packets.sparse_note(sent, rate_hz, len(whose))
         others = [name for name in found.names if name not in asked]
         said += other_clock.rate_doubts(path, others, only, rate_hz, float(sent[-1] - sent[0]))
         times = sent / rate_hz

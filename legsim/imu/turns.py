@@ -1,6 +1,7 @@
 """What order and numbers of rows say of instruments that take turns in a table."""
 
 from collections.abc import Mapping, Sequence
+from typing import Literal
 
 import numpy as np
 
@@ -18,7 +19,7 @@ def first_packets(
 
     One counter of all instruments has about the same number in rows that are beside each other; so
     an instrument whose first rows were lost begins later. Counters of their own are put on each
-    other by the order of the rows, which is noted.
+    other by the order of the rows, blocks of such by their first rows, which is noted.
 
     Args:
         rows: of each instrument, by what it is called in the table.
@@ -32,12 +33,13 @@ def first_packets(
     first, notes = {against: float(counts[against][0])}, []
     for name in names[1:]:
         one, other = ((lines[which], counts[which]) for which in (against, name))
-        later = _later(one, other, wraps_at)
+        later, where = _later(one, other, wraps_at)
         off = later - wraps_at * np.rint(later / wraps_at) if wraps_at else later
-        if abs(off) > within:
+        if where == "nowhere" or abs(off) > within:
+            place = "same place" if where == "beside" else "first rows of their blocks"
             notes.append(
                 f"In doubt: the packets' numbers of {against!r} and {name!r} are {abs(later):.0f} "
-                "apart in the same place of the table: they are taken for counters of their own, "
+                f"apart in the {place} of the table: they are taken for counters of their own, "
                 "and put on each other by the order of the rows"
             )
             off = 0.0
@@ -56,21 +58,25 @@ def _continued(counts: FloatArray, wraps_at: int) -> FloatArray:
     )
 
 
-def _later(one: Numbered, other: Numbered, wraps_at: int) -> float:
-    """By how much the numbers of the other are greater in the same place of the table.
+def _later(
+    one: Numbered, other: Numbered, wraps_at: int
+) -> tuple[float, Literal["beside", "range", "nowhere"]]:
+    """By how much the numbers of the other are greater, and where both have a place in common:
+    rows beside each other; a range of numbers, in blocks one below the other; nowhere.
 
-    Blocks, one below the other, have no place in common: numbers of ranges that mostly overlap are
-    then those of one counter, and others are counted from the first row.
+    Numbers of blocks whose ranges mostly overlap are those of one counter; others are counted from
+    the first row of each block.
     """
     (lines, counts), (others, numbers) = one, other
     beside = (others >= lines[0]) & (others <= lines[-1])
     if beside.any():
-        return float(np.rint(np.median((numbers - np.interp(others, lines, counts))[beside])))
+        apart = numbers - np.interp(others, lines, counts)
+        return float(np.rint(np.median(apart[beside]))), "beside"
     anew = wraps_at * np.rint((counts.mean() - numbers.mean()) / wraps_at) if wraps_at else 0.0
     shared = min(counts.max(), numbers.max() + anew) - max(counts.min(), numbers.min() + anew)
     if shared > 0.5 * min(np.ptp(counts), np.ptp(numbers)):
-        return -float(anew)
-    return float(numbers[0] - counts[0])
+        return -float(anew), "range"
+    return float(numbers[0] - counts[0]), "nowhere"
 
 
 def _turn(lines: Sequence[FloatArray]) -> int:

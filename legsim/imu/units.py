@@ -131,6 +131,16 @@ def hinted(column: str) -> str | None:
     return None
 
 
+def of_name(column: str) -> str | None:
+    """The unit in brackets at the end of a name, else that of its last words; None without."""
+    return in_name(column) or hinted(column)
+
+
+def seconds_of(unit: str) -> float | None:
+    """s per unit of time; None where it is none of :data:`SECONDS`."""
+    return next((factor for known_one, factor in SECONDS.items() if known_one == unit), None)
+
+
 def in_name(column: str) -> str | None:
     """What :func:`stated` says of the brackets at the end of a column's name, as in "Gyr X
     (deg/s)"; None without.

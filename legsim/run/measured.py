@@ -224,10 +224,13 @@ def _joined(sensors: Sequence[WornSensor], geometry: ConeBeamGeometry) -> Joined
         names = ", ".join(joined.signals.sensor_names)
         guess = projection_files.unit_guess(float(views[-1] - views[0]))
         other = f", or correct the times of the views: {guess}" if guess else ""
+        late, early = float(times[0] - views[0]), float(views[-1] - times[-1])
+        short = [f"begin {late:.13g} s after them"] * (late > 0)
+        short += [f"end {early:.13g} s before them"] * (early > 0)
         raise LegsimError(
             f"the views are from {views[0]:.13g} to {views[-1]:.13g} s, sensors {names} recorded "
-            f"{times[0]:.13g} to {times[-1]:.13g} s by the views' clock, and begin "
-            f"{times[0] - views[0]:.13g} s after them; give clock_offset_s (sensors' clock minus "
+            f"{times[0]:.13g} to {times[-1]:.13g} s by the views' clock, and "
+            f"{' and '.join(short)}; give clock_offset_s (sensors' clock minus "
             f"the views'){other}"
         )
     return joined

@@ -1,5 +1,6 @@
 """Projections and geometry that a SCAN.toml names, and the times of its views."""
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -88,15 +89,22 @@ def with_times(
     return geometry if timed else None
 
 
+_AROUND = " \t,;\"'"
+"""what stands around a number or a title of a table of one column"""
+
+_LONGER = re.compile(r"(?i)^(?:min(?:ute)?s?|h|hrs?|hours?)$")
+"""units of time that are not read"""
+
+
 def _times(path: Path, count: int) -> FloatArray:
     """Times (count,) s of a text file with one a line, under a line with a name or not; the name
     may end in a unit.
     """
-    lines = [line.strip() for line in files.read(path, "times") if line.strip()]
-    numbers, unit = [], "s"
+    lines = [line.strip(_AROUND) for line in files.read(path, "times") if line.strip()]
+    numbers, seconds = [], 1.0
     for k, line in enumerate(lines):
         try:
-            numbers.append(float(line.rstrip(",;")))
+            numbers.append(float(line))
         except ValueError:
             if k > 0:
                 raise file_error(
@@ -105,22 +113,23 @@ def _times(path: Path, count: int) -> FloatArray:
                     "give one number of seconds per line",
                     place=f"line {k + 1}",
                 ) from None
-            unit = units.in_name(line) or units.known(line) or units.hinted(line) or "s"
-    seconds = {str(known): factor for known, factor in units.SECONDS.items()}
-    if unit not in seconds:
-        raise file_error(
-            path,
-            f"the times are stated to be in {unit!r}",
-            "give seconds",
-            place="line 1",
-        )
+            seconds = _seconds(path, line)
     if len(numbers) != count:
         raise file_error(
             path,
             f"holds {len(numbers)} times, the geometry {count} views",
             "give one time in s per view",
         )
-    return seconds[unit] * np.array(numbers)
+    return seconds * np.array(numbers)
+
+
+def _seconds(path: Path, title: str) -> float:
+    """s per unit of the times below a title; 1 where it states no unit of time."""
+    unit = units.known(title) or units.of_name(title) or "s"
+    if _LONGER.search(unit):
+        problem = f"the times are stated to be in {unit!r}"
+        raise file_error(path, problem, "give seconds", place="line 1")
+    return units.seconds_of(unit) or 1.0
 
 
 _SCANS_S = (0.5, 300.0)

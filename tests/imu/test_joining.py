@@ -87,3 +87,25 @@ def test_a_gap_of_the_fastest_sensor_is_none_of_the_others():
                    angular_velocity=slow.angular_velocity[np.abs(slow.times - 6.0) > 0.4],
                    specific_force=slow.specific_force[np.abs(slow.times - 6.0) > 0.4])  # fmt: skip
     assert np.diff(join([both, gappy]).signals.times).max() > 0.7
+
+
+def test_parts_days_apart_are_not_filled_by_a_stray_sample_between_them():
+    two_days = 172_800.0
+    between = 86_401.0031
+    fast, slow = swaying(rate_hz=128.0), swaying(rate_hz=100.0).named("thigh")
+    parts = [replace(one, times=np.r_[one.times, one.times + two_days],
+                     angular_velocity=np.tile(one.angular_velocity, (2, 1)),
+                     specific_force=np.tile(one.specific_force, (2, 1)))
+             for one in (fast, slow)]  # fmt: skip
+    stray = len(slow.times)
+    with_stray = replace(
+        parts[1],
+        times=np.insert(parts[1].times, stray, between),
+        angular_velocity=np.insert(parts[1].angular_velocity, stray, 0.0, axis=0),
+        specific_force=np.insert(parts[1].specific_force, stray, [0.0, 0.0, 9.8], axis=0),
+    )
+    signals = join([parts[0], with_stray]).signals
+    within = (signals.times > 12) & (signals.times < two_days)
+    np.testing.assert_array_equal(signals.times[within], [between])
+    np.testing.assert_allclose(signals.sensor("thigh")[1][within], [[0.0, 0.0, 9.8]], atol=1e-12)
+    assert np.isnan(signals.sensor("shank")[1][within]).all()

@@ -170,8 +170,27 @@ def test_one_instrument_that_stands_still_while_the_other_goes_on_is_noted(value
     rate[900:950] = rate[899] if value is None else value
     (note,) = held_note(replace(one, angular_velocity=rate))
     assert "samples repeat the angular velocities of the one before" in note
+    assert "nothing is known" not in note
     assert "510 ms at 8.9" in note or "500 ms at 9.0" in note
+    digits = np.round(rate / 0.005) * 0.005
+    assert len(held_note(replace(one, angular_velocity=digits))) == 1
     # at rest digits as coarse as a sensor's noise repeat by chance, and a loss costs nothing
     calm = still(count=2000)
     coarse = replace(calm, angular_velocity=np.round(calm.angular_velocity / 0.004) * 0.004)
     assert held_note(coarse) == ()
+
+
+def test_one_instrument_of_coarse_digits_in_a_slow_motion_is_not_held(rng):
+    """Its readings stay for long, and go on by a digit."""
+    times = np.arange(3000) / 100
+    noise = rng.normal(size=(3000, 3))
+    digit = np.radians(0.5)
+    coarse = np.round(0.1 * digit * noise / digit + 0.3) * digit
+    coarse += digit * np.round(2 * np.sin(0.8 * times))[:, None]
+    pushed = [0, 0, 9.8] + np.sin(2 * np.pi * 0.4 * times)[:, None] * [0.9, 0.7, 0.5] + 0.02 * noise
+    assert held_note(ImuRecording("a", times, coarse, pushed)) == ()
+    step = 9.80665 / 128
+    tilt = np.radians(20) * np.sin(2 * np.pi * 0.05 * times)
+    felt = 9.80665 * np.stack([np.sin(tilt), 0 * tilt, np.cos(tilt)], -1)
+    turning = 0.3 * np.sin(2 * np.pi * 0.5 * times)[:, None] * [0, 0.2, 1] + 0.002 * noise
+    assert held_note(ImuRecording("a", times, turning, np.round(felt / step) * step)) == ()

@@ -56,3 +56,22 @@ def test_a_gap_that_was_filled_by_a_line(rng, digits):
     (note,) = odd_notes("a", times, np.round(read, digits))
     assert "59 of 1200 samples lie on straight lines between others" in note
     assert "the longest stretch is 600 ms at 3.000 s" in note
+
+
+def smooth(rng, count, kernel):
+    """Noise of unit variance, averaged over some samples."""
+    noise = rng.normal(size=(count + kernel, 6))
+    mean = np.stack([np.convolve(v, np.hanning(kernel + 2)[1:-1], "same") for v in noise.T], -1)
+    return mean[:count] / mean.std(0)
+
+
+@pytest.mark.parametrize("digit", [1e-9, 1e-3, 0.02])
+@pytest.mark.parametrize(("rate_hz", "kernel"), [(50, 1), (200, 1), (200, 10), (200, 40)])
+def test_rest_before_and_amid_fast_motion_is_not_filled(rng, rate_hz, kernel, digit):
+    """Its noise is small beside what readings in motion are bent by."""
+    times = np.arange(30 * rate_hz) / rate_hz
+    rest = np.r_[[0.0008] * 3, [0.008] * 3] * smooth(rng, len(times), kernel)
+    motion = np.r_[[5.0] * 3, [11.0] * 3] * smooth(rng, len(times), max(2, kernel // 4))
+    moves = (times > 4) & (np.abs(times - 15) > 0.3) & (np.abs(times - 20) > 2)
+    read = rest + np.where(moves[:, None], motion, np.r_[0, 0, 0, 0, 0, 9.8])
+    assert odd_notes("a", times, np.round(read / digit) * digit) == ()

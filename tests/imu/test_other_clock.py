@@ -51,3 +51,36 @@ def test_a_stated_unit_leaves_no_other(tmp_path, name):
 def test_what_says_no_rate_says_nothing(tmp_path, times):
     """Numbers of samples, one moment, clocks that begin anew, times of the day."""
     assert rate_doubts(table(tmp_path, times), NAMES, None, 60.0, float(len(times) - 1)) == ()
+
+
+EVEN = np.arange(400) / 100
+
+
+@pytest.mark.parametrize(
+    ("name", "times"),
+    [
+        ("epoch", 1.7e9 + np.floor(EVEN[:350])),
+        ("time", np.floor(EVEN / 0.16) * 0.16),
+        ("time", np.floor((EVEN + 0.1) / 0.16) * 160),
+        ("time (min)", EVEN / 60),
+        ("time (h)", EVEN / 3600),
+        ("Time", EVEN / 60),
+        ("datenum_time", 738000.5 + np.arange(400) / 8_640_000),
+        ("timestamp", 2000 + np.round(32768 * EVEN)),
+        ("timestamp", EVEN / 312.5e-6),
+        ("time (ticks)", np.round(40e6 * EVEN)),
+        ("elapsed", np.round(40e6 * EVEN)),
+    ],
+)
+def test_right_rates_beside_times_of_other_units_or_coarse_ones_are_in_no_doubt(
+    tmp_path, name, times
+):
+    """Whole seconds, times of delivery, days, minutes, and ticks of processors."""
+    path = table(tmp_path, times, name)
+    assert rate_doubts(path, [name], None, 100.0, len(times) - 1.0) == ()
+
+
+@pytest.mark.parametrize("rate_hz", [50.0, 200.0, 60.0, 128.0])
+def test_wrong_rates_beside_times_of_delivery_are_in_doubt(tmp_path, rate_hz):
+    path = table(tmp_path, np.floor(EVEN / 0.16) * 0.16)
+    assert "has 103.9 samples" in rate_doubts(path, NAMES, None, rate_hz, 399.0)[0]

@@ -46,10 +46,13 @@ def test_a_period_is_that_of_numbers_that_start_again():
     assert found_period(np.arange(200.0, 300.0) % 256) == 256
 
 
-def test_numbers_that_count_more_than_the_samples_are_in_doubt():
+def test_numbers_that_count_more_than_the_samples_are_noted():
     """Lost packets leave most numbers one apart; those of two sensors in turn are two apart."""
     sent = np.arange(300.0)
     assert sparse_note(np.delete(sent, slice(50, 150)), 100.0) == ()
     (note,) = sparse_note(2 * sent, 100.0)
+    assert note.startswith("the packets' numbers grow by 2")
+    assert sparse_note(2 * sent, 100.0, in_turn=2) == ()
+    assert len(sparse_note(3 * sent, 100.0, in_turn=2)) == 1
     assert "grow by 2 from one sample to the next" in note
     assert "makes 50 samples" in note

@@ -91,6 +91,7 @@ def test_a_counter_that_starts_again_at_rest_repeats_no_packet():
     ("change", "said"),
     [
         (lambda t: t[np.r_[:50, 51, 50, 52:100, 101, 100, 102:200]], "2 samples are out of order"),
+        (lambda t: t[np.r_[:50, 51, 50, 52:200]], "1 sample is out of order"),
         (lambda t: np.r_[t[:70], 0.1, t[71:]], "a wrong time: correct it"),
         (lambda t: np.r_[t, t[:80]], "begins anew there: split the file"),
         (lambda t: np.r_[t[:100], t[100:] - 0.125], "set back, or .* give rate_hz"),
@@ -109,3 +110,14 @@ def test_a_clock_that_starts_at_0_again_goes_on(bits, unit):
     assert note == f"its times start at 0 again 1 times, after {bits} bits, and go on"
     for other in (unit * counts, unit * (counts % 50_000)):
         assert same_times.going_on(other, unit)[1] == ()
+
+
+def test_packets_may_be_lost_where_a_clock_starts_at_0_again():
+    counts = 2**16 - 1000 + 10 * np.r_[:60, 115:300]
+    found, notes = same_times.going_on(1e-3 * (counts % 2**16), 1e-3)
+    np.testing.assert_allclose(np.diff(found), 1e-3 * np.diff(counts), rtol=1e-6)
+    assert len(notes) == 1
+    counts = 2**16 - 1000 + 10 * np.r_[:60, 210:400]  # 1.5 s
+    assert same_times.going_on(1e-3 * (counts % 2**16), 1e-3)[1] == ()
+    counts = 2**16 - 1000 + 10 * np.r_[:60, 1160:1400]  # of 65 ms, a good part of the period
+    assert same_times.going_on(1e-6 * (counts % 2**16), 1e-6)[1] == ()

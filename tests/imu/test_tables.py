@@ -394,6 +394,30 @@ def test_a_column_may_be_meant_with_the_other_sign(tmp_path):
         load(path, TableLayout((SensorColumns("shank", (0, 3, 4), (5, 6, 7)),), time="t"))
 
 
+def test_a_column_of_the_table_may_begin_with_a_sign(tmp_path):
+    """Its name is then its own, and beside it another is still meant with the other sign."""
+    one = still(count=40)
+    names = ("t", "-ax", "ay", "az", "gx", "gy", "gz")
+    path = write(tmp_path / "a.csv", rows_of(one), names=names)
+    sensor = SensorColumns("shank", ("-ax", "-ay", "az"), ("gx", "gy", "gz"))
+    (read,) = load(path, TableLayout((sensor,), time="t"))
+    np.testing.assert_array_equal(read.specific_force, one.specific_force * [1, -1, 1])
+
+
+@pytest.mark.parametrize("columns", [("ax", "ay", "ax"), (2, 3, -2), ("ax", "-ay", "-ax")])
+def test_a_column_that_is_twice_in_a_vector_is_refused(tmp_path, columns):
+    path = write(tmp_path / "a.csv", rows_of(still(count=40)))
+    with pytest.raises(LegsimError, match=r"a\.csv: .* has one column twice; give those of x, y"):
+        load(path, TableLayout((SensorColumns("shank", columns, ("gx", "gy", "gz")),), time="t"))
+
+
+def test_a_column_beyond_the_table_is_named(tmp_path):
+    path = write(tmp_path / "a.csv", rows_of(still(count=40)))
+    layout = TableLayout((SENSOR,), time="t", angular_velocity_time=9)
+    with pytest.raises(LegsimError, match="column 9 is asked for, the header names 7; correct the"):
+        load(path, layout)
+
+
 def paired(every: int) -> tuple[ImuRecording, list[list[object]]]:
     """Rows of two instruments, each beside times of its own, of which the gyroscope is slower."""
     one = swaying(lean=0.3)

@@ -66,6 +66,39 @@ def test_blocks_of_one_counter_keep_its_numbers(begin):
     assert notes == ()
 
 
+@pytest.mark.parametrize("begin", [600, 1000, 1500])
+def test_blocks_with_counters_of_their_own_begin_together(begin):
+    """Whatever their numbers, if few are in both blocks."""
+    sent = np.arange(1000.0)
+    first, (note,) = turns.first_packets({"A": (sent, sent), "G": (1000 + sent, begin + sent)})
+    assert first == {"A": 0, "G": 0}
+    assert f"'A' and 'G' are {begin} apart in the first rows of their blocks" in note
+
+
+def test_blocks_with_counters_of_their_own_are_read_as_they_were_recorded(tmp_path):
+    one, xyz = swaying(), ("x", "y", "z")
+    rows = [["A", k, *f] for k, f in enumerate(one.specific_force.tolist())]
+    rows += [["G", 1500 + k, *w] for k, w in enumerate(one.angular_velocity.tolist())]
+    path = write(tmp_path / "a.csv", rows, names=("k", "n", *xyz))
+    sensor = SensorColumns("shank", xyz, xyz, "A", "G")
+    (read,) = load(path, TableLayout((sensor,), rate_hz=100.0, counter="n", rows_by="k"))
+    np.testing.assert_array_equal(read.specific_force, one.specific_force)
+    np.testing.assert_array_equal(read.angular_velocity, one.angular_velocity)
+    assert "counters of their own" in read.notes[0]
+
+
+def test_one_counter_of_instruments_in_turn_is_in_no_doubt(tmp_path):
+    """It counts the rows of both, 200 of them per second."""
+    one, xyz = swaying(), ("x", "y", "z")
+    pairs = zip(one.specific_force.tolist(), one.angular_velocity.tolist(), strict=True)
+    both = [row for f, w in pairs for row in (["A", *f], ["G", *w])]
+    rows = [[kind, k, *values] for k, (kind, *values) in enumerate(both)]
+    path = write(tmp_path / "a.csv", rows, names=("k", "n", *xyz))
+    sensor = SensorColumns("shank", xyz, xyz, "A", "G")
+    (read,) = load(path, TableLayout((sensor,), rate_hz=200.0, counter="n", rows_by="k"))
+    assert not [note for note in read.notes if "grow by" in note or "In doubt" in note]
+
+
 def test_rows_out_of_turn_are_described_by_place_and_size():
     kept = np.ones((2, 600), bool)
     both = {name: lines for name, (lines, _) in table(600, kept, [range(600)] * 2).items()}

@@ -100,3 +100,13 @@ def test_a_unit_among_words_is_found(column, unit):
 )
 def test_the_last_words_of_a_name_may_be_its_unit(column, unit):
     assert units.hinted(column) == unit
+
+
+@pytest.mark.parametrize(
+    ("name", "unit", "seconds"),
+    [("time (ms)", "ms", 1e-3), ("t_us", "us", 1e-6), ("t_us (ns)", "ns", 1e-9),
+     ("time (min)", "min", None), ("time", None, None), ("acc_g", "g", None)],
+)  # fmt: skip
+def test_a_name_says_its_unit_in_brackets_or_at_its_end(name, unit, seconds):
+    assert units.of_name(name) == unit
+    assert units.seconds_of(unit or "") == seconds

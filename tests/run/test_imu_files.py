@@ -87,6 +87,7 @@ def test_lost_packets_are_a_warning(tmp_path):
         (('"g"', '"kg"'), "acceleration_unit"),
         (("rate_hz = 100", ""), "raw.csv: a table of sensors has times"),
         (('"ax"', '"AX"'), "raw.csv .line 1.: has no line with the column 'AX'"),
+        (('"ax"', "0"), "acceleration.0.*: .*columns are counted from 1, not 0"),
         (('angular_velocity = ["gx", "gy", "gz"]', ""), "of every sensor, or of none"),
         (('name = "shank_l"', 'nam = "shank_l"'), "unknown key; valid here: name, recorded_as"),
     ],

@@ -214,7 +214,12 @@ def test_a_sensor_without_a_start_is_left_out(tmp_path):
     [
         ("view_rate_hz = 5.0", "", "geometry.xml: does not say when its views were taken"),
         ("view_rate_hz = 5.0", "view_rate_hz = 0.5", "views are from 0 to 46 s, sensors shank_l"),
-        ("_hz = 5.0", "_hz = 0.005", r"begin 0 s after them; .* views: in ms they would be 4\.6 s"),
+        (
+            "_hz = 5.0",
+            "_hz = 0.005",
+            r"and end 45\d\d.* s before them; .* in ms they would be 4\.6 s",
+        ),
+        ('"imu.csv"', '"imu.csv"\nclock_offset_s = -1.0', r"and begin 1 s after them; give"),
         ("view_rate_hz", "view_rate", "unknown key; valid here: projections"),
         ("[grid]", "[grid]\nlike = 'x.mha'", "like already says the grid"),
         ("spacing_mm = [5.0, 5.0, 5.0]", "", "shape_zyx without spacing_mm; give both"),

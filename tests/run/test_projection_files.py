@@ -114,7 +114,12 @@ def test_two_clocks_are_refused(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("header", "factor"), [("time (ms)", 1e-3), ("time_ms", 1e-3), ("t_us", 1e-6), ("ms", 1e-3)]
+    ("header", "factor"),
+    [
+        *(("time (ms)", 1e-3), ("time_ms", 1e-3), ("t_us", 1e-6), ("ms", 1e-3)),
+        *(("time_ms,", 1e-3), ("Time(ms);", 1e-3), ('"Time (ms)",', 1e-3)),
+        *(("view_g", 1.0), ("trigger (counts)", 1.0), ("view", 1.0)),
+    ],
 )
 def test_a_unit_above_the_times_of_views_is_theirs(tmp_path, header, factor):
     (tmp_path / "t.csv").write_text("\n".join([header, *map(str, range(24))]))
