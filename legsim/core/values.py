@@ -140,3 +140,18 @@ def index_of(kind: str, names: tuple[str, ...], name: str) -> int:
     if name not in names:
         raise LegsimError(f"unknown {kind} {name!r}; known: {', '.join(names)}")
     return names.index(name)
+
+
+def to_nanometers(meters: FloatArray) -> FloatArray:
+    """The lengths in m, rounded so that a file of millimeters with six decimals holds the same
+    numbers, to the last bit.
+
+    >>> to_nanometers(np.array([0.1234567894]))
+    array([0.12345679])
+    """
+    return 1e-3 * in_millimeters(meters)
+
+
+def in_millimeters(meters: FloatArray) -> FloatArray:
+    """Millimeters of lengths in m, to six decimals: :func:`to_nanometers` is what they read as."""
+    return np.round(1e3 * meters, 6)

@@ -142,7 +142,7 @@ def _followed(
         progress(view + 1, len(geometry))
     # a bead whose guess was too far off is met later, after other shadows were perhaps taken for it
     # in single views: from its longest run on it is followed back
-    forward, surely = found.copy(), _longest_runs(np.isfinite(found).all(-1))
+    forward, surely = found.copy(), _longest_runs(np.asarray(np.isfinite(found).all(-1)))
     early = np.arange(len(found))[:, None] < surely
     for view in np.flatnonzero(early.any(1))[::-1]:
         search(int(view), offsets[view + 1])

@@ -17,6 +17,7 @@ from legsim.config.measured_scan import (
 )
 from legsim.core.constants import STANDARD_GRAVITY
 from legsim.core.files import write_text
+from legsim.core.values import in_millimeters
 from legsim.correction.control_points import AttachedPoint
 from legsim.correction.method import Scan
 from legsim.imu.sensors import Sensor
@@ -103,7 +104,7 @@ def _sensor_errors(settings: RunConfig) -> ExpectedErrorsConfig:
 def _start(start: SensorStart, methods: MethodsConfig) -> StartConfig:
     """The start that methods were given, with how far off it may be."""
     place, rows = start.world_from_sensor[:3, 3], start.world_from_sensor[:3, :3]
-    (a, b, c), (u, v, w) = (1e3 * place).tolist(), (1e3 * start.velocity).tolist()
+    (a, b, c), (u, v, w) = (in_millimeters(k).tolist() for k in (place, start.velocity))
     first, second, third = ((x, y, z) for x, y, z in rows.tolist())
     return StartConfig(
         position_mm=(a, b, c),
@@ -124,7 +125,7 @@ def _joints(
         side = segments[points[0].sensor][-1]
         names = ["hip", "knee", "ankle", *(f"point_{k}" for k in range(1, len(points) - 2))]
         for name, point in zip(names, points, strict=True):
-            x, y, z = (1e3 * point.position_sensor).tolist()
+            x, y, z = in_millimeters(point.position_sensor).tolist()
             found.append(
                 JointConfig(name=f"{name}_{side}", sensor=point.sensor, position_mm=(x, y, z))
             )

@@ -11,6 +11,7 @@ from legsim.config import FiducialsConfig, MethodsConfig, RoughConfig, RunConfig
 from legsim.core.errors import LegsimError
 from legsim.core.files import key_of, write_text
 from legsim.core.progress import OnProgress
+from legsim.core.values import to_nanometers
 from legsim.correction import initialization, rough_start
 from legsim.correction.fiducials import Fiducials
 from legsim.correction.initialization import FiducialOptions, FiducialScan, Starts
@@ -20,7 +21,7 @@ from legsim.geometry import image_files
 from legsim.geometry.cone_beam import Projections
 from legsim.imu import simulation
 from legsim.imu.files import load_imu, load_rest, save_imu, save_rest
-from legsim.imu.signals import ImuSignals
+from legsim.imu.signals import ImuSignals, SensorStart
 from legsim.kinematics import osim_export, osim_scaled_file
 from legsim.kinematics.leg_model import LegModel
 from legsim.kinematics.moving_leg import MovingLeg
@@ -253,9 +254,17 @@ def starts(
 ) -> Starts:
     """Starts of each sensor's integration, by methods.start; leveled after a rest.
 
-    The device renders fiducials that are found in images.
+    Places and velocities are as scan.toml holds them, to the last bit. The device renders fiducials
+    that are found in images.
     """
-    return initialization.leveled(_starts(settings, setup, signals, device), signals)
+    found = initialization.leveled(_starts(settings, setup, signals, device), signals)
+    return replace(found, starts=tuple(_as_written(start) for start in found.starts))
+
+
+def _as_written(start: SensorStart) -> SensorStart:
+    pose = np.array(start.world_from_sensor)
+    pose[:3, 3] = to_nanometers(pose[:3, 3])
+    return SensorStart(pose, to_nanometers(start.velocity))
 
 
 def start_errors(methods: MethodsConfig) -> StartErrors:

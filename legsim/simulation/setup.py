@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from legsim.core.errors import LegsimError, file_error
-from legsim.core.values import FloatArray, frozen
+from legsim.core.values import FloatArray, frozen, to_nanometers
 from legsim.correction.control_points import AttachedPoint
 from legsim.evaluation.regions import Region, leg_regions
 from legsim.evaluation.registration import boxes
@@ -235,9 +235,7 @@ def joints_on_sensors(
         between = [(thigh, p) for p in hip + shares * (knee - hip)]
         between += [(shank, p) for p in knee + shares * (ankle - knee)]
         points = [(thigh, hip), (shank, knee), (shank, ankle), *between]
-        legs.append(
-            tuple(AttachedPoint.at_start(name, poses.of(name)[0], point) for name, point in points)
-        )
+        legs.append(tuple(_attached(name, poses, point) for name, point in points))
     return tuple(legs)
 
 
@@ -249,7 +247,15 @@ def knee_on_thigh(setup: ScanSetup) -> FloatArray | None:
     if name is None:
         return None
     knee = setup.person.leg.joint_centers(setup.poses).of(setup.named("knee"))[0]
-    return AttachedPoint.at_start(name, _first_poses(setup).of(name)[0], knee).position_sensor
+    return _attached(name, _first_poses(setup), knee).position_sensor
+
+
+def _attached(sensor: str, poses: SegmentPoses, point: FloatArray) -> AttachedPoint:
+    """A point (3,) m in world on a sensor, to the nanometer: a file of millimeters then holds the
+    same number, to the last bit.
+    """
+    exact = AttachedPoint.at_start(sensor, poses.of(sensor)[0], point)
+    return AttachedPoint(sensor, to_nanometers(exact.position_sensor))
 
 
 def _first_poses(setup: ScanSetup) -> SegmentPoses:

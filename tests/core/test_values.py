@@ -5,8 +5,10 @@ from legsim.core.errors import LegsimError
 from legsim.core.values import (
     LARGEST,
     frozen,
+    in_millimeters,
     increasing_times,
     plain_numbers,
+    to_nanometers,
     whole_counts,
     within,
 )
@@ -81,3 +83,11 @@ def test_counts_are_whole():
     assert whole_counts("n", np.array([3.0, 4.0])) == (3, 4)
     with pytest.raises(LegsimError, match="expected whole numbers"):
         whole_counts("n", (24.9, 24, 24))
+
+
+def test_a_file_of_millimeters_holds_the_same_number(rng):
+    """To the last bit, and within half a nanometer of the length."""
+    meters = rng.uniform(-2, 2, 10_000)
+    rounded = to_nanometers(meters)
+    np.testing.assert_array_equal(1e-3 * in_millimeters(rounded), rounded)
+    assert np.abs(rounded - meters).max() < 0.51e-9
