@@ -280,6 +280,13 @@ def start_errors(methods: MethodsConfig) -> StartErrors:
     )
 
 
+def fiducial_scan(setup: ScanSetup, device: Device | None) -> FiducialScan:
+    """The scan in which fiducials are found, its pixels as of the scan itself."""
+    return FiducialScan(
+        setup.geometry, setup.poses, setup.phantom, device, setup.c_arm.rays_per_pixel
+    )
+
+
 def fiducial_options(wanted: FiducialsConfig) -> FiducialOptions:
     """Builds the configured fiducials in SI units."""
     return FiducialOptions(
@@ -317,9 +324,7 @@ def _starts(
     return initialization.from_fiducials(
         signals,
         setup.sensors,
-        FiducialScan(
-            setup.geometry, setup.poses, setup.phantom, device, setup.c_arm.rays_per_pixel
-        ),
+        fiducial_scan(setup, device),
         simulation.sensor_poses(person.leg, person.splines, setup.sensors, setup.times),
         fiducial_options(settings.methods.fiducials),
         scheme=settings.methods.scheme,

@@ -14,7 +14,6 @@ from legsim.correction import bead_scan, initialization
 from legsim.correction.articulated_beads import BeadedLeg
 from legsim.correction.bead_scan import Beads, BeadScan
 from legsim.correction.fused import SensorPriors
-from legsim.correction.initialization import FiducialScan
 from legsim.correction.method import Correction, CorrectionMethod
 from legsim.correction.path_measurements import SHADOW_ERROR_PX, BeadShadows, FiducialShadows
 from legsim.geometry.volume import VolumeGrid
@@ -293,9 +292,7 @@ def fused_fiducials(
     return initialization.fiducial_shadows(
         sensor,
         poses.of(name),
-        FiducialScan(
-            setup.geometry, setup.poses, setup.phantom, device, setup.c_arm.rays_per_pixel
-        ),
+        stages.fiducial_scan(setup, device),
         stages.fiducial_options(settings.methods.fiducials),
         np.random.default_rng([settings.seed, _FIDUCIALS]),
     )
