@@ -151,6 +151,7 @@ def time_doubts(times: FloatArray) -> tuple[str, ...]:
 def unit_guess(seconds: float) -> str:
     """In which unit a number of seconds that no scan takes would be one that it does; or empty."""
     for unit, factor in units.SECONDS.items():
-        if factor < 1 < _SCANS_S[1] < seconds and _SCANS_S[0] <= factor * seconds <= _SCANS_S[1]:
+        longer = factor < 1 and seconds > _SCANS_S[1]
+        if longer and _SCANS_S[0] <= factor * seconds <= _SCANS_S[1]:
             return f"in {unit} they would be {factor * seconds:.4g} s"
     return ""
