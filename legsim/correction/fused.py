@@ -16,7 +16,12 @@ from legsim.correction.bead_scan import BeadScan
 from legsim.correction.bead_tracking import track
 from legsim.correction.error_state import CLOCK_REACH, ErrorState, error_state
 from legsim.correction.method import Correction, Scan
-from legsim.correction.path_measurements import BeadShadows, FiducialShadows, StandingPrior
+from legsim.correction.path_measurements import (
+    BeadShadows,
+    FiducialShadows,
+    StandingFoot,
+    StandingPrior,
+)
 from legsim.correction.path_problem import DivergedError
 from legsim.correction.rough_start import StartErrors
 from legsim.correction.smoother import SmoothedPath, smooth
@@ -101,6 +106,7 @@ class FusedBeads:
                 standing=_standing(scan, self.priors),
                 geometry=scan.projections.geometry,
                 beads=beads,
+                foot=standing_foot(scan, self.sensor),
             )
         except DivergedError as error:
             return left_as_it_is("fused-beads", scan, error)
@@ -141,6 +147,7 @@ class FusedFiducials:
                 standing=_standing(scan, self.priors),
                 geometry=scan.projections.geometry,
                 fiducials=fiducials.enough(),
+                foot=standing_foot(scan, self.sensor),
             )
         except DivergedError as error:
             return left_as_it_is("fused-fiducials", scan, error)
@@ -195,6 +202,13 @@ def sensor_state(scan: Scan, sensor: str, priors: SensorPriors, *, clock: float)
 
 def _standing(scan: Scan, priors: SensorPriors) -> StandingPrior:
     return StandingPrior.at(scan.projections.geometry.rotation_center(), priors.spread)
+
+
+def standing_foot(scan: Scan, sensor: str) -> StandingFoot | None:
+    """The foot below the sensor that is followed; None where no ankle is known in that sensor."""
+    name = scan.sensor(sensor)
+    ankles = (leg[2] for leg in scan.joints if len(leg) > 2)
+    return next((StandingFoot(a.position_sensor) for a in ankles if a.sensor == name), None)
 
 
 def doubts_of_shadows(method: str, found: SmoothedPath, error_px: float) -> tuple[str, ...]:
