@@ -1,5 +1,6 @@
 """Corrections by a consumer sensor whose drift is found: they help, or say that they cannot."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -122,10 +123,16 @@ def test_a_foot_that_stands_helps_where_the_ankle_is_known_in_the_sensor(off_mm:
     scan, method = scanned(ON_FOOT, seed), FusedBeads(shadows(ON_FOOT, seed), "shank_l")
     ankle = AttachedPoint("shank_l", ON_FOOT.place(0.0) + 1e-3 * off_mm * np.array([1, -1, 1]))
     elsewhere = replace(ankle, sensor="thigh_l")
-    free, other, held = (
-        motion_found(method(replace(scan, joints=joints)))
+    found = [
+        method(replace(scan, joints=joints))
         for joints in ((), ((elsewhere,) * 3,), ((ankle,) * 3,))
-    )
+    ]
+    free, other, held = map(motion_found, found)
+    said = [[n for n in one.notes if "foot is taken to stand" in n] for one in found]
+    assert [len(notes) for notes in said] == [0, 0, 1]
+    moved = re.search(r"to move by (\S+) mm", said[2][0])
+    assert moved is not None
+    assert float(moved[1]) < 0.3
     assert left_px(held, ON_FOOT) < 0.85 * left_px(free, ON_FOOT)
     np.testing.assert_array_equal(other.moved_from_reference, free.moved_from_reference)
 
