@@ -82,10 +82,10 @@ def guided(
     reader, found, firsts = READERS[name], Counter[str](), dict[str, bytes]()
     until = time.monotonic() + seconds
     with in_memory() as folder:
-        path, log = file_of(reader, folder), folder / "log"
-        valid = samples(reader, path)
-        for place in ("corpus", "firsts"):
+        log = folder / "log"
+        for place in ("valid", "corpus", "firsts"):
             (folder / place).mkdir()
+        valid = samples(reader, file_of(reader, folder / "valid"))
         for k, data in enumerate((*valid, *corpus.load(name))):
             (folder / "corpus" / f"{k:03d}").write_bytes(data)
         while found.total() < inputs and time.monotonic() < until:
@@ -98,7 +98,8 @@ def guided(
             if child.returncode < 0:
                 what = f"ended by signal {-child.returncode}"
                 found[what] += 1
-                firsts.setdefault(what, path.read_bytes())
+                last = file_of(reader, folder / f"seed-{seed}")
+                firsts.setdefault(what, last.read_bytes())
             elif child.returncode or not lines:
                 raise RuntimeError(child.stderr)
             seed += 1

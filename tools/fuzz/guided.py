@@ -4,7 +4,7 @@
 :func:`tools.fuzz.engine.guided` starts: code is instrumented as it is imported, and libFuzzer ends
 the process. FOLDER/corpus holds inputs to start from, and then those that reached new code;
 FOLDER/log gets a line for each input, FOLDER/firsts the first of every kind that must not be; the
-last input is the reader's file in FOLDER. UNTIL is by the monotonic clock.
+last input is the reader's file in FOLDER/seed-SEED. UNTIL is by the monotonic clock.
 """
 
 import sys
@@ -35,7 +35,8 @@ _ANEW = 0.5
 def main(name: str, folder: Path, inputs: int, until: float, seed: int) -> None:
     """Reads damaged files until there were enough, and ends the process."""
     reader, corpus = READERS[name], folder / "corpus"
-    path = engine.file_of(reader, folder)
+    path = engine.file_of(reader, folder / f"seed-{seed}")
+    path.parent.mkdir()
     with instrument_imports(include=["legsim"]):  # what is imported when it is used
         engine.samples(reader, path)
     first = tuple(file.read_bytes() for file in sorted(corpus.iterdir()))
