@@ -17,6 +17,7 @@ from legsim.imu.recording import ImuRecording
 from legsim.imu.signals import ImuSignals
 from legsim.imu.table_layout import SensorColumns, TableLayout
 from legsim.imu.units import AccelerationUnit, AngularVelocityUnit
+from legsim.mocap import files as mocap_files
 from legsim.mocap.c3d_analog import load_analog
 from legsim.mocap.cells import number
 
@@ -223,6 +224,14 @@ def _xsens_layout(
 
 def _unknown(path: Path, lines: Sequence[str]) -> LegsimError:
     """The refusal of a table that does not say itself what it holds."""
+    begun = "\n".join(lines[:20]).encode()
+    motion = next((form.name for form in mocap_files.FORMATS if form.begins(begun)), None)
+    if motion:
+        return file_error(
+            path,
+            f"holds no signals of sensors, but a recording ({motion})",
+            "give it as the motion, and the sensors' own file here",
+        )
     cure = "describe its columns in a small TOML and give that (docs/formats.md, Sensors)"
     if _has_blocks(lines):
         cure = (
