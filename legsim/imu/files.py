@@ -30,6 +30,8 @@ _XSENS = (("Acc_X", "Acc_Y", "Acc_Z"), ("Gyr_X", "Gyr_Y", "Gyr_Z"))
 _XSENS_COUNTERS = ("PacketCounter", "Counter")
 """names of the packets' numbers, of MT Manager 4 and of 2"""
 
+_XSENS_CLOCK = re.compile(r"\b(PacketCounter|SampleTimeFine)\b")
+
 _XSENS_PERIOD = 1 << 16
 
 _STO_FORCE = ("linear_acceleration", "linearaccelerations", "accelerometer_signal", "accel")
@@ -231,6 +233,14 @@ def _unknown(path: Path, lines: Sequence[str]) -> LegsimError:
             path,
             f"holds no signals of sensors, but a recording ({motion})",
             "give it as the motion, and the sensors' own file here",
+        )
+    if any(_XSENS_CLOCK.search(line) for line in lines[:50]):
+        return file_error(
+            path,
+            "is an export of Xsens without accelerations (Acc_X, …) and angular velocities (Gyr_X, "
+            "…)",
+            "export it again with calibrated inertial data, of a DOT in such a payload mode: "
+            "orientations and free accelerations lack gravity",
         )
     cure = "describe its columns in a small TOML and give that (docs/formats.md, Sensors)"
     if _has_blocks(lines):

@@ -149,6 +149,10 @@ def test_opensims_two_tables_of_vectors_are_one_sensor(tmp_path):
         ),
         ("// Update Rate: 9Hz\nPacketCounter,Acc_X,Acc_Y\n1,1,1\n", "without angular velocities"),
         (
+            "sep=,\nDeviceTag:,DOT_01\nSampleTimeFine,Euler_X,FreeAcc_X\n1,1,1\n",
+            r"export of Xsens without accelerations .*free accelerations lack gravity",
+        ),
+        (
             "// Update Rate: 9Hz\nPacketCounter,Acc_X,Acc_Y,Gyr_X,Gyr_Y,Gyr_Z\n1,1,1,1,1,1\n",
             "'Acc_Z'.*has PacketCounter",
         ),
