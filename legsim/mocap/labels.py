@@ -6,6 +6,7 @@ import re
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from itertools import combinations
+from os.path import commonprefix
 
 from legsim.core.errors import LegsimError
 
@@ -45,6 +46,9 @@ SEGMENT_OF_PART = {
     "toe": "calcn",
 }
 """Part of the body that a role names, and the segment (OpenSim body) that carries it."""
+
+_BETWEEN = "_.:- "
+"""what stands between a marker's name and that of somebody or something else"""
 
 _CLUSTER = re.compile(r"(thigh|shank|foot)_(\d|upper|front|rear)")
 
@@ -151,6 +155,20 @@ def find_labels(names: Sequence[str], marker_names: Sequence[str]) -> dict[str, 
 def same_label(one: str, other: str) -> bool:
     """Whether two labels differ at most in case, punctuation and a subject's prefix."""
     return _plain(one.rpartition(":")[2]) == _plain(other.rpartition(":")[2])
+
+
+def without_shared_ends(names: Sequence[str]) -> list[str]:
+    """Names without what all of several begin or end with, up to a blank, a point or the like: a
+    subject ("S01_RASI"), a count or a quantity ("RASI.pos"). Points without a name ("*17") stay.
+    """
+    named = [name for name in names if not name.startswith("*")]
+    if len(set(named)) < 2:
+        return list(names)
+    prefix, suffix = commonprefix(named), commonprefix([name[::-1] for name in named])[::-1]
+    start = max((k + 1 for k, c in enumerate(prefix) if c in _BETWEEN), default=0)
+    end = min((k for k, c in enumerate(suffix) if c in _BETWEEN), default=len(suffix))
+    cut = {name: name[start : len(name) - len(suffix) + end] for name in named}
+    return [cut.get(name, name) for name in names] if all(cut.values()) else list(names)
 
 
 def segment_of(role: str) -> str:
@@ -298,15 +316,14 @@ class _Finder:
 
     def __init__(self, marker_names: Sequence[str]) -> None:
         named = [name for name in marker_names if not name.startswith("*")]
-        prefix = named[0].partition("_")[0] + "_" if named else ""
-        prefix = prefix if len(named) > 1 and all(name.startswith(prefix) for name in named) else ""
+        own = dict(zip(named, without_shared_ends(named), strict=True))
         bare = {name: name.rpartition(":")[2] for name in named}
         self._stages = [
             _unique({name: name for name in named}),
             _unique(bare),
-            _unique({name: name.removeprefix(prefix) for name in named}),
+            _unique(own),
             _unique({name: _plain(text) for name, text in bare.items()}),
-            _unique({name: _plain(name.removeprefix(prefix)) for name in named}),
+            _unique({name: _plain(text) for name, text in own.items()}),
         ]
 
     def find(self, label: str) -> str:
