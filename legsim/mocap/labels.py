@@ -6,7 +6,6 @@ import re
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from itertools import combinations
-from os.path import commonprefix
 
 from legsim.core.errors import LegsimError
 
@@ -164,11 +163,18 @@ def without_shared_ends(names: Sequence[str]) -> list[str]:
     named = [name for name in names if not name.startswith("*")]
     if len(set(named)) < 2:
         return list(names)
-    prefix, suffix = commonprefix(named), commonprefix([name[::-1] for name in named])[::-1]
+    prefix, suffix = _begin(named), _begin([name[::-1] for name in named])[::-1]
     start = max((k + 1 for k, c in enumerate(prefix) if c in _BETWEEN), default=0)
     end = min((k for k, c in enumerate(suffix) if c in _BETWEEN), default=len(suffix))
     cut = {name: name[start : len(name) - len(suffix) + end] for name in named}
     return [cut.get(name, name) for name in names] if all(cut.values()) else list(names)
+
+
+def _begin(names: Sequence[str]) -> str:
+    """What all names begin with: where the first and the last in order do not part, none does."""
+    first, last = min(names), max(names)
+    shared = zip(first, last, strict=False)
+    return first[: next((k for k, (a, b) in enumerate(shared) if a != b), len(first))]
 
 
 def segment_of(role: str) -> str:
