@@ -40,6 +40,13 @@ def test_hips_that_fall_faster_than_gravity_pulls_are_named(seconds, falls):
     assert all("see whether the recording's rate is lower" in line for line in found)
 
 
+def test_hips_that_nobody_filtered_are_not_taken_for_a_fall(rng):
+    times = np.arange(0, 10, 0.01)
+    height = 0.8 + 0.2 * np.cos(2 * np.pi * times / 3) + rng.normal(0, 2e-3, len(times))
+    assert pace.falling(centers(times, height)) == ()
+    assert len(pace.falling(centers(times / 5, height))) == 1
+
+
 def test_hips_of_runners_bounce_as_they_do():
     times = np.arange(0, 5, 0.01)
     bounce = 0.9 + 0.05 * np.cos(2 * np.pi * 3 * times)
