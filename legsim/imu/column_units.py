@@ -19,6 +19,9 @@ ByColumn = Mapping[Column, str | None]
 _FORCE, _RATE = re.compile("acc", re.I), re.compile("gyr|angular|omega", re.I)
 """in names of the columns of one quantity and of the other"""
 
+_TURNS = re.compile("gyr|angular|omega|pitch|roll|yaw", re.I)
+"""in names of angular velocities beside words of another one, as Delsys' "IM ACC Pitch1" """
+
 
 def check_names(
     forces: Collection[Column], rates: Collection[Column], names: Mapping[Column, str]
@@ -31,7 +34,7 @@ def check_names(
     """
     for columns, quantity, own, other in (
         (forces, "an acceleration", _FORCE, _RATE),
-        (rates, "an angular velocity", _RATE, _FORCE),
+        (rates, "an angular velocity", _TURNS, _FORCE),
     ):
         for column in columns:
             name = names.get(column, "")

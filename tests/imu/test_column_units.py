@@ -39,7 +39,8 @@ def test_contradictions_are_refused():
 
 def test_names_of_the_other_quantity_are_refused():
     names = {1: "acc_x", 2: "gyr_y", "omega": "omega", 4: "accX from gyro", 5: ""}
-    check_names([1, 4, 5], [2, "omega", 4, 5], names)
+    names[6] = "IM ACC Pitch1"
+    check_names([1, 4, 5], [2, "omega", 4, 5, 6], names)
     with pytest.raises(LegsimError, match=r"column 2 is given as an acceleration.*'gyr_y'"):
         check_names([1, 2], [], names)
     with pytest.raises(LegsimError, match=r"column 1 is given as an angular velocity.*'acc_x'"):
