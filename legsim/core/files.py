@@ -18,6 +18,7 @@ from typing import Any
 
 import numpy as np
 
+from legsim.core import other_kinds
 from legsim.core.errors import LegsimError, file_error
 
 
@@ -47,9 +48,10 @@ def read(path: Path, kind: str) -> list[str]:
         kind: what the file should be, for the error messages.
 
     Raises:
-        LegsimError: the file cannot be read, is empty, or holds binary data.
+        LegsimError: the file cannot be read, is empty, or is of another kind, as binary data are.
     """
     data = content(path)
+    other_kinds.refuse(path, data)
     text = _text(data)
     if not text.strip():
         raise file_error(path, "the file is empty", "export it again")

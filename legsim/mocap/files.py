@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from legsim.core import other_kinds
 from legsim.core.errors import LegsimError, file_error
 from legsim.mocap import c3d, csv, opensim, program_tables, trc
 from legsim.mocap.coordinates import RawCoordinates
@@ -271,14 +272,26 @@ def format_of(path: Path | str) -> Format:
     for form in FORMATS:
         if form.begins(start):
             return form
+    other_kinds.refuse(path, start)
+    if _of_sensors(start):
+        raise file_error(
+            path,
+            "holds signals of sensors, not markers or joint coordinates",
+            "give it by --imu, beside a recording of the same movement",
+        )
     for form in FORMATS:
         if path.suffix.lower() in form.suffixes:
             return form
+    if not start:
+        raise file_error(path, "the file is empty", "export it again")
     raise file_error(
         path,
         "is no recording that can be told by its first bytes or its name",
         f"give a {known_suffixes()} file",
     )
+
+
+_of_sensors = _begins_text(r"acc(?s:.*)gyr|gyr(?s:.*)acc")
 
 
 def known_suffixes() -> str:

@@ -210,3 +210,20 @@ def test_blanks_before_a_trc_make_it_no_c3d(tmp_path, lead):
     (tmp_path / "a.trc").write_bytes(lead.encode() + (tmp_path / "a.trc").read_bytes())
     assert mocap_files.format_of(tmp_path / "a.trc").name == "TRC"
     assert len(mocap_files.load_recording(tmp_path / "a.trc", up="y").times) == 3
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "said"),
+    [
+        ("a.txt", b"PacketCounter,Acc_X,Acc_Y,Gyr_X\n1,0,0,0\n", "signals of sensors.*give it by"),
+        ("a.csv", b"t;accel x;gyro x\n0;1;2\n", "signals of sensors.*give it by --imu"),
+        ("a.csv", b"time_s,s_ax_m_s2,s_ay_m_s2\n0,1,2\n", "'s_ax_m_s2' is a sensor's; give it by"),
+        ("a", b"", "the file is empty"),
+        ("a.trc", b"\x1f\x8b\x08\x00", r"is packed \(gzip\)"),
+        ("a.txt", b"RAcc,LAcc\n1,2\n", "is no recording that can be told"),
+    ],
+)
+def test_what_is_no_recording_is_called_by_what_it_is(tmp_path, name, content, said):
+    (tmp_path / name).write_bytes(content)
+    with pytest.raises(LegsimError, match=said):
+        mocap_files.read_raw(tmp_path / name)
