@@ -117,6 +117,7 @@ class PathProblem:
     first_places: FloatArray = field(default_factory=lambda: np.zeros((0, 3)))
     """(b, 3) m about which beads are held loosely"""
     foot: StandingFoot | None = None
+    """below the sensor; None where none stands, or its ankle is not known"""
 
     def ankle_steps(self, path: SensorPath) -> tuple[FloatArray, FloatArray] | None:
         """The ankle's steps (v - 1, 3) between views, in standard deviations, and their changes
