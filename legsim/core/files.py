@@ -62,18 +62,47 @@ def read(path: Path, kind: str) -> list[str]:
     return _split(text)
 
 
+_PACKED = {
+    b"\x1f\x8b\x08": "gzip",
+    b"PK\x03\x04": "zip, as spreadsheets are too",
+    b"BZh": "bzip2",
+    b"\xfd7zXZ\0": "xz",
+    b"7z\xbc\xaf\x27\x1c": "7z",
+    b"\x28\xb5\x2f\xfd": "zstd",
+}
+"""first bytes of packed files"""
+
+
+def refuse_packed(path: Path, start: bytes | None = None) -> None:
+    """Refuses a packed file, by its first bytes; ``start`` are these where they have been read.
+
+    Raises:
+        LegsimError: it is packed.
+    """
+    if start is None:
+        with path.open("rb") as stream:
+            start = stream.read(8)
+    for mark, kind in _PACKED.items():
+        if start.startswith(mark):
+            fix = "unpack it" if kind[:3] != "zip" else "unpack it, or export a spreadsheet as text"
+            raise file_error(path, f"is packed ({kind})", fix)
+
+
 def content(path: Path, fix: str = "check the path") -> bytes:
     """A file's bytes.
 
     Raises:
-        LegsimError: it cannot be read, or no file can have that name; ``fix`` says what to do.
+        LegsimError: it cannot be read, is packed, or no file can have that name; ``fix`` says what
+            to do.
     """
     try:
-        return path.read_bytes()
+        data = path.read_bytes()
     except OSError as error:
         raise file_error(path, f"cannot be read ({error.strerror})", fix) from error
     except ValueError as error:  # a null in the name
         raise file_error(path, f"cannot be read ({error})", fix) from error
+    refuse_packed(path, data)
+    return data
 
 
 def load_npy(path: Path, fix: str) -> Any:

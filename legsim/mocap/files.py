@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from legsim.core import files
 from legsim.core.errors import LegsimError, file_error
 from legsim.mocap import c3d, csv, opensim, program_tables, trc
 from legsim.mocap.coordinates import RawCoordinates
@@ -268,6 +269,7 @@ def format_of(path: Path | str) -> Format:
         raise file_error(path, f"cannot be read ({error.strerror})", "check the path") from error
     except ValueError as error:  # a null in the name
         raise file_error(path, f"cannot be read ({error})", "check the path") from error
+    files.refuse_packed(path, start)
     for form in FORMATS:
         if form.begins(start):
             return form

@@ -9,7 +9,7 @@ import lazy_loader
 import numpy as np
 
 from legsim.core.errors import file_error
-from legsim.core.files import is_file
+from legsim.core.files import is_file, refuse_packed
 from legsim.core.values import FloatArray, within
 from legsim.phantom import _gltf, ply, vtp
 
@@ -19,8 +19,6 @@ else:
     trimesh = lazy_loader.load("trimesh")
 
 SUFFIXES = (".ply", ".stl", ".obj", ".glb", ".vtp")
-
-_PACKED = (".gz", ".zip", ".bz2", ".xz", ".7z")
 
 _STL_HEADER, _STL_TRIANGLE = 84, 50
 """bytes of a binary STL before its triangles, and of one of them"""
@@ -34,10 +32,15 @@ def read(file: Path, name: str) -> tuple[FloatArray, np.ndarray]:
             part ``name``.
     """
     place = f"part {name!r}"
+    if is_file(file):
+        refuse_packed(file)
     if file.suffix.lower() not in SUFFIXES:
-        packed = file.suffix.lower() in _PACKED
-        cure = "unpack it" if packed else f"convert it to one of {', '.join(SUFFIXES)}"
-        raise file_error(file, f"unknown kind of mesh {file.suffix!r}", cure, place=place)
+        raise file_error(
+            file,
+            f"unknown kind of mesh {file.suffix!r}",
+            f"convert it to one of {', '.join(SUFFIXES)}",
+            place=place,
+        )
     if not is_file(file):
         raise file_error(file, "no such file", "paths are relative to the TOML", place=place)
     try:

@@ -2,6 +2,7 @@
 in docs/formats.md says.
 """
 
+import gzip
 import re
 from pathlib import Path
 
@@ -210,3 +211,9 @@ def test_blanks_before_a_trc_make_it_no_c3d(tmp_path, lead):
     (tmp_path / "a.trc").write_bytes(lead.encode() + (tmp_path / "a.trc").read_bytes())
     assert mocap_files.format_of(tmp_path / "a.trc").name == "TRC"
     assert len(mocap_files.load_recording(tmp_path / "a.trc", up="y").times) == 3
+
+
+def test_a_packed_recording_is_to_be_unpacked(tmp_path):
+    (tmp_path / "walk.trc.gz").write_bytes(gzip.compress(b"PathFileType"))
+    with pytest.raises(LegsimError, match=r"walk\.trc\.gz: is packed \(gzip\); unpack it"):
+        read_raw(tmp_path / "walk.trc.gz")
