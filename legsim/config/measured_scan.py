@@ -4,10 +4,10 @@ Files are named relative to the SCAN.toml.
 """
 
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Any, Literal
 
 import tomli_w
-from pydantic import Field
+from pydantic import BeforeValidator, Field
 
 from legsim.config.imu import AccelerometerConfig, GyroscopeConfig
 from legsim.config.imu_file import ImuFileConfig, Vector
@@ -20,7 +20,10 @@ class JointConfig(ConfigSection):
     """A joint, or a further point of a leg, on the sensor that carries it."""
 
     name: str
-    """hip_l, knee_l, ankle_l, or any other name that ends in the leg's _l or _r"""
+    """hip_l, knee_l, ankle_l, or any other name that ends in the leg's _l or _r
+
+    The knee may be there twice, on the shank's sensor and on the thigh's.
+    """
     sensor: str
     position_mm: Vector
     """in the sensor's own axes, from its origin"""
@@ -54,10 +57,12 @@ class CountsConfig(ConfigSection):
 
 
 class MeasuredBeadsConfig(ConfigSection):
-    """One to four metal beads on the skin of the segment that carries the followed sensor."""
+    """Metal beads on the skin: of a sensor's segment, or around the knee for marker-based."""
 
     file: str
     """CSV of view,bead,u,v: pixels of their shadows, in as many views as show them"""
+    sensor: str = ""
+    """whose segment carries them; empty: the followed sensor's"""
     track: bool = False
     """the file holds each bead in a few views, by hand; all others are found in the projections"""
     diameter_mm: float = Field(default=2.0, gt=0)
@@ -110,6 +115,11 @@ class MeasuredMethodsConfig(ConfigSection):
     """standard deviation of the offset between the clocks that is left"""
 
 
+def _in_a_list(given: Any) -> Any:
+    """One table [beads] is a list of one."""
+    return (given,) if isinstance(given, (dict, MeasuredBeadsConfig)) else given
+
+
 class MeasuredScanConfig(ConfigSection):
     """A scan with all that is known of it."""
 
@@ -141,7 +151,7 @@ class MeasuredScanConfig(ConfigSection):
     imu: tuple[ImuFileConfig | str, ...] = ()
     """files of sensors, or the names of TOML files about them"""
     joints: tuple[JointConfig, ...] = ()
-    beads: MeasuredBeadsConfig | None = None
+    beads: Annotated[tuple[MeasuredBeadsConfig, ...], BeforeValidator(_in_a_list)] = ()
     fiducials: MeasuredFiducialsConfig | None = None
     grid: MeasuredGridConfig = MeasuredGridConfig()
     reconstruction: ReconstructionConfig = ReconstructionConfig()

@@ -13,14 +13,13 @@ import numpy as np
 from legsim.core.errors import LegsimError
 from legsim.core.values import FloatArray
 from legsim.correction.articulated import around_center, follow_limbs, scanned_leg
-from legsim.correction.bead_scan import BeadScan
+from legsim.correction.bead_scan import BeadScan, shadows_of
 from legsim.correction.control_points import AttachedPoint
 from legsim.correction.fused import (
     DISCERNED,
     SensorPriors,
     doubts_of_shadows,
     left_as_it_is,
-    shadows_of,
 )
 from legsim.correction.limb_motion import Limb
 from legsim.correction.method import Correction, Scan

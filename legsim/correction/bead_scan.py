@@ -1,12 +1,14 @@
-"""The second scan of the marker-based method: with metal beads on the skin around the knee."""
+"""Metal beads on the skin around the knee: a scan that shows them, and their shadows in it."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
+from legsim.core.errors import LegsimError
 from legsim.core.values import FloatArray, frozen, positive, whole_counts
-from legsim.correction.path_measurements import SHADOW_ERROR_PX
+from legsim.correction.bead_tracking import track
+from legsim.correction.path_measurements import SHADOW_ERROR_PX, BeadShadows
 from legsim.geometry.cone_beam import Projections
 from legsim.kinematics.skeleton import SEGMENTS, SegmentPoses
 from legsim.opencl.device import Device
@@ -69,6 +71,23 @@ class Beads:
         """Beads on one segment alone: below the knee, or above it, and off the joint's folds."""
         near, far = (-0.035, -0.060) if below else (0.035, 0.060)
         return cls(count, radius, heights=(far, near))
+
+
+def shadows_of(beads: BeadShadows | BeadScan) -> BeadShadows:
+    """The shadows, tracked where they are still in the images.
+
+    Raises:
+        LegsimError: something else.
+    """
+    if not isinstance(beads, (BeadScan, BeadShadows)):
+        raise LegsimError(
+            "beads are a BeadScan or BeadShadows(pixels of (view, bead, 2)), not "
+            f"{type(beads).__name__}"
+        )
+    if isinstance(beads, BeadScan):
+        pixels = track(beads.projections, beads.guesses, radius=beads.radius)
+        return BeadShadows(pixels, beads.error_px)
+    return beads
 
 
 def bead_positions(phantom: LegPhantom, beads: Beads, side: str = "l") -> FloatArray:

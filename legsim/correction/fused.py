@@ -12,8 +12,7 @@ import numpy as np
 
 from legsim.core.errors import LegsimError
 from legsim.core.values import positive
-from legsim.correction.bead_scan import BeadScan
-from legsim.correction.bead_tracking import track
+from legsim.correction.bead_scan import BeadScan, shadows_of
 from legsim.correction.error_state import CLOCK_REACH, ErrorState, error_state
 from legsim.correction.method import Correction, Scan
 from legsim.correction.path_measurements import BeadShadows, FiducialShadows, StandingPrior
@@ -81,7 +80,7 @@ class Standing:
 
 @dataclass(frozen=True, slots=True)
 class FusedBeads:
-    """Rigid motion from one sensor, a person who stands, and shadows of one to four skin beads.
+    """Rigid motion from one sensor, a person who stands, and shadows of few skin beads.
 
     >>> FusedBeads(scan.beads(Beads.on_one_side(2)), "shank_l")(scan.seen)
     """
@@ -152,23 +151,6 @@ class FusedFiducials:
         doubts = doubts_of_shadows("fused-fiducials", found, fiducials.error_px)
         notes = (note, *doubts, *_clock_note(state, found))
         return _corrected("fused-fiducials", scan, found, notes)
-
-
-def shadows_of(beads: BeadShadows | BeadScan) -> BeadShadows:
-    """The shadows, tracked where they are still in the images.
-
-    Raises:
-        LegsimError: something else.
-    """
-    if not isinstance(beads, (BeadScan, BeadShadows)):
-        raise LegsimError(
-            "beads are a BeadScan or BeadShadows(pixels of (view, bead, 2)), not "
-            f"{type(beads).__name__}"
-        )
-    if isinstance(beads, BeadScan):
-        pixels = track(beads.projections, beads.guesses, radius=beads.radius)
-        return BeadShadows(pixels, beads.error_px)
-    return beads
 
 
 def left_as_it_is(method: str, scan: Scan, why: DivergedError) -> Correction:

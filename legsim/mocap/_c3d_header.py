@@ -187,7 +187,8 @@ def _parameter(data: bytes, place: int, processor: int) -> Parameter | None:
     content = data[start : start + size]
     if kind == -1:
         width = shape[0] if shape else 1
-        count = int(np.prod(shape[1:], dtype=np.int64))
+        # texts without letters may claim to be 255**6, in no bytes at all
+        count = size // width if width else 0
         texts = [
             content[k * width : (k + 1) * width].decode("latin-1").strip(" \0")
             for k in range(count)

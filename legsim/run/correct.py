@@ -5,7 +5,7 @@ import hashlib
 import io
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, astuple, dataclass
+from dataclasses import asdict, astuple, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -29,7 +29,7 @@ from legsim.opencl import failures
 from legsim.opencl.device import Device, open_device
 from legsim.report import measured_page, page, scan_page
 from legsim.report.measured_page import Sharpness
-from legsim.run import code, measured, measured_aids, methods, reconstruction
+from legsim.run import code, measured, measured_aids, measured_beads, methods, reconstruction
 from legsim.run.corrected import Reconstructed, Reconstructor
 from legsim.run.folder import RunFolder, commit
 from legsim.run.measured import MeasuredScan
@@ -185,7 +185,7 @@ def _build(names: Sequence[str], scan: MeasuredScan, device: Device) -> dict[str
     wanted = scan.settings.methods
     shank = next((s for s in scan.segments.values() if s.startswith("tibia")), "tibia_l")
     given = MethodInputs(
-        sensor=measured_aids.followed(scan),
+        sensor=measured.followed(scan),
         scheme=wanted.scheme,
         device=device,
         nodes=scan.grid.coarse(1e-3 * wanted.node_mm),
@@ -193,7 +193,6 @@ def _build(names: Sequence[str], scan: MeasuredScan, device: Device) -> dict[str
         truth=None,
         beads=None,
         priors=measured_aids.priors(scan),
-        fused_beads=measured_aids.beads(scan),
         fused_fiducials=measured_aids.fiducials(scan),
     )
     built: dict[str, CorrectionMethod] = {}
@@ -203,12 +202,23 @@ def _build(names: Sequence[str], scan: MeasuredScan, device: Device) -> dict[str
         try:
             if lacking:
                 raise LegsimError(lacking)
-            built[name] = methods.build(name, given)
+            built[name] = methods.build(name, _with_beads(name, given, scan))
         except LegsimError as error:
             missing.append(str(error))
     if missing:
         raise LegsimError("; ".join(missing))
     return built
+
+
+def _with_beads(name: str, given: MethodInputs, scan: MeasuredScan) -> MethodInputs:
+    """The inputs of one method with the beads that it takes."""
+    if name == "marker-based":
+        return replace(given, beads=measured_beads.of_all(scan))
+    if name == "fused-beads":
+        return replace(given, fused_beads=measured_beads.of_sensor(scan, given.sensor))
+    if name == "articulated-beads":
+        return replace(given, beaded_leg=measured_beads.of_leg(scan))
+    return given
 
 
 def _missing(name: str, followed: str, scan: MeasuredScan) -> str:
@@ -231,7 +241,7 @@ def _missing(name: str, followed: str, scan: MeasuredScan) -> str:
             f"{name} needs the joints on the sensors (hip on the thigh's, knee and ankle on the "
             "shank's): give [[joints]] in SCAN.toml"
         )
-    return ""
+    return measured_beads.lacking(scan) if name == "articulated-beads" else ""
 
 
 def _about(scan: MeasuredScan, device: Device) -> dict[str, Any]:
@@ -252,6 +262,7 @@ def _key_of(scan: MeasuredScan) -> str:
     arrays += [signals.angular_velocity, signals.specific_force]
     arrays += [part for s in seen.starts for part in (s.world_from_sensor, s.velocity)]
     arrays += [point.position_sensor for leg in seen.joints for point in leg]
+    arrays += list(scan.knees_on_thighs.values())
     for array in arrays:
         digest.update(f"{array.shape}".encode())
         digest.update(array.data)

@@ -1,5 +1,6 @@
 """A measured scan from its SCAN.toml: the input of every method, without any truth."""
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -8,7 +9,12 @@ import numpy as np
 
 from legsim.config import measured_scan
 from legsim.config.imu_file import ImuFileConfig, StartConfig
-from legsim.config.measured_scan import JointConfig, MeasuredGridConfig, MeasuredScanConfig
+from legsim.config.measured_scan import (
+    JointConfig,
+    MeasuredBeadsConfig,
+    MeasuredGridConfig,
+    MeasuredScanConfig,
+)
 from legsim.core import transforms
 from legsim.core.constants import STANDARD_GRAVITY
 from legsim.core.errors import LegsimError, file_error
@@ -75,11 +81,19 @@ class MeasuredScan:
     """what was found in them, for the report"""
     worn: Mapping[str, StartConfig] = field(default_factory=dict)
     """how each sensor's start was given, by its name"""
+    knees_on_thighs: Mapping[str, FloatArray] = field(default_factory=dict)
+    """(3,) m, the knee in the sensor of a thigh, by the sensor's name, where it is known"""
     folder: Path = Path()
     """that the settings' files are relative to"""
 
     def __repr__(self) -> str:
         return f"MeasuredScan({self.seen!r}, {self.grid!r})"
+
+
+def followed(scan: MeasuredScan) -> str:
+    """Sensor that methods of one sensor follow; empty where none has a start."""
+    names = scan.seen.signals.sensor_names
+    return scan.settings.methods.sensor or (names[0] if names else "")
 
 
 def load_measured_scan(path: Path | str) -> MeasuredScan:
@@ -112,7 +126,8 @@ def assemble(
     found = [_start(s, joined.signals, geometry, settings.methods.scheme) for s in started]
     starts = tuple(start for start, _ in found)
     costs = _costs(started, starts, joined.signals, geometry, settings.methods.scheme)
-    joints = _joints(settings.joints, joined.signals.sensor_names, where)
+    _check_carriers(settings.beads, [s.recording.name for s in sensors], where)
+    joints, knees = _joints(settings.joints, joined.signals.sensor_names, where)
     grid, chosen = _wanted(settings.grid, folder, where).of(geometry)
     rested = settings.methods.sensor_errors.calibration != "none" and all(
         sensor.worn.start is not None and sensor.worn.start.is_given for sensor in started
@@ -139,6 +154,7 @@ def assemble(
             *costs,
         ),
         {s.recording.name: s.worn.start for s in started if s.worn.start is not None},
+        knees,
         folder,
     )
 
@@ -153,8 +169,8 @@ def _more_files(
         for s in started
         if s.worn.start is not None and s.worn.start.fiducials
     ]
-    found += [folder / given.file for given in (settings.beads, settings.fiducials) if given]
-    return found
+    found += [folder / given.file for given in settings.beads]
+    return found + ([folder / settings.fiducials.file] if settings.fiducials else [])
 
 
 def _costs(
@@ -397,13 +413,25 @@ def stated_pose(given: StartConfig) -> np.ndarray:
     return transforms.rigid(rotation, 1e-3 * np.array(given.position_mm))
 
 
+def _check_carriers(
+    beads: Sequence[MeasuredBeadsConfig], sensors: Sequence[str], where: str
+) -> None:
+    """Refuses beads on the segment of a sensor that is not there."""
+    for one in beads:
+        if one.sensor and one.sensor not in sensors:
+            have = ", ".join(sensors) or "none"
+            raise LegsimError(
+                f"{where} (beads): {one.file} is on the segment of {one.sensor!r}, which is no "
+                f"sensor of this scan; there: {have}"
+            )
+
+
 def _joints(
     given: Sequence[JointConfig], sensors: Sequence[str], where: str
-) -> tuple[tuple[AttachedPoint, ...], ...]:
-    """Points of each leg, hip, knee and ankle first, as the non-rigid methods take them."""
-    known = {joint.name: joint for joint in given}
-    if len(known) < len(given):
-        raise LegsimError(f"{where}: a joint is there twice; keep one of each name")
+) -> tuple[tuple[tuple[AttachedPoint, ...], ...], dict[str, FloatArray]]:
+    """Points of each leg, hip, knee and ankle first, as the non-rigid methods take them, and the
+    knees on the sensors of thighs, by these.
+    """
     for joint in given:
         if joint.sensor not in sensors:
             have = ", ".join(sensors) or "none"
@@ -411,8 +439,23 @@ def _joints(
                 f"{where} (joints): {joint.name} is on {joint.sensor!r}, which has no start; "
                 f"sensors with one: {have}"
             )
+    thighs = {joint.name[-2:]: joint.sensor for joint in given if joint.name[:-2] == "hip"}
+    named = Counter(joint.name for joint in given)
+    knees, once = {}, []
+    for joint in given:
+        on_thigh = joint.name[:-2] == "knee" and joint.sensor == thighs.get(joint.name[-2:])
+        if on_thigh and named[joint.name] == 2:
+            knees[joint.sensor] = 1e-3 * np.array(joint.position_mm)
+        else:
+            once.append(joint)
+    known = {joint.name: joint for joint in once}
+    if len(known) < len(once) or len(once) + len(knees) < len(given):
+        raise LegsimError(
+            f"{where}: a joint is there twice; keep one of each name, and of a knee one on the "
+            "shank's sensor and one on the thigh's"
+        )
     legs = []
-    for side in dict.fromkeys(joint.name[-1:] for joint in given):
+    for side in dict.fromkeys(joint.name[-1:] for joint in once):
         own = [f"{joint}_{side}" for joint in _JOINTS]
         lacking = [name for name in own if name not in known]
         if lacking:
@@ -422,7 +465,7 @@ def _joints(
         names = own + [n for n in known if n.endswith(f"_{side}") and n not in own]
         points = [(known[n].sensor, 1e-3 * np.array(known[n].position_mm)) for n in names]
         legs.append(tuple(AttachedPoint(sensor, place) for sensor, place in points))
-    return tuple(legs)
+    return tuple(legs), knees
 
 
 def _wanted(given: MeasuredGridConfig, folder: Path, where: str) -> WantedGrid:

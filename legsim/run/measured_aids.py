@@ -7,29 +7,18 @@ import numpy as np
 
 from legsim.config.imu_file import StartConfig
 from legsim.core.constants import STANDARD_GRAVITY
-from legsim.core.errors import LegsimError, file_error
+from legsim.core.errors import LegsimError
 from legsim.core.files import is_file, key_of, sha256
-from legsim.correction.bead_scan import BeadScan
 from legsim.correction.fiducials import Fiducials
 from legsim.correction.fused import SensorPriors
 from legsim.correction.method import Scan
-from legsim.correction.path_measurements import BeadShadows, FiducialShadows
+from legsim.correction.path_measurements import FiducialShadows
 from legsim.correction.rough_start import EXACT, StartErrors
-from legsim.correction.triangulation import triangulated
 from legsim.imu.catalogue import KEYS, CataloguedSensor, Triad, field_of, load_sensor
 from legsim.imu.errors import TERMS, SensorErrors
 from legsim.imu.signals import SensorStart
-from legsim.run import measured, methods, sensors, shadow_files
-from legsim.run.measured import MeasuredScan
-
-_FEWEST_BY_HAND = 2
-"""views that give a bead its place in space"""
-
-
-def followed(scan: MeasuredScan) -> str:
-    """Sensor that methods of one sensor follow; empty where none has a start."""
-    names = scan.seen.signals.sensor_names
-    return scan.settings.methods.sensor or (names[0] if names else "")
+from legsim.run import measured, measured_beads, methods, sensors, shadow_files
+from legsim.run.measured import MeasuredScan, followed
 
 
 def _sensor_model(scan: MeasuredScan) -> CataloguedSensor | None:
@@ -101,10 +90,7 @@ def doubts(scan: MeasuredScan, names: Sequence[str]) -> tuple[str, ...]:
     whose = "methods.sensor_errors" if model == "custom" else model
     lines = [f"{line}; its errors are taken for those of {whose}" for line in said]
     projections, given = scan.seen.projections, scan.settings
-    if given.beads is not None:
-        path = scan.folder / given.beads.file
-        pixels = shadow_files.load_beads(path, projections.geometry)
-        lines += shadow_files.doubts(path, "bead", pixels, projections)
+    lines += measured_beads.doubts(scan)
     if given.fiducials is not None:
         path = scan.folder / given.fiducials.file
         pixels = shadow_files.load_fiducials(path, projections.geometry)
@@ -162,37 +148,12 @@ def _is_stated(
 def fingerprint(scan: MeasuredScan) -> str:
     """Part of the keys that changes with how sensors were worn and with the beads."""
     settings, model = scan.settings, scan.folder / scan.settings.methods.sensor_model
-    pixels = [one for one in (settings.beads, settings.fiducials) if one is not None]
+    pixels = (*settings.beads, *([settings.fiducials] if settings.fiducials else []))
     return key_of(
         {name: start.model_dump() for name, start in scan.worn.items()},
         [(one.model_dump(), sha256(scan.folder / one.file)) for one in pixels],
         sha256(model) if is_file(model) else None,
     )
-
-
-def beads(scan: MeasuredScan) -> Callable[[], BeadShadows | BeadScan] | None:
-    """Shadows of the scan's beads, or where to track them; None where it has none.
-
-    Raises:
-        LegsimError: a file that cannot be used.
-    """
-    given, geometry = scan.settings.beads, scan.seen.projections.geometry
-    if given is None:
-        return None
-    path = scan.folder / given.file
-    pixels = shadow_files.load_beads(path, geometry)
-    if not given.track:
-        return lambda: BeadShadows(pixels, given.error_px).enough()
-    counts = np.isfinite(pixels).all(-1).sum(0)
-    if counts.min() < _FEWEST_BY_HAND:
-        raise file_error(
-            path,
-            f"bead {int(np.argmin(counts))} is there in {counts.min()} view",
-            f"give each bead in {_FEWEST_BY_HAND} views or more, far apart; the others are tracked",
-        )
-    guesses = triangulated(geometry, pixels)
-    radius = 0.5e-3 * given.diameter_mm
-    return lambda: BeadScan(scan.seen.projections, guesses, radius, given.error_px)
 
 
 def fiducials(scan: MeasuredScan) -> Callable[[], FiducialShadows] | None:

@@ -59,16 +59,16 @@ class MethodInputs:
     """segment whose true motion the rigid oracle takes"""
     truth: ScanTruth | None
     """None for a measured scan"""
-    beads: Callable[[], BeadScan] | None
-    """the same scan with beads on the skin, simulated when called; None for a measured scan"""
+    beads: Callable[[], BeadScan | BeadShadows] | None
+    """beads around the knee, simulated or found when called; None where there are none"""
     priors: SensorPriors = field(default_factory=SensorPriors)
     """what is known beforehand of the sensor that is followed"""
     fused_beads: Callable[[], BeadScan | BeadShadows] | None = None
-    """few beads on the sensor's segment, made when called; None for a measured scan"""
+    """few beads on the sensor's segment, made when called; None where there are none"""
     fused_fiducials: Callable[[], FiducialShadows] | None = None
     """points in the followed sensor, seen in all views; None for a measured scan"""
     beaded_leg: BeadedLeg | None = None
-    """few beads on both segments of the scanned leg; None for a measured scan"""
+    """few beads on both segments of the scanned leg; None where one has none"""
     bead_reference: Reference = "bundle"
     """what the beads' poses are fitted to"""
 
@@ -139,8 +139,8 @@ def _truth(given: MethodInputs, name: str) -> ScanTruth:
 def _marker_based(given: MethodInputs) -> CorrectionMethod:
     if given.beads is None:
         raise LegsimError(
-            "marker-based follows beads on the skin, which only a simulated scan has here; leave "
-            "it out"
+            "marker-based follows beads on the skin: give the pixels of their shadows as [[beads]] "
+            "in SCAN.toml"
         )
     return MarkerBased(given.beads, given.bead_reference)
 
@@ -166,8 +166,8 @@ def _fused_fiducials(given: MethodInputs) -> CorrectionMethod:
 def _articulated_beads(given: MethodInputs) -> CorrectionMethod:
     if given.beaded_leg is None:
         raise LegsimError(
-            "articulated-beads follows beads on thigh and shank, which only a simulated scan has "
-            "here; leave it out, or call legsim.ArticulatedBeads with the shadows that you found"
+            "articulated-beads follows sensors on thigh and shank of the scanned leg: configure "
+            "both (imu.sensors)"
         )
     return ArticulatedBeads(given.beaded_leg, given.priors, given.nodes, given.device)
 

@@ -40,7 +40,7 @@ from legsim.run.stages import StageContext
 from legsim.run.store import StageCache
 from legsim.scene import build
 from legsim.scene.slices import VolumeSlices
-from legsim.simulation.setup import joints_on_sensors
+from legsim.simulation.setup import joints_on_sensors, knee_on_thigh
 from legsim.simulation.simulated_scan import SimulatedScan
 
 
@@ -168,7 +168,7 @@ def _run(stage: StageContext, *, presented: bool) -> RunResult:
         points_per_segment=settings.methods.points_per_segment,
     )
     scan = SimulatedScan(setup, Scan(moving, signals, starts.starts, joints), at_rest, stage.device)
-    scan_file.write(folder.path, settings, scan.seen, setup.sensors)
+    scan_file.write(folder.path, settings, scan.seen, setup.sensors, knee_on_thigh(setup))
     grid = c_arm.volume_grid(settings.grid, setup.geometry.rotation_center())
     corrected = volumes.reconstruct_methods(stage, scan, grid)
     results = scores.score_methods(stage, scan, corrected, grid)

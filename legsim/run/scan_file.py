@@ -17,7 +17,8 @@ from legsim.config.measured_scan import (
 )
 from legsim.core.constants import STANDARD_GRAVITY
 from legsim.core.files import write_text
-from legsim.core.values import in_millimeters
+from legsim.core.values import FloatArray, in_millimeters
+from legsim.correction.articulated import scanned_leg
 from legsim.correction.control_points import AttachedPoint
 from legsim.correction.method import Scan
 from legsim.imu.sensors import Sensor
@@ -31,15 +32,29 @@ _HEAD = """# What scanner and sensors would know of this scan; legsim correct {n
 """
 
 
-def write(folder: Path, settings: RunConfig, scan: Scan, placed: Sequence[Sensor]) -> None:
+def write(
+    folder: Path,
+    settings: RunConfig,
+    scan: Scan,
+    placed: Sequence[Sensor],
+    knee_on_thigh: FloatArray | None,
+) -> None:
     """Writes scan.toml beside the run's projections, geometry and imu.csv."""
     head = _HEAD.format(name=NAME, start=settings.methods.start)
-    text = measured_scan.dump(known_of(settings, scan, placed))
+    text = measured_scan.dump(known_of(settings, scan, placed, knee_on_thigh))
     write_text(folder / NAME, f"{head}\n{text}")
 
 
-def known_of(settings: RunConfig, scan: Scan, placed: Sequence[Sensor]) -> MeasuredScanConfig:
-    """Settings of the measured scan that a simulated one would be."""
+def known_of(
+    settings: RunConfig,
+    scan: Scan,
+    placed: Sequence[Sensor],
+    knee_on_thigh: FloatArray | None = None,
+) -> MeasuredScanConfig:
+    """Settings of the measured scan that a simulated one would be.
+
+    ``knee_on_thigh`` (3,) m is the scanned knee in the thigh's sensor.
+    """
     worn = tuple(
         WornSensorConfig(
             name=sensor.name, segment=sensor.segment, start=_start(start, settings.methods)
@@ -53,7 +68,7 @@ def known_of(settings: RunConfig, scan: Scan, placed: Sequence[Sensor]) -> Measu
         geometry="geometry.json",
         line_integrals=True,
         imu=(ImuFileConfig(file="imu.csv", sensors=worn),),
-        joints=_joints(scan.joints, placed),
+        joints=(*_joints(scan.joints, placed), *_on_thigh(scan, placed, knee_on_thigh)),
         grid=MeasuredGridConfig(shape_zyx=(voxels, voxels, voxels), spacing_mm=(size, size, size)),
         reconstruction=settings.reconstruction,
         methods=MeasuredMethodsConfig(
@@ -130,3 +145,15 @@ def _joints(
                 JointConfig(name=f"{name}_{side}", sensor=point.sensor, position_mm=(x, y, z))
             )
     return tuple(found)
+
+
+def _on_thigh(
+    scan: Scan, placed: Sequence[Sensor], knee: FloatArray | None
+) -> tuple[JointConfig, ...]:
+    """The scanned knee once more, in the thigh's sensor; nothing where that is not known."""
+    if knee is None or not scan.joints:
+        return ()
+    hip = scanned_leg(scan)[0]
+    side = {sensor.name: sensor.segment for sensor in placed}[hip.sensor][-1]
+    x, y, z = in_millimeters(knee).tolist()
+    return (JointConfig(name=f"knee_{side}", sensor=hip.sensor, position_mm=(x, y, z)),)

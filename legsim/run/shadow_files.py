@@ -16,7 +16,7 @@ from legsim.correction.triangulation import triangulated
 from legsim.geometry.cone_beam import ConeBeamGeometry, Projections
 from legsim.imu import table_rows
 
-_MOST_BEADS = 4
+_MOST_BEADS = 1000
 
 _FEWEST_VIEWS = 3
 """views whose rays meet in no point by themselves"""
@@ -44,7 +44,7 @@ def load_beads(path: Path, geometry: ConeBeamGeometry) -> FloatArray:
             twice, or a pixel beyond the detector.
     """
     known = {str(number): number for number in range(_MOST_BEADS)}
-    fix = f"beads from 0 to {_MOST_BEADS - 1}"
+    fix = "beads from 0"
     seen = _shadows(path, "bead", known, fix, geometry)
     named = sorted({bead for _, bead in seen})
     if named != list(range(len(named))):

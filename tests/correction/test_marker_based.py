@@ -77,7 +77,7 @@ def test_the_motion_of_the_beads_corrects_the_scan_without_them(found: Correctio
 
 def test_it_says_how_many_shadows_were_found_and_how_well_they_fit(found: Correction):
     (note,) = found.notes
-    assert note.startswith("8 beads of 8 mm: ")
+    assert note.startswith("8 beads: ")
     assert note.endswith("px RMS from a rigid motion.")
 
 

@@ -82,3 +82,10 @@ def test_a_parameter_that_reaches_beyond_its_section_ends_the_chain_with_a_note(
     place = data.index(b"LABELS") + 6 + 2
     data[place + 1 : place + 4] = bytes([2, 255, 255])
     assert "breaks off at byte" in _c3d_header.read_header(PATH, bytes(data)).notes[0]
+
+
+def test_texts_without_letters_are_none_however_many_are_claimed():
+    data = bytearray(c3d_bytes(POINTS, "ABC"))
+    place = data.index(b"LABELS") + 6 + 2
+    data[place + 1 : place + 8] = bytes([6, 0, *[255] * 5])
+    assert _c3d_header.read_header(PATH, bytes(data)).texts("POINT", "LABELS") == ()

@@ -10,9 +10,7 @@ import pytest
 import legsim as ls
 from legsim.core import transforms
 from legsim.core.errors import LegsimError
-from legsim.correction.bead_scan import BeadScan
 from legsim.correction.fiducials import Fiducials
-from legsim.correction.path_measurements import BeadShadows
 from legsim.correction.rough_start import StartErrors, turned
 from legsim.deformation.files import load_motion
 from legsim.geometry import files as geometry_files
@@ -195,43 +193,6 @@ def test_a_stated_error_of_a_start_counts_however_it_is_known(tmp_path, known):
     errors = measured_aids.priors(replace(scan, worn=worn)).start
     assert errors.place == pytest.approx(20e-3)
     assert errors.heading == StartErrors().heading
-
-
-def test_beads_of_few_views_are_tracked_in_all(tmp_path):
-    few = table(GEOMETRY.project(np.broadcast_to(PLACES, (len(VIEWS), 2, 3)))[0], [0, 20, 40])
-    made = measured_aids.beads(loaded(tmp_path, more=f"{BEADS}track = true\n", beads=few))
-    assert made is not None
-    found = made()
-    assert isinstance(found, BeadScan)
-    np.testing.assert_allclose(found.guesses, PLACES, atol=1e-5)
-    assert found.radius == 1e-3
-
-
-@pytest.mark.parametrize("track", ["true", "false"])
-def test_stated_errors_of_pixels_are_those_of_shadows(tmp_path, track: str):
-    few = table(GEOMETRY.project(np.broadcast_to(PLACES, (len(VIEWS), 2, 3)))[0], [0, 20, 40])
-    more = f"{BEADS}track = {track}\nerror_px = 1.7\n"
-    made = measured_aids.beads(loaded(tmp_path, more=more, beads=few))
-    assert made is not None
-    assert made().error_px == 1.7
-
-
-def test_a_view_that_hides_a_bead_has_no_row(tmp_path):
-    pixels = bead_pixels()
-    made = measured_aids.beads(loaded(tmp_path, beads=table(pixels, list(range(5, 62)))))
-    assert made is not None
-    found = made()
-    assert isinstance(found, BeadShadows)
-    assert np.isnan(found.pixels[:5]).all()
-    np.testing.assert_allclose(found.pixels[5:], pixels[5:], atol=1e-3)
-
-
-def test_one_click_is_no_place(tmp_path):
-    scan = loaded(
-        tmp_path, more=f"{BEADS}track = true\n", beads="view,bead,u,v\n0,0,9,9\n0,1,8,8\n"
-    )
-    with pytest.raises(LegsimError, match=r"bead 0 is there in 1 view; give each bead in 2"):
-        measured_aids.beads(scan)
 
 
 def test_a_moved_bead_file_makes_the_volume_anew(tmp_path):

@@ -13,6 +13,7 @@ import legsim as ls
 from legsim import config
 from legsim.config import measured_scan
 from legsim.core.errors import LegsimError
+from legsim.correction import bead_scan
 from legsim.geometry import image_files
 from legsim.imu import calibration
 from legsim.run import measured, measured_aids, pipeline, sensors, volumes
@@ -56,6 +57,63 @@ def test_estimates_from_calibrated_sensors_come_back(tiny_settings, tmp_path):
         np.testing.assert_array_equal(ours, theirs, err_msg=name)
     drifts = [re.findall(r"rigid follows .*? RMS", str(one)) for one in (run.warnings, found.notes)]
     assert drifts[0] == drifts[1]
+
+
+BEADED = ("marker-based", "fused-beads", "articulated-beads")
+
+
+@pytest.mark.end_to_end
+def test_methods_that_follow_beads_come_back_from_pixels_of_their_shadows(
+    tiny_settings, tmp_path, monkeypatch
+):
+    """Beads below and above the knee, each in a file, which marker-based takes together."""
+    seen: dict[str, np.ndarray] = {}
+    add, exact = bead_scan.add_beads, volumes.exact_beads
+
+    def around(*args, **given):
+        made = add(*args, **given)
+        seen["around"] = bead_scan.shadows_of(made).pixels
+        return made
+
+    def on(settings, setup, stream):
+        made = exact(settings, setup, stream)
+        seen[f"{settings.methods.sensor}-{stream}"] = made.pixels
+        return made
+
+    monkeypatch.setattr(volumes.bead_scan, "add_beads", around)
+    monkeypatch.setattr(volumes, "exact_beads", on)
+    trees = (
+        {"imu": {"noise": {"kind": "bmi160", "calibration": "six-positions"}}},
+        {"methods": {"start": "rough", "run": BEADED, "fused": {"found": "exact"}}},
+    )
+    wanted = config.from_trees("paper", tiny_settings.model_dump(), *trees)
+    run = pipeline.run_scan(wanted, tmp_path / "run", presented=False).folder
+    given = {
+        "marker-based": {"shank_l": seen["around"][:, :6], "thigh_l": seen["around"][:, 6:]},
+        "fused-beads": {"": seen[f"shank_l-{volumes._FUSED}"]},
+        "articulated-beads": {s: seen[f"{s}-{volumes._TIED}"] for s in ("shank_l", "thigh_l")},
+    }
+    known = (run / NAME).read_text()
+    for name, beads in given.items():
+        scan = run / f"{name}.toml"
+        scan.write_text(known + "".join(beads_table(run, name, *one) for one in beads.items()))
+        ls.correct(scan, name, tmp_path / name)
+        ours, theirs = (
+            image_files.load_volume(folder / f"volume-{name}.mha").attenuation
+            for folder in (run, tmp_path / name)
+        )
+        # linear algebra rounds by where in memory its numbers lie
+        np.testing.assert_allclose(ours, theirs, atol=1e-3, err_msg=name)
+
+
+def beads_table(folder: Path, method: str, sensor: str, pixels: np.ndarray) -> str:
+    """Writes pixels (v, b, 2) as CSV; the table of a SCAN.toml that names it."""
+    file = folder / f"{method}-{sensor}.csv"
+    shown = np.argwhere(np.isfinite(pixels).all(-1)).tolist()
+    rows = [f"{v},{b},{','.join(map(repr, pixels[v, b].tolist()))}" for v, b in shown]
+    file.write_text("\n".join(["view,bead,u,v", *rows]) + "\n")
+    on = f'sensor = "{sensor}"\n' if sensor else ""
+    return f'\n[[beads]]\nfile = "{file.name}"\n{on}'
 
 
 def test_a_run_knows_no_more_than_a_scanner(tiny_run, tmp_path):

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from legsim.core.errors import LegsimError
-from tools.fuzz import engine, law, samples
+from tools.fuzz import corpus, engine, law, samples
 from tools.fuzz.damage import damaged
 from tools.fuzz.readers import READERS, Reader
 
@@ -26,6 +26,37 @@ def test_every_reader_reads_or_refuses_damaged_files(name):
     pytest.importorskip("pydicom") if "dicom" in name else None
     found, firsts = engine.fuzz(name, 15, seed=3)
     assert found.keys() <= {law.READ, law.REFUSED}, firsts
+
+
+@pytest.mark.parametrize("name", READERS)
+def test_every_reader_reads_or_refuses_the_kept_files(name, tmp_path):
+    pytest.importorskip("pydicom") if "dicom" in name else None
+    reader, path = READERS[name], engine.file_of(READERS[name], tmp_path)
+    engine.samples(reader, path)
+    with law.watched():
+        for data in corpus.load(name):
+            path.write_bytes(data)
+            assert law.outcome(reader, path) in (law.READ, law.REFUSED)
+
+
+def test_kept_files_come_back_and_equal_ones_make_equal_archives(tmp_path):
+    corpus.save("x", (b"bb", b"", b"a"), tmp_path)
+    assert corpus.load("x", tmp_path) == (b"", b"a", b"bb")
+    first = (tmp_path / "x.tar.xz").read_bytes()
+    corpus.save("x", (b"a", b"bb", b""), tmp_path)
+    assert (tmp_path / "x.tar.xz").read_bytes() == first
+    assert corpus.load("y", tmp_path) == ()
+
+
+def test_guided_damage_reaches_new_code_and_keeps_what_did(tmp_path):
+    pytest.importorskip("atheris")
+    with engine.in_memory() as folder:
+        valid = engine.samples(READERS["view_times"], folder / "file.txt")
+    found, firsts = engine.guided("view_times", 300, 1, seconds=60, kept=tmp_path)
+    assert found.total() >= 300
+    assert found.keys() <= {law.READ, law.REFUSED}, firsts
+    assert (kept := corpus.load("view_times", tmp_path))
+    assert not set(kept) & set(valid)
 
 
 def load(path):

@@ -16,18 +16,23 @@ def main(
     reader: Annotated[str, typer.Argument(help=f"One of {', '.join(READERS)}; or all.")],
     inputs: Annotated[float, typer.Option(help="Damaged files for each reader.")] = 1e4,
     seed: Annotated[int, typer.Option(help="Of the damage.", min=0)] = 0,
-    seconds: Annotated[float, typer.Option(help="For each reader, at most.")] = float("inf"),
-    corpus: Annotated[
-        Path | None, typer.Option(help="Folder of further files, one folder a reader.")
-    ] = None,
+    seconds: Annotated[float, typer.Option(help="For each reader, at most.")] = 1e6,
     keep: Annotated[Path | None, typer.Option(help="Folder for inputs that must not be.")] = None,
+    guided: Annotated[
+        bool, typer.Option("--guided", help="By the code that is reached; needs atheris.")
+    ] = False,
+    corpus: Annotated[
+        Path | None, typer.Option(help="Folder for inputs that reach new code, with --guided.")
+    ] = None,
 ) -> None:
     """Damages valid files at random and reads them."""
     failed = False
     for name in READERS if reader == "all" else (reader,):
         begun = time.monotonic()
-        more = engine.corpus_of(corpus, name)
-        found, firsts = engine.fuzz(name, int(inputs), seed, seconds=seconds, corpus=more)
+        if guided:
+            found, firsts = engine.guided(name, int(inputs), seed, seconds=seconds, kept=corpus)
+        else:
+            found, firsts = engine.fuzz(name, int(inputs), seed, seconds=seconds)
         typer.echo(report(name, found, time.monotonic() - begun))
         failed |= bool(firsts)
         if keep is not None:

@@ -2,6 +2,8 @@
 
 import os
 import resource
+import subprocess
+import sys
 import tempfile
 import time
 from collections import Counter
@@ -12,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from legsim.core import files
-from tools.fuzz import law
+from tools.fuzz import corpus, law
 from tools.fuzz.damage import damaged
 from tools.fuzz.readers import READERS, Reader
 
@@ -24,12 +26,7 @@ SHARE = 20_000
 
 
 def fuzz(
-    name: str,
-    inputs: int,
-    seed: int,
-    *,
-    seconds: float = float("inf"),
-    corpus: Sequence[bytes] = (),
+    name: str, inputs: int, seed: int, *, seconds: float = float("inf")
 ) -> tuple[Counter[str], dict[str, bytes]]:
     """Counts what a reader did, and the first input of everything that it must not do.
 
@@ -40,13 +37,12 @@ def fuzz(
         inputs: how many.
         seed: of the damage.
         seconds: after which no more are read.
-        corpus: further files to damage.
     """
     reader, found, firsts = READERS[name], Counter[str](), dict[str, bytes]()
     until = time.monotonic() + seconds
     with in_memory() as folder:
-        path, log = folder / f"{reader.name}{reader.suffix}", folder / "log"
-        valid = (*samples(reader, path), *corpus)
+        path, log = file_of(reader, folder), folder / "log"
+        valid = (*samples(reader, path), *corpus.load(name))
         done = 0
         while done < inputs and time.monotonic() < until:
             child = os.fork()
@@ -67,12 +63,65 @@ def fuzz(
     return found, firsts
 
 
+def guided(
+    name: str, inputs: int, seed: int, *, seconds: float, kept: Path | None = None
+) -> tuple[Counter[str], dict[str, bytes]]:
+    """Like :func:`fuzz`, guided by the code that inputs reach; see :mod:`tools.fuzz.guided`.
+
+    Args:
+        name: of the reader.
+        inputs: how many.
+        seed: of the damage.
+        seconds: after which no more are read.
+        kept: folder where the inputs that reach code which valid files do not reach take the
+            place of those kept for the reader.
+
+    Raises:
+        RuntimeError: the process that reads them failed by itself.
+    """
+    reader, found, firsts = READERS[name], Counter[str](), dict[str, bytes]()
+    until = time.monotonic() + seconds
+    with in_memory() as folder:
+        log = folder / "log"
+        for place in ("valid", "corpus", "firsts"):
+            (folder / place).mkdir()
+        valid = samples(reader, file_of(reader, folder / "valid"))
+        for k, data in enumerate((*valid, *corpus.load(name))):
+            (folder / "corpus" / f"{k:03d}").write_bytes(data)
+        while found.total() < inputs and time.monotonic() < until:
+            limits = (str(inputs - found.total()), str(until), str(seed))
+            command = [sys.executable, "-m", "tools.fuzz.guided", name, str(folder), *limits]
+            child = subprocess.run(command, check=False, capture_output=True, text=True)
+            lines = log.read_text("utf-8").splitlines() if log.exists() else []
+            log.unlink(missing_ok=True)
+            found.update(lines)
+            if child.returncode < 0:
+                what = f"ended by signal {-child.returncode}"
+                found[what] += 1
+                last = file_of(reader, folder / f"seed-{seed}")
+                firsts.setdefault(what, last.read_bytes())
+            elif child.returncode or not lines:
+                raise RuntimeError(child.stderr)
+            seed += 1
+        for what in found.keys() - {law.READ, law.REFUSED} - firsts.keys():
+            firsts[what] = (folder / "firsts" / files.key_of(what)).read_bytes()
+        reached = {file.read_bytes() for file in (folder / "corpus").iterdir()}
+        if kept is not None:
+            corpus.save(name, tuple(reached - set(valid)), kept)
+    return found, firsts
+
+
 @contextmanager
 def in_memory() -> Iterator[Path]:
     """A folder for files that need no disk."""
     place = "/dev/shm" if os.path.isdir("/dev/shm") else None
     with tempfile.TemporaryDirectory(dir=place) as folder:
         yield Path(folder)
+
+
+def file_of(reader: Reader, folder: Path) -> Path:
+    """Where a reader's file lies."""
+    return folder / f"{reader.name}{reader.suffix}"
 
 
 def samples(reader: Reader, path: Path) -> tuple[bytes, ...]:
@@ -130,13 +179,6 @@ def limited_memory() -> Iterator[None]:
         yield
     finally:
         resource.setrlimit(resource.RLIMIT_AS, before)
-
-
-def corpus_of(folder: Path | None, name: str) -> tuple[bytes, ...]:
-    """Further files of a reader, in ``folder/name``, in the order of their names."""
-    if folder is None or not (folder / name).is_dir():
-        return ()
-    return tuple(path.read_bytes() for path in sorted((folder / name).iterdir()))
 
 
 def keep(folder: Path, name: str, firsts: dict[str, bytes]) -> None:
