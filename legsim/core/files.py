@@ -18,6 +18,7 @@ from typing import Any
 
 import numpy as np
 
+from legsim.core import other_kinds
 from legsim.core.errors import LegsimError, file_error
 
 
@@ -47,9 +48,10 @@ def read(path: Path, kind: str) -> list[str]:
         kind: what the file should be, for the error messages.
 
     Raises:
-        LegsimError: the file cannot be read, is empty, or holds binary data.
+        LegsimError: the file cannot be read, is empty, or is of another kind, as binary data are.
     """
     data = content(path)
+    other_kinds.refuse(path, data)
     text = _text(data)
     if not text.strip():
         raise file_error(path, "the file is empty", "export it again")
@@ -62,30 +64,14 @@ def read(path: Path, kind: str) -> list[str]:
     return _split(text)
 
 
-_PACKED = {
-    b"\x1f\x8b\x08": "gzip",
-    b"PK\x03\x04": "zip, as spreadsheets are too",
-    b"BZh": "bzip2",
-    b"\xfd7zXZ\0": "xz",
-    b"7z\xbc\xaf\x27\x1c": "7z",
-    b"\x28\xb5\x2f\xfd": "zstd",
-}
-"""first bytes of packed files"""
-
-
-def refuse_packed(path: Path, start: bytes | None = None) -> None:
-    """Refuses a packed file, by its first bytes; ``start`` are these where they have been read.
+def refuse_packed(path: Path) -> None:
+    """Refuses a packed file.
 
     Raises:
-        LegsimError: it is packed.
+        LegsimError: it is packed, or a spreadsheet, which is packed too.
     """
-    if start is None:
-        with path.open("rb") as stream:
-            start = stream.read(8)
-    for mark, kind in _PACKED.items():
-        if start.startswith(mark):
-            fix = "unpack it" if kind[:3] != "zip" else "unpack it, or export a spreadsheet as text"
-            raise file_error(path, f"is packed ({kind})", fix)
+    with path.open("rb") as stream:
+        other_kinds.refuse_packed(path, stream.read(4096))
 
 
 def content(path: Path, fix: str = "check the path") -> bytes:
@@ -101,7 +87,7 @@ def content(path: Path, fix: str = "check the path") -> bytes:
         raise file_error(path, f"cannot be read ({error.strerror})", fix) from error
     except ValueError as error:  # a null in the name
         raise file_error(path, f"cannot be read ({error})", fix) from error
-    refuse_packed(path, data)
+    other_kinds.refuse_packed(path, data)
     return data
 
 

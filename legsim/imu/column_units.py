@@ -1,6 +1,9 @@
-"""Units of a table's columns: as somebody says, as the table states, or as its names hint."""
+"""Units of a table's columns: as somebody says, as the table states, or as its names hint; and
+names that say another quantity.
+"""
 
-from collections.abc import Mapping
+import re
+from collections.abc import Collection, Mapping
 from typing import Any
 
 from legsim.core.constants import STANDARD_GRAVITY
@@ -11,6 +14,35 @@ from legsim.imu.table_rows import Column
 
 ByColumn = Mapping[Column, str | None]
 """a unit per column; None where none is said"""
+
+
+_FORCE, _RATE = re.compile("acc", re.I), re.compile("gyr|angular|omega", re.I)
+"""in names of the columns of one quantity and of the other"""
+
+_TURNS = re.compile("gyr|angular|omega|pitch|roll|yaw", re.I)
+"""in names of angular velocities beside words of another one, as Delsys' "IM ACC Pitch1" """
+
+
+def check_names(
+    forces: Collection[Column], rates: Collection[Column], names: Mapping[Column, str]
+) -> None:
+    """Refuses columns that are given as accelerations (``forces``) or as angular velocities and
+    are called like those of the other, as where they are counted from the wrong one on.
+
+    Raises:
+        LegsimError: names the column.
+    """
+    for columns, quantity, own, other in (
+        (forces, "an acceleration", _FORCE, _RATE),
+        (rates, "an angular velocity", _TURNS, _FORCE),
+    ):
+        for column in columns:
+            name = names.get(column, "")
+            if other.search(name) and not own.search(name):
+                raise LegsimError(
+                    f"column {column!r} is given as {quantity}, and its name is {name!r}; correct "
+                    "the columns, or their names in the table"
+                )
 
 
 def force_scale(layout: TableLayout, stated: ByColumn, hints: ByColumn) -> float:

@@ -17,6 +17,7 @@ from legsim.imu.recording import ImuRecording
 from legsim.imu.signals import ImuSignals
 from legsim.imu.table_layout import SensorColumns, TableLayout
 from legsim.imu.units import AccelerationUnit, AngularVelocityUnit
+from legsim.mocap import files as mocap_files
 from legsim.mocap.c3d_analog import load_analog
 from legsim.mocap.cells import number
 
@@ -28,6 +29,8 @@ _TITLE = 40
 _XSENS = (("Acc_X", "Acc_Y", "Acc_Z"), ("Gyr_X", "Gyr_Y", "Gyr_Z"))
 _XSENS_COUNTERS = ("PacketCounter", "Counter")
 """names of the packets' numbers, of MT Manager 4 and of 2"""
+
+_XSENS_CLOCK = re.compile(r"\b(PacketCounter|SampleTimeFine)\b")
 
 _XSENS_PERIOD = 1 << 16
 
@@ -223,6 +226,22 @@ def _xsens_layout(
 
 def _unknown(path: Path, lines: Sequence[str]) -> LegsimError:
     """The refusal of a table that does not say itself what it holds."""
+    begun = "\n".join(lines[:20]).encode()
+    motion = next((form.name for form in mocap_files.FORMATS if form.begins(begun)), None)
+    if motion:
+        return file_error(
+            path,
+            f"holds no signals of sensors, but a recording ({motion})",
+            "give it as the motion, and the sensors' own file here",
+        )
+    if any(_XSENS_CLOCK.search(line) for line in lines[:50]):
+        return file_error(
+            path,
+            "is an export of Xsens without accelerations (Acc_X, …) and angular velocities (Gyr_X, "
+            "…)",
+            "export it again with calibrated inertial data, of a DOT in such a payload mode: "
+            "orientations and free accelerations lack gravity",
+        )
     cure = "describe its columns in a small TOML and give that (docs/formats.md, Sensors)"
     if _has_blocks(lines):
         cure = (

@@ -54,10 +54,6 @@ _OTHERS = {
     "<": "XML",
     "{": "JSON",
     "[{": "JSON",
-    "PK\x03\x04": "a spreadsheet or another archive",
-    "MATLAB ": "MATLAB's",
-    "\x89HDF": "HDF5",
-    "\ufffdHDF": "HDF5",
 }
 """first characters of files that are no tables of text, and what they are"""
 

@@ -23,7 +23,7 @@ from legsim.imu import (
     turns,
     units,
 )
-from legsim.imu.column_units import ByColumn, force_scale, rate_scale
+from legsim.imu.column_units import ByColumn, check_names, force_scale, rate_scale
 from legsim.imu.recording import ImuRecording, check_steady, checked
 from legsim.imu.table_layout import ONE_CLOCK, SensorColumns, TableLayout
 from legsim.imu.table_rows import Column, RowsOf, is_named, number_in, read_rows
@@ -223,6 +223,8 @@ def _read(
             found = _of_channels(path, layout, [*of_force, *of_rate])
         else:
             found = _of_text(path, layout, [*of_force, *of_rate], only)
+        if only is None:
+            check_names(of_force, of_rate, found.names)
         scale = {
             **dict.fromkeys(of_force, force_scale(layout, *found.units_of(of_force))),
             **dict.fromkeys(of_rate, rate_scale(layout, *found.units_of(of_rate))),
@@ -286,6 +288,8 @@ class _Found:
     """unit that the file states"""
     hints: ByColumn
     """unit at the end of its name, where nothing is stated"""
+    names: Mapping[Column, str]
+    """name of each column, where it has one"""
     notes: tuple[str, ...] = ()
     """oddities of the file"""
     rows: turns.Numbered | None = None
@@ -343,7 +347,14 @@ def _of_text(
         times = sent / rate_hz
     notes = _of_file(path, said)
     kept = {c: rows[:, k] for k, c in enumerate(wanted)}
-    return _Found(times, kept, stated, hints, notes, numbered)
+    names = {c: _name(c, found.names) for c in wanted}
+    return _Found(times, kept, stated, hints, names, notes, numbered)
+
+
+def _name(column: Column, names: Sequence[str]) -> str:
+    if isinstance(column, str):
+        return column
+    return names[column - 1] if column <= len(names) else ""
 
 
 def _of_channels(path: Path, layout: TableLayout, wanted: Sequence[Column]) -> _Found:
@@ -357,6 +368,7 @@ def _of_channels(path: Path, layout: TableLayout, wanted: Sequence[Column]) -> _
         {column: found.values[:, k] for column, k in at.items()},
         {column: units.stated(found.units[k]) for column, k in at.items()},
         dict.fromkeys(at),
+        {column: found.labels[k] for column, k in at.items()},
         tuple(f"{path.name}: {note}" for note in found.notes),
     )
 

@@ -2,6 +2,7 @@
 a report on each.
 """
 
+import os
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -58,10 +59,11 @@ def find_recording(file: str | Path) -> Path:
     try:
         return resources.motion_file(str(file))
     except LegsimError:
+        folder = os.path.isdir(file)
         raise file_error(
             file,
-            "no such motion file, here or among the shipped ones",
-            f"give a {mocap_files.known_suffixes()} file",
+            "is a folder" if folder else "no such motion file, here or among the shipped ones",
+            f"give a {mocap_files.known_suffixes()} file" + " that is in it" * folder,
         ) from None
 
 

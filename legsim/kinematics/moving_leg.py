@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from legsim.core.values import FloatArray
-from legsim.kinematics import plausibility
+from legsim.kinematics import pace, plausibility, standing
 from legsim.kinematics.ik_options import IkOptions
 from legsim.kinematics.inverse_kinematics import IkReport
 from legsim.kinematics.joint_splines import JointSplines
@@ -17,6 +17,7 @@ from legsim.kinematics.leg import Leg
 from legsim.kinematics.marker_sites import MarkerSites
 from legsim.kinematics.registration import Registration
 from legsim.kinematics.scaling import Scaling
+from legsim.kinematics.skeleton import JointCenters
 from legsim.mocap.cleaning import CleaningReport
 from legsim.mocap.trajectories import JointTrajectories, MarkerTrajectories
 
@@ -121,6 +122,12 @@ class MovingLeg:
         )
 
     @cached_property
+    def _posture(self) -> tuple[FloatArray, JointCenters]:
+        """The pelvis' axes (n, 3, 3) in world, and the joint centers."""
+        poses = self.leg.segment_poses(self.trajectories)
+        return poses.of("pelvis")[:, :3, :3].copy(), self.leg.joint_centers(poses)
+
+    @cached_property
     def implausible(self) -> tuple[str, ...]:
         """Sentences on what no person's leg does, with names and times; such a leg is not to be
         scanned.
@@ -132,6 +139,7 @@ class MovingLeg:
             *plausibility.beyond_limits(
                 self.leg, self.trajectories, by_markers=self.fit is not None
             ),
+            *pace.falling(self._posture[1]),
             *fit,
         )
 
@@ -140,7 +148,13 @@ class MovingLeg:
         """What a reader should know before using the movement: all that is implausible, and what is
         doubtful.
         """
-        doubts: list[str] = []
+        pelvis, centers = self._posture
+        doubts = [
+            *standing.leaning(pelvis, centers),
+            *standing.off_the_floor(centers),
+            *standing.small(self.leg),
+            *pace.odd_steps(centers),
+        ]
         if self.fit is not None and len(self.fit.ik.frames_jumping):
             jumps = self.fit.ik.frames_jumping
             first = int(jumps[0])

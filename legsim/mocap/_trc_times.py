@@ -9,7 +9,7 @@ import numpy as np
 from legsim.core.errors import file_error
 from legsim.core.values import FloatArray
 from legsim.mocap._stated_times import full_times, last_digit
-from legsim.mocap.trajectories import written_twice
+from legsim.mocap.trajectories import late_cure, written_twice
 
 _SLOWEST_HZ = 2.0
 """no marker is followed so slowly"""
@@ -80,7 +80,7 @@ def _check_increase(path: Path, times: FloatArray, column: TimeColumn) -> None:
         f"time {after} does not come after {before}"
         if step <= 0
         else f"time {after} comes only {step:.2g} s after {before}",
-        "delete the repeated row or repair the time column",
+        late_cure(times, k),
         place=f"line {column.lines[k]}",
     )
 

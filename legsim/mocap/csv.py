@@ -106,6 +106,9 @@ def _value(
         return MarkerTrajectories(times, names, table.reshape(len(times), len(names), 3))
     names = tuple(re.sub(r"_(rad|m)$", "", cell) for cell in header)
     wrong = [cell for cell, name in zip(header, names, strict=True) if cell != name + _unit(name)]
+    if wrong and wrong[0].endswith("_m_s2"):
+        problem = f"column {wrong[0]!r} is a sensor's"
+        raise file_error(path, problem, "give it by --imu, beside a recording", place="line 1")
     if wrong:
         raise file_error(
             path,

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from legsim.core import files
+from legsim.core import other_kinds
 from legsim.core.errors import LegsimError, file_error
 from legsim.mocap import c3d, csv, opensim, program_tables, trc
 from legsim.mocap.coordinates import RawCoordinates
@@ -269,18 +269,29 @@ def format_of(path: Path | str) -> Format:
         raise file_error(path, f"cannot be read ({error.strerror})", "check the path") from error
     except ValueError as error:  # a null in the name
         raise file_error(path, f"cannot be read ({error})", "check the path") from error
-    files.refuse_packed(path, start)
     for form in FORMATS:
         if form.begins(start):
             return form
+    other_kinds.refuse(path, start)
+    if _of_sensors(start):
+        raise file_error(
+            path,
+            "holds signals of sensors, not markers or joint coordinates",
+            "give it by --imu, beside a recording of the same movement",
+        )
     for form in FORMATS:
         if path.suffix.lower() in form.suffixes:
             return form
+    if not start:
+        raise file_error(path, "the file is empty", "export it again")
     raise file_error(
         path,
         "is no recording that can be told by its first bytes or its name",
         f"give a {known_suffixes()} file",
     )
+
+
+_of_sensors = _begins_text(r"acc(?s:.*)gyr|gyr(?s:.*)acc")
 
 
 def known_suffixes() -> str:

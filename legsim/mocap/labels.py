@@ -46,6 +46,9 @@ SEGMENT_OF_PART = {
 }
 """Part of the body that a role names, and the segment (OpenSim body) that carries it."""
 
+_BETWEEN = "_.:- "
+"""what stands between a marker's name and that of somebody or something else"""
+
 _CLUSTER = re.compile(r"(thigh|shank|foot)_(\d|upper|front|rear)")
 
 _CLUSTER_SEGMENT = {"thigh": "femur", "shank": "tibia", "foot": "calcn"}
@@ -151,6 +154,27 @@ def find_labels(names: Sequence[str], marker_names: Sequence[str]) -> dict[str, 
 def same_label(one: str, other: str) -> bool:
     """Whether two labels differ at most in case, punctuation and a subject's prefix."""
     return _plain(one.rpartition(":")[2]) == _plain(other.rpartition(":")[2])
+
+
+def without_shared_ends(names: Sequence[str]) -> list[str]:
+    """Names without what all of several begin or end with, up to a blank, a point or the like: a
+    subject ("S01_RASI"), a count or a quantity ("RASI.pos"). Points without a name ("*17") stay.
+    """
+    named = [name for name in names if not name.startswith("*")]
+    if len(set(named)) < 2:
+        return list(names)
+    prefix, suffix = _begin(named), _begin([name[::-1] for name in named])[::-1]
+    start = max((k + 1 for k, c in enumerate(prefix) if c in _BETWEEN), default=0)
+    end = min((k for k, c in enumerate(suffix) if c in _BETWEEN), default=len(suffix))
+    cut = {name: name[start : len(name) - len(suffix) + end] for name in named}
+    return [cut.get(name, name) for name in names] if all(cut.values()) else list(names)
+
+
+def _begin(names: Sequence[str]) -> str:
+    """What all names begin with: where the first and the last in order do not part, none does."""
+    first, last = min(names), max(names)
+    shared = zip(first, last, strict=False)
+    return first[: next((k for k, (a, b) in enumerate(shared) if a != b), len(first))]
 
 
 def segment_of(role: str) -> str:
@@ -298,15 +322,14 @@ class _Finder:
 
     def __init__(self, marker_names: Sequence[str]) -> None:
         named = [name for name in marker_names if not name.startswith("*")]
-        prefix = named[0].partition("_")[0] + "_" if named else ""
-        prefix = prefix if len(named) > 1 and all(name.startswith(prefix) for name in named) else ""
+        own = dict(zip(named, without_shared_ends(named), strict=True))
         bare = {name: name.rpartition(":")[2] for name in named}
         self._stages = [
             _unique({name: name for name in named}),
             _unique(bare),
-            _unique({name: name.removeprefix(prefix) for name in named}),
+            _unique(own),
             _unique({name: _plain(text) for name, text in bare.items()}),
-            _unique({name: _plain(name.removeprefix(prefix)) for name in named}),
+            _unique({name: _plain(text) for name, text in own.items()}),
         ]
 
     def find(self, label: str) -> str:

@@ -18,7 +18,7 @@ from legsim.core.values import FloatArray
 from legsim.mocap._stated_times import full_times, last_digit
 from legsim.mocap.cells import number
 from legsim.mocap.coordinates import RawCoordinates, is_of_leg, is_rotation
-from legsim.mocap.trajectories import JointTrajectories
+from legsim.mocap.trajectories import JointTrajectories, late_cure
 
 _EXPORT_AGAIN = "write the file again from OpenSim"
 
@@ -291,7 +291,8 @@ def _check_times(path: Path, times: FloatArray) -> None:
     if late.size:
         k = int(late[0])
         problem = f"time {times[k + 1]:g} does not come after {times[k]:g}"
-        raise file_error(path, problem, "delete the repeated row", place=f"row {k + 2} of the data")
+        cure = late_cure(times, k + 1)
+        raise file_error(path, problem, cure, place=f"row {k + 2} of the data")
 
 
 def _coordinates(

@@ -33,6 +33,10 @@ _TIME_DIGIT = 1.5e-6
 """s of Motive's last digit, and a half for its rounding"""
 
 
+_SLOWEST, _FASTEST = 0.01, 1e6
+"""Hz of cameras"""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class _Table:
     """The rows of numbers of a file."""
@@ -237,8 +241,8 @@ def _table(path: Path, rows: list[list[str]], start: int) -> _Table:
 
 def _rate(path: Path, text: str, line: int) -> float:
     value = number(text) if text else None
-    if value is None or not value > 0:
-        problem = f"states no rate in Hz, but {text!r}"
+    if value is None or not _SLOWEST < value < _FASTEST:
+        problem = f"states no rate of a camera in Hz, but {text!r}"
         raise file_error(path, problem, _AGAIN, place=f"line {line}")
     return value
 

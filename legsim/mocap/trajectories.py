@@ -84,3 +84,14 @@ def written_twice(times: FloatArray) -> NDArray[np.intp]:
     steps = np.diff(times)
     usual = float(np.median(steps)) if len(steps) else 0.0
     return np.flatnonzero(steps <= max(min(1e-3 * usual, _ROUNDING_S), 0.0)) + 1
+
+
+def late_cure(times: FloatArray, k: int) -> str:
+    """What to do about sample ``k`` of (n,) times s, which does not come after the one before: a
+    time that goes back by several samples begins another trial.
+    """
+    steps = np.diff(times)
+    forward = steps[steps > 0]
+    if len(forward) and times[k] < times[k - 1] - 2 * np.median(forward):
+        return "another trial begins there: split the file, or repair the time column"
+    return "delete the repeated row or repair the time column"

@@ -338,6 +338,8 @@ def _cells(path: Path, place: str, line: str, width: int) -> tuple[int, str, lis
     cells = _split(line, mark)
     while cells and cells[-1] == "":
         cells.pop()
+    if cells[0].lower().startswith("pathfiletype"):
+        raise file_error(path, "another TRC file begins here", "split the file", place=place)
     if not re.fullmatch(r"[+-]?\d+(\.0*)?", cells[0]):
         raise file_error(
             path,

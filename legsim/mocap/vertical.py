@@ -14,6 +14,7 @@ import numpy as np
 
 from legsim.core.errors import LegsimError
 from legsim.core.values import FloatArray
+from legsim.mocap.labels import without_shared_ends
 
 WORLD_FROM_LAB = {
     "y": np.eye(3),
@@ -222,7 +223,8 @@ def _body(positions: FloatArray, labels: Sequence[str]) -> _Body:
     floor = {
         name: _height_over_floor(positions, WORLD_FROM_LAB[name][1]) for name in WORLD_FROM_LAB
     }
-    return _Body(*_rise(positions, labels), _sideways(positions, labels), floor)
+    names = without_shared_ends(labels)
+    return _Body(*_rise(positions, names), _sideways(positions, names), floor)
 
 
 def _rise(positions: FloatArray, labels: Sequence[str]) -> tuple[FloatArray, FloatArray]:

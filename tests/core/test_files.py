@@ -174,6 +174,6 @@ def test_a_packed_file_is_to_be_unpacked(tmp_path: Path, module: str) -> None:
 
 def test_a_spreadsheet_is_to_be_exported(tmp_path: Path) -> None:
     with zipfile.ZipFile(tmp_path / "a.xlsx", "w") as archive:
-        archive.writestr("sheet.xml", "")
-    with pytest.raises(LegsimError, match=r"export a spreadsheet as text"):
+        archive.writestr("xl/workbook.xml", "")
+    with pytest.raises(LegsimError, match="is a spreadsheet; save its table as text"):
         files.read(tmp_path / "a.xlsx", "CSV")

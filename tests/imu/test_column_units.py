@@ -3,7 +3,7 @@
 import pytest
 
 from legsim.core.errors import LegsimError
-from legsim.imu.column_units import force_scale, rate_scale
+from legsim.imu.column_units import check_names, force_scale, rate_scale
 from legsim.imu.table_layout import SensorColumns, TableLayout
 
 LAYOUT = TableLayout((SensorColumns("s", ("x", "y", "z"), ("a", "b", "c")),), time="t")
@@ -35,3 +35,13 @@ def test_contradictions_are_refused():
     ):
         with pytest.raises(LegsimError, match=said):
             force_scale(layout, stated, NONE)
+
+
+def test_names_of_the_other_quantity_are_refused():
+    names = {1: "acc_x", 2: "gyr_y", "omega": "omega", 4: "accX from gyro", 5: ""}
+    names[6] = "IM ACC Pitch1"
+    check_names([1, 4, 5], [2, "omega", 4, 5, 6], names)
+    with pytest.raises(LegsimError, match=r"column 2 is given as an acceleration.*'gyr_y'"):
+        check_names([1, 2], [], names)
+    with pytest.raises(LegsimError, match=r"column 1 is given as an angular velocity.*'acc_x'"):
+        check_names([], [1], names)

@@ -139,13 +139,19 @@ def test_opensims_two_tables_of_vectors_are_one_sensor(tmp_path):
     ("text", "said"),
     [
         ("a,b\n1,2\n", "describe its columns in a small TOML"),
-        ('<?xml version="1.0"?>\n<mvnx version="4"/>\n', "is XML, not a table of text; export"),
+        ('<?xml version="1.0"?>\n<mvnx version="4"/>\n', "is MVN's XML; export"),
+        ('<?xml version="1.0"?>\n<log/>\n', "is XML, not a table of text; export"),
+        ("PathFileType\t4\t(X/Y/Z)\ta.trc\n", r"but a recording \(TRC\); give it as the motion"),
         ("// x\nPacketCounter,Acc_X,Acc_Y,Acc_Z,Gyr_X,Gyr_Y,Gyr_Z\n1,1,1,1,1,1,1\n", "rate_hz"),
         (
             "// Update Rate: 1.2.3Hz\nPacketCounter,Acc_X,Acc_Y,Acc_Z,Gyr_X,Gyr_Y,Gyr_Z\n1,1,1,1,1,1,1\n",
             "rate_hz",
         ),
         ("// Update Rate: 9Hz\nPacketCounter,Acc_X,Acc_Y\n1,1,1\n", "without angular velocities"),
+        (
+            "sep=,\nDeviceTag:,DOT_01\nSampleTimeFine,Euler_X,FreeAcc_X\n1,1,1\n",
+            r"export of Xsens without accelerations .*free accelerations lack gravity",
+        ),
         (
             "// Update Rate: 9Hz\nPacketCounter,Acc_X,Acc_Y,Gyr_X,Gyr_Y,Gyr_Z\n1,1,1,1,1,1\n",
             "'Acc_Z'.*has PacketCounter",
@@ -265,7 +271,7 @@ def test_an_older_export_of_xsens_names_its_counter_and_rate_otherwise(tmp_path,
     ("content", "said"),
     [
         ('{"acc": [1, 2]}', "is JSON, not a table of text"),
-        ("MATLAB 5.0 MAT-file", "is MATLAB's, not a table of text"),
+        ("MATLAB 5.0 MAT-file", "is MATLAB's; save its table as text"),
         ("Acceleration:\n0 1 2 3\nGyroscope:\n0 1 2 3\n", "in blocks, one below the other: split"),
     ],
 )

@@ -332,6 +332,18 @@ def test_columns_without_a_number_are_named(tmp_path, number):
         load(write(tmp_path / "a.csv", rows), TableLayout((SENSOR,), time="t"))
 
 
+def test_numbers_of_columns_that_the_line_above_calls_otherwise_are_refused(tmp_path):
+    """Two sensors' columns, a row of sensors above that of quantities."""
+    one = still(count=50)
+    path = write(tmp_path / "a.csv", rows_of(one), names=["", *(f"acc_{x}" for x in "xyz"),
+                                                          *(f"gyr_{x}" for x in "xyz")])  # fmt: skip
+    path.write_text("sensor,l,l,l,l,l,l\n" + path.read_text())
+    (read,) = load(path, TableLayout((SensorColumns("s", (2, 3, 4), (5, 6, 7)),), time=1))
+    np.testing.assert_array_equal(read.specific_force, one.specific_force)
+    with pytest.raises(LegsimError, match=r"a\.csv: column 5 is given as an accel.*'gyr_x'"):
+        load(path, TableLayout((SensorColumns("s", (2, 4, 5), (3, 6, 7)),), time=1))
+
+
 def test_units_at_the_end_of_names_are_taken_where_nothing_is_stated(tmp_path):
     """As a Blue Trident writes them; a stated unit goes before a name."""
     one = still(count=20)

@@ -52,6 +52,11 @@ def test_a_missing_file_is_named(name):
         from_recording.solve_kinematics(name)
 
 
+def test_a_folder_is_named_as_one(tmp_path):
+    with pytest.raises(LegsimError, match=r"is a folder; give a .* file that is in it"):
+        from_recording.solve_kinematics(tmp_path)
+
+
 def test_what_is_no_trc_is_refused(tmp_path):
     (tmp_path / "a.trc").write_text("hello\n")
     with pytest.raises(LegsimError, match=r"a\.trc") as caught:

@@ -2,7 +2,6 @@
 in docs/formats.md says.
 """
 
-import gzip
 import re
 from pathlib import Path
 
@@ -213,7 +212,18 @@ def test_blanks_before_a_trc_make_it_no_c3d(tmp_path, lead):
     assert len(mocap_files.load_recording(tmp_path / "a.trc", up="y").times) == 3
 
 
-def test_a_packed_recording_is_to_be_unpacked(tmp_path):
-    (tmp_path / "walk.trc.gz").write_bytes(gzip.compress(b"PathFileType"))
-    with pytest.raises(LegsimError, match=r"walk\.trc\.gz: is packed \(gzip\); unpack it"):
-        read_raw(tmp_path / "walk.trc.gz")
+@pytest.mark.parametrize(
+    ("name", "content", "said"),
+    [
+        ("a.txt", b"PacketCounter,Acc_X,Acc_Y,Gyr_X\n1,0,0,0\n", "signals of sensors.*give it by"),
+        ("a.csv", b"t;accel x;gyro x\n0;1;2\n", "signals of sensors.*give it by --imu"),
+        ("a.csv", b"time_s,s_ax_m_s2,s_ay_m_s2\n0,1,2\n", "'s_ax_m_s2' is a sensor's; give it by"),
+        ("a", b"", "the file is empty"),
+        ("a.trc", b"\x1f\x8b\x08\x00", r"is packed \(gzip\)"),
+        ("a.txt", b"RAcc,LAcc\n1,2\n", "is no recording that can be told"),
+    ],
+)
+def test_what_is_no_recording_is_called_by_what_it_is(tmp_path, name, content, said):
+    (tmp_path / name).write_bytes(content)
+    with pytest.raises(LegsimError, match=said):
+        mocap_files.read_raw(tmp_path / name)

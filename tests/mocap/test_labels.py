@@ -14,6 +14,7 @@ SEVEN = MarkerMap.one_to_one("seven", PAPER_ROLES, LABELS)
 
 @pytest.mark.parametrize("spelling", [
     "{}", "Subject:{}", "Sehoon VSK35:{}", "Lab:Subject:{}", "genou1_{}",
+    "S01.{}", "Skeleton 001 {}", "S_01_{}", "{}_1", "{}.pos", "Ann:{} - 1",
 ])  # fmt: skip
 def test_prefixes_are_looked_through(spelling):
     names = [spelling.format(label) for label in LABELS]
@@ -165,3 +166,12 @@ def test_a_map_without_a_role_keeps_the_segments_of_the_others():
 
 def test_names_are_found_among_labels_whatever_their_spelling():
     assert labels.find_labels(["r_asi", "nose"], ["S:RASI", "S:LASI"]) == {"r_asi": "S:RASI"}
+
+
+def test_what_only_some_names_begin_or_end_with_is_theirs():
+    assert labels.without_shared_ends(["RASI_1", "LASI_2"]) == ["RASI_1", "LASI_2"]
+    assert labels.without_shared_ends(["R_ASI", "R_ASI_top"]) == ["ASI", "ASI_top"]
+    assert labels.without_shared_ends(["RASI", "RKNE"]) == ["RASI", "RKNE"]
+    assert labels.without_shared_ends(["a_b", "a_"]) == ["a_b", "a_"]
+    assert labels.without_shared_ends(["S_RASI"]) == ["S_RASI"]
+    assert labels.without_shared_ends(["S_RASI", "*17", "S_C7"]) == ["RASI", "*17", "C7"]

@@ -128,6 +128,13 @@ def test_names_of_several_sets_are_understood_together(labels, knee, ankle):
     assert set(PAPER_ROLES) <= set(found)
 
 
+def test_the_medial_marker_beside_a_knee_alignment_device_is_at_the_ankle():
+    found = marker_sets.load("plug_in_gait").found_in(["RKNE", "RANK", "RMED", "LMED"])
+    assert found["malleolus_medial_r"] == ("RMED",)
+    assert found["malleolus_medial_l"] == ("LMED",)
+    assert "epicondyle_medial_r" not in found
+
+
 def test_joint_centers_of_a_pose_estimator_are_no_markers():
     with pytest.raises(LegsimError, match="finds no marker for sacrum, asis_r, asis_l among RHip"):
         marker_sets.guess([*both("@Hip @Knee @Ankle"), "Neck"])

@@ -366,6 +366,8 @@ def test_a_row_without_time_gets_it_from_its_frame(write):
     (lambda s: s.replace("2\t0.01\t1\t2\t3", "2\t0.01\t1\t2"), (r"line 8\): the row holds 5 coordinates, not a multiple of "
         r"three")),
     (lambda s: s.replace("2\t0.01\t1", "2\t0.00\t1"), r"line 8\): time 0.00 does not come after 0.00"),
+    (lambda s: s + "\n" + s, r"line 1\d\): another TRC file begins here; split the file"),
+    (lambda s: s.replace("3\t0.02", "3\t-1"), r"line 9\): time -1 does not come after 0.01; another trial begins there"),
     (lambda s: s.replace("2\t0.01\t1", "2.5\t0.01\t1"), r"line 8\): frame number '2.5' is not a whole number"),
     (lambda s: s[: s.rindex("\t4")], r"line 9\): the file breaks off in this row, number 3 of 3"),
     (lambda s: s.replace("mm", "parsec"), r"unit\): unit 'parsec' is not one of m, dm, cm, mm"),

@@ -60,6 +60,14 @@ def test_who_stands_shows_the_vertical_of_a_format_without_one(axis, usual, head
     assert found == Vertical(axis, "the body is upright along it")
 
 
+@pytest.mark.parametrize("spelling", ["Ann:{}", "Ann_{}", "S 01.{}", "{}.pos"])
+def test_a_subject_in_all_names_does_not_hide_the_body(spelling):
+    names = [*(spelling.format(name) for name in LABELS), "*17"]
+    points = np.concatenate([turned(STANDING), turned(STANDING)[:, :1]], 1)
+    found = guessed(in_lab(points, "z"), names, "y")
+    assert found == Vertical("z", "the body is upright along it")
+
+
 @pytest.mark.parametrize("heading", [0.0, 180.0, 270.0, 30.0])
 @pytest.mark.parametrize("axis", ["y", "z"])
 def test_who_sits_keeps_the_usual_vertical_and_shows_another(axis, heading):

@@ -235,6 +235,13 @@ READERS: dict[str, Reader] = {
         samples.trc_of_other_programs(lambda text: text.replace("\t", ",")),
     ),
     "markers_csv": _of_markers(".csv"),
+    "motive_csv": _of_markers(".csv", samples.capture_table("motive")),
+    "nexus_csv": _of_markers(".csv", samples.capture_table("nexus")),
+    "qualisys_tsv": _of_markers(
+        ".tsv",
+        samples.capture_table("qualisys"),
+        samples.capture_table("qualisys", timed=False),
+    ),
     "c3d": _of_markers(
         ".c3d",
         samples.c3d(84, -1.0),

@@ -108,6 +108,18 @@ def c3d(processor: int, scale: float, **more: object) -> Maker:
     return make
 
 
+def capture_table(program: str, **more: bool) -> Maker:
+    """Three markers in a table of "motive", "nexus" or "qualisys", one of them not always seen."""
+    from tests.examples import capture_tables
+
+    def make(path: Path) -> None:
+        places = 1e3 * markers().positions_world[:, :3]
+        places[3, 1] = np.nan
+        path.write_text(getattr(capture_tables, program)(places, **more), encoding="utf-8")
+
+    return make
+
+
 STATES = (
     "states\nversion=1\nnRows=3\nnColumns=5\ninDegrees=no\nendheader\n"
     "time\t/jointset/ground_pelvis/pelvis_tilt/value\t/jointset/knee_r/knee_angle_r/value\t"
