@@ -6,7 +6,7 @@ the two move against each other is held as small as in a person who holds a post
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -17,6 +17,7 @@ from legsim.correction.bead_scan import BeadScan, shadows_of
 from legsim.correction.control_points import AttachedPoint
 from legsim.correction.fused import (
     DISCERNED,
+    FusedBeads,
     SensorPriors,
     doubts_of_shadows,
     left_as_it_is,
@@ -63,6 +64,10 @@ class ArticulatedBeads:
         hip, knee, ankle = _joints(scan)
         sensors = (hip.sensor, knee.sensor)
         shadows = [shadows_of(self.leg.beads(name)) for name in sensors]
+        for hidden, shown in ((0, 1), (1, 0)):
+            if not shadows[hidden].placed.any():
+                one = FusedBeads(shadows[shown], sensors[shown], self.priors)(scan)
+                return _as_one(one, sensors[hidden], sensors[shown])
         tie = LegTie(
             self.leg.knee_on_thigh, knee.position_sensor, ankle.position_sensor, hip.position_sensor
         )
@@ -93,6 +98,15 @@ class ArticulatedBeads:
         return Correction(
             "articulated-beads", scan.projections, motion, notes=(*noted, said, parting, *seen)
         )
+
+
+def _as_one(followed: Correction, hidden: str, shown: str) -> Correction:
+    """What one segment says of the leg, where no bead of the other has a place."""
+    note = (
+        f"In doubt: articulated-beads: no bead beside {hidden} is seen often enough to have a "
+        f"place. The whole leg is left to {shown} and its beads, as fused-beads has it."
+    )
+    return replace(followed, method="articulated-beads", notes=(note, *followed.notes))
 
 
 def _joints(scan: Scan) -> tuple[AttachedPoint, AttachedPoint, AttachedPoint]:

@@ -10,12 +10,18 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from legsim.core import transforms
 from legsim.core.errors import LegsimError
 from legsim.core.values import positive
 from legsim.correction.bead_scan import BeadScan, shadows_of
 from legsim.correction.error_state import CLOCK_REACH, ErrorState, error_state
 from legsim.correction.method import Correction, Scan
-from legsim.correction.path_measurements import BeadShadows, FiducialShadows, StandingPrior
+from legsim.correction.path_measurements import (
+    BeadShadows,
+    FiducialShadows,
+    StandingFoot,
+    StandingPrior,
+)
 from legsim.correction.path_problem import DivergedError
 from legsim.correction.rough_start import StartErrors
 from legsim.correction.smoother import SmoothedPath, smooth
@@ -94,12 +100,14 @@ class FusedBeads:
     def __call__(self, scan: Scan, /) -> Correction:
         beads = shadows_of(self.beads() if callable(self.beads) else self.beads)
         state = sensor_state(scan, self.sensor, self.priors, clock=self.priors.clock)
+        foot = _foot(scan, self.sensor)
         try:
             found = smooth(
                 state,
                 standing=_standing(scan, self.priors),
                 geometry=scan.projections.geometry,
                 beads=beads,
+                foot=foot,
             )
         except DivergedError as error:
             return left_as_it_is("fused-beads", scan, error)
@@ -109,7 +117,8 @@ class FusedBeads:
             f"{found.residual_px:.2f} px RMS from the sensor's path."
         )
         doubts = doubts_of_shadows("fused-beads", found, beads.error_px)
-        return _corrected("fused-beads", scan, found, (note, *doubts, *_clock_note(state, found)))
+        notes = (note, *doubts, *_foot_note(foot, found), *_clock_note(state, found))
+        return _corrected("fused-beads", scan, found, notes)
 
 
 @dataclass(frozen=True, slots=True)
@@ -134,12 +143,14 @@ class FusedFiducials:
                 f"not {type(fiducials).__name__}"
             )
         state = sensor_state(scan, self.sensor, self.priors, clock=self.priors.clock)
+        foot = _foot(scan, self.sensor)
         try:
             found = smooth(
                 state,
                 standing=_standing(scan, self.priors),
                 geometry=scan.projections.geometry,
                 fiducials=fiducials.enough(),
+                foot=foot,
             )
         except DivergedError as error:
             return left_as_it_is("fused-fiducials", scan, error)
@@ -149,7 +160,7 @@ class FusedFiducials:
             f"shadows were found, {found.residual_px:.2f} px RMS from the sensor's path."
         )
         doubts = doubts_of_shadows("fused-fiducials", found, fiducials.error_px)
-        notes = (note, *doubts, *_clock_note(state, found))
+        notes = (note, *doubts, *_foot_note(foot, found), *_clock_note(state, found))
         return _corrected("fused-fiducials", scan, found, notes)
 
 
@@ -179,6 +190,13 @@ def _standing(scan: Scan, priors: SensorPriors) -> StandingPrior:
     return StandingPrior.at(scan.projections.geometry.rotation_center(), priors.spread)
 
 
+def _foot(scan: Scan, sensor: str) -> StandingFoot | None:
+    """The foot below the sensor that is followed; None where no ankle is known in that sensor."""
+    name = scan.sensor(sensor)
+    ankles = (leg[2] for leg in scan.joints if len(leg) > 2)
+    return next((StandingFoot(a.position_sensor) for a in ankles if a.sensor == name), None)
+
+
 def doubts_of_shadows(method: str, found: SmoothedPath, error_px: float) -> tuple[str, ...]:
     """A sentence where shadows are nowhere near the path; nothing where they are as stated."""
     if found.residual_px < _FAR * error_px:
@@ -188,6 +206,15 @@ def doubts_of_shadows(method: str, found: SmoothedPath, error_px: float) -> tupl
         f"path, where {error_px:.2g} px along u and v are stated. Check which is which, the order "
         "of the views, and (column, row) of the pixels.",
     )
+
+
+def _foot_note(foot: StandingFoot | None, found: SmoothedPath) -> tuple[str, ...]:
+    """How far the ankle was found to move; nothing where it is not known."""
+    if foot is None:
+        return ()
+    ankle = transforms.apply(found.path.poses, foot.ankle_sensor[None])[:, 0]
+    moved = 1e3 * float(np.sqrt(np.square(ankle - ankle.mean(0)).sum(-1).mean()))
+    return (f"The foot is taken to stand: its ankle is found to move by {moved:.2g} mm RMS.",)
 
 
 def _clock_note(state: ErrorState, found: SmoothedPath) -> tuple[str, ...]:

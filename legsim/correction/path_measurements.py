@@ -3,12 +3,18 @@
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from legsim.core.errors import LegsimError
 from legsim.core.values import FloatArray, frozen, positive
 
 SHADOW_ERROR_PX = 0.3
 """standard deviation along u and v of a shadow's place, where nothing else is known of it"""
+
+ANKLE_WALK = 2e-4
+"""m per root of a second that a coordinate of a standing person's ankle wanders by: twice that of
+one who was measured, with the cameras' noise in it
+"""
 
 _FEWEST_VIEWS = 3
 """that a bead must be seen in to have a place"""
@@ -37,6 +43,31 @@ class StandingPrior:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class StandingFoot:
+    """The foot of a person who stands stays: the ankle wanders by fractions of a millimeter.
+
+    A random walk from view to view holds no place over seconds, where a foot may settle, but
+    movements that take less: there the gyroscope over a still ankle knows more of the shank than
+    its accelerometer.
+    """
+
+    ankle_sensor: FloatArray
+    """(3,) m, the ankle in the sensor on the shank"""
+    walk: float = ANKLE_WALK
+    """m per root of a second that a coordinate of the ankle wanders by"""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(
+            self, "ankle_sensor", frozen("StandingFoot.ankle_sensor", self.ankle_sensor, (3,))
+        )
+        positive("StandingFoot.walk", self.walk)
+
+    def weights(self, views: FloatArray) -> FloatArray:
+        """Roots of the weights (v - 1,) of a coordinate's steps between the views (v,) s."""
+        return 1 / (self.walk * np.sqrt(np.diff(views)))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class BeadShadows:
     """Shadows of beads on what the sensor is fixed to; their places are unknown."""
 
@@ -51,13 +82,18 @@ class BeadShadows:
         )
         positive("BeadShadows.error_px", self.error_px)
 
+    @property
+    def placed(self) -> NDArray[np.bool_]:
+        """Which beads (b,) are seen often enough to have a place."""
+        return np.asarray(np.isfinite(self.pixels).all(-1).sum(0) >= _FEWEST_VIEWS)
+
     def enough(self) -> "BeadShadows":
         """Only the beads that are seen often enough to have a place.
 
         Raises:
             LegsimError: there is none.
         """
-        kept = np.isfinite(self.pixels).all(-1).sum(0) >= _FEWEST_VIEWS
+        kept = self.placed
         if not kept.any():
             raise LegsimError(
                 f"none of {len(kept)} beads was found in {_FEWEST_VIEWS} views; use larger beads, "

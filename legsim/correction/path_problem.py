@@ -16,7 +16,12 @@ from legsim.core import transforms
 from legsim.core.errors import LegsimError
 from legsim.core.values import FloatArray
 from legsim.correction.error_state import ErrorState, SensorPath
-from legsim.correction.path_measurements import BeadShadows, FiducialShadows, StandingPrior
+from legsim.correction.path_measurements import (
+    BeadShadows,
+    FiducialShadows,
+    StandingFoot,
+    StandingPrior,
+)
 from legsim.correction.triangulation import triangulated
 from legsim.geometry.cone_beam import ConeBeamGeometry
 
@@ -44,7 +49,9 @@ _FIRM = 0.1
 """m, standard deviation of a bead about its first place: keeps one that is seldom seen in place"""
 
 _BEYOND_CHANCE = 1.2
-"""times their standard deviation that shadows may miss the path by, RMS: dozens of them make 1.1"""
+"""times their standard deviation that shadows may miss the path by, and an ankle may step, RMS:
+dozens of them make 1.1
+"""
 
 
 class DivergedError(LegsimError):
@@ -109,6 +116,18 @@ class PathProblem:
     fiducials: FiducialShadows | None = None
     first_places: FloatArray = field(default_factory=lambda: np.zeros((0, 3)))
     """(b, 3) m about which beads are held loosely"""
+    foot: StandingFoot | None = None
+    """below the sensor; None where none stands, or its ankle is not known"""
+
+    def ankle_steps(self, path: SensorPath) -> tuple[FloatArray, FloatArray] | None:
+        """The ankle's steps (v - 1, 3) between views, in standard deviations, and their changes
+        (v - 1, 3, n).
+        """
+        if self.foot is None:
+            return None
+        place, firm = self.foot.ankle_sensor[None], self.foot.weights(self.state.views)
+        at, by = transforms.apply(path.poses, place)[:, 0], path.of_attached(place)[:, 0]
+        return firm[:, None] * np.diff(at, axis=0), firm[:, None, None] * np.diff(by, axis=0)
 
     def shadows(
         self, poses: FloatArray, places: FloatArray
@@ -135,6 +154,9 @@ class PathProblem:
             weight = self.standing.weight(len(path.poses))
             moved = weight * (transforms.apply(path.motion(), points) - points)
             add_measurements(matrix, right, moved, weight * path.of_points(points))
+        steps = self.ankle_steps(path)
+        if steps is not None:
+            add_measurements(matrix, right, *steps)
         if of_fiducials is not None and self.fiducials is not None:
             by = path.of_attached(self.fiducials.points_sensor)
             root = np.sqrt(of_fiducials.weights)[..., None]
@@ -225,6 +247,7 @@ def prepared(
     geometry: ConeBeamGeometry | None,
     beads: BeadShadows | None,
     fiducials: FiducialShadows | None,
+    foot: StandingFoot | None,
 ) -> tuple[PathProblem, FloatArray, FloatArray]:
     """The problem of one sensor, and errors and places of beads to start from."""
     for given in (beads, fiducials):
@@ -234,7 +257,7 @@ def prepared(
                 "one row per view, NaN where unseen"
             )
     if beads is None and fiducials is None:
-        plain = PathProblem(state, standing)
+        plain = PathProblem(state, standing, foot=foot)
         return plain, state.first_guess(), plain.first_places
     # someone who stays in place brings the path near enough for shadows to be linear in its errors
     near = standing or StandingPrior.at(_of(geometry).rotation_center(), _NEAR)
@@ -245,7 +268,8 @@ def prepared(
         used = beads.enough()
         moved = _of(geometry).moved(state.path(errors).motion())
         places = triangulated(moved, used.pixels)
-    return PathProblem(state, standing, geometry, used, fiducials, places), errors, places
+    problem = PathProblem(state, standing, geometry, used, fiducials, places, foot)
+    return problem, errors, places
 
 
 def descended(
@@ -311,6 +335,19 @@ def believed(problem: PathProblem, path: SensorPath, places: FloatArray) -> Path
     if beads is problem.beads and fiducials is problem.fiducials:
         return problem
     return replace(problem, beads=beads, fiducials=fiducials)
+
+
+def on_foot_as_found(problem: PathProblem, path: SensorPath) -> PathProblem:
+    """The problem of a person whose ankle wanders by as much as is found; the same where that is
+    as stated or less.
+    """
+    foot, steps = problem.foot, problem.ankle_steps(path)
+    if foot is None or steps is None:
+        return problem
+    wandered = float(np.sqrt(np.square(steps[0]).mean()))
+    if wandered <= _BEYOND_CHANCE:
+        return problem
+    return replace(problem, foot=replace(foot, walk=wandered * foot.walk))
 
 
 def _misfit(shadows: _Shadows) -> float:

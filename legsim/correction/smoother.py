@@ -7,7 +7,8 @@ sensor whose spacing is known.
 
 The result has its covariance. It is that of the model: soft tissue between skin, sensor and bone is
 in it only as far as the errors of the shadows say so. Where the shadows miss the path by more than
-their errors allow, they are as wrong as that, and the estimate is made again.
+their errors allow, they are as wrong as that, and the estimate is made again. So it is with an
+ankle that wanders by more than that of a foot that stands.
 """
 
 from dataclasses import dataclass
@@ -17,17 +18,26 @@ import numpy as np
 from legsim.core import transforms
 from legsim.core.values import FloatArray
 from legsim.correction.error_state import ErrorState, SensorPath
-from legsim.correction.path_measurements import BeadShadows, FiducialShadows, StandingPrior
+from legsim.correction.path_measurements import (
+    BeadShadows,
+    FiducialShadows,
+    StandingFoot,
+    StandingPrior,
+)
 from legsim.correction.path_problem import (
     PathProblem,
     believed,
     descended,
+    on_foot_as_found,
     prepared,
     projected,
     solved,
 )
 from legsim.deformation.models import RigidMotion
 from legsim.geometry.cone_beam import ConeBeamGeometry
+
+_ROUNDS = 4
+"""estimates with an ankle that wanders more and more, at most"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -108,6 +118,7 @@ def smooth(
     geometry: ConeBeamGeometry | None = None,
     beads: BeadShadows | None = None,
     fiducials: FiducialShadows | None = None,
+    foot: StandingFoot | None = None,
 ) -> SmoothedPath:
     """Estimates the path of one sensor over a scan.
 
@@ -117,16 +128,22 @@ def smooth(
         geometry: of the scan; needed by shadows.
         beads: on what the sensor is fixed to. A bead seen in fewer than three views is left out.
         fiducials: in the sensor.
+        foot: of the shank that the sensor is on.
 
     Raises:
         LegsimError: shadows without a geometry or of other views.
         DivergedError: no path fits them.
     """
-    problem, *begun = prepared(state, standing, geometry, beads, fiducials)
+    problem, *begun = prepared(state, standing, geometry, beads, fiducials, foot)
     found = descended(problem, *begun)
     worse = believed(problem, state.path(found[0]), found[1])
     if worse is not problem:
         problem, found = worse, descended(worse, *begun)
+    for _ in range(_ROUNDS):
+        freer = on_foot_as_found(problem, state.path(found[0]))
+        if freer is problem:
+            break
+        problem, found = freer, descended(freer, *found[:2])
     return _result(problem, *found)
 
 

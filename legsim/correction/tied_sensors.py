@@ -2,9 +2,9 @@
 
 Each sensor alone has a gauge of its own: M(0) = I puts the error of the first view into a constant
 displacement of thigh against shank, which no registration of the volume as a whole takes away. The
-knee's center is known in both sensors, and both must carry it to the same place; on demand the feet
-stand on the ground, and the hip stays about where it is. These ties join two problems of
-:mod:`legsim.correction.path_problem` into one, by Gauss-Newton steps over the errors of both.
+knee's center is known in both sensors, and both must carry it to the same place. That joins two
+problems of :mod:`legsim.correction.path_problem` into one, by Gauss-Newton steps over the errors of
+both. The foot below the shank stands.
 
 The thigh's and the shank's lengths are in the places of the joints: a sensor carries both ends of
 its segment rigidly. The angle between the two is left free, as the knee's is.
@@ -24,7 +24,13 @@ from legsim.core.values import FloatArray, frozen
 from legsim.correction.error_state import ErrorState, SensorPath
 from legsim.correction.fused import SensorPriors, sensor_state
 from legsim.correction.method import Scan
-from legsim.correction.path_measurements import BeadShadows, FiducialShadows, StandingPrior
+from legsim.correction.path_measurements import (
+    ANKLE_WALK,
+    BeadShadows,
+    FiducialShadows,
+    StandingFoot,
+    StandingPrior,
+)
 from legsim.correction.path_problem import (
     Normal,
     PathProblem,
@@ -32,6 +38,7 @@ from legsim.correction.path_problem import (
     at_rest,
     believed,
     descended,
+    on_foot_as_found,
     prepared,
     solved,
 )
@@ -85,13 +92,9 @@ class LegTie:
     Beads tell little of it along the rays. Where it is found to be more, it is as large as that,
     and the estimate is made again.
     """
-    ankle_spread: float | None = None
-    """m, RMS over the scan of an ankle whose foot stands; None leaves it free, see below"""
-    hip_spread: float | None = None
-    """m, RMS over the scan of the hip of a person who stands; None leaves it free
-
-    What a person who stands does pulls thigh and shank alike, also along the rays, where beads tell
-    little. A hold on one of them alone sets it right there and the other not, and parts the two.
+    ankle_walk: float | None = ANKLE_WALK
+    """m per root of a second by which the ankle of a foot that stands wanders; None leaves it free:
+    see :class:`legsim.correction.path_measurements.StandingFoot`
     """
     samples: float = 8.0
     """independent samples in a scan, as of a StandingPrior"""
@@ -99,7 +102,7 @@ class LegTie:
     def __post_init__(self) -> None:
         for name in ("knee_in_thigh", "knee_in_shank", "ankle_in_shank", "hip_in_thigh"):
             object.__setattr__(self, name, frozen(name, getattr(self, name), (3,)))
-        for name in ("laxity", "placement", "together", "ankle_spread", "hip_spread", "samples"):
+        for name in ("laxity", "placement", "together", "ankle_walk", "samples"):
             size = getattr(self, name)
             if size is not None and not size > 0:
                 raise LegsimError(f"{name} of a leg's tie must be positive; got {size:g}")
@@ -107,6 +110,13 @@ class LegTie:
     def weight(self, views: int) -> float:
         """Root of the weight of one coordinate of the knee in one view."""
         return float(np.sqrt(self.samples / views)) / self.laxity
+
+    @property
+    def foot(self) -> StandingFoot | None:
+        """What the shank stands on."""
+        if self.ankle_walk is None:
+            return None
+        return StandingFoot(self.ankle_in_shank, self.ankle_walk)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -175,8 +185,6 @@ class _Joint(NamedTuple):
     problems: tuple[PathProblem, PathProblem]
     """thigh, shank"""
     tie: LegTie
-    still: tuple[StandingPrior | None, StandingPrior | None]
-    """hip, ankle; None where they are free"""
     alike: StandingPrior | None
     """points at the knee that thigh and shank carry to nearly the same places; None: anywhere"""
 
@@ -223,17 +231,6 @@ class _Joint(NamedTuple):
             free = np.zeros((*there[0].shape, _KNEE))
             rows = np.concatenate([by[0], -by[1], free], -1)
             add_measurements(matrix, right, firm * (there[0] - there[1]), firm * rows)
-        first = 0
-        for path, still, size in zip(paths, self.still, sizes, strict=True):
-            own = slice(first, first + size)
-            first += size
-            if still is None:
-                continue
-            moved = transforms.apply(path.motion(), still.points) - still.points
-            firm = still.weight(len(path.poses))
-            add_measurements(
-                matrix[own, own], right[own], firm * moved, firm * path.of_points(still.points)
-            )
         return matrix, right
 
 
@@ -255,8 +252,8 @@ def smooth_tied(
     if not np.array_equal(thigh.state.views, shank.state.views):
         raise LegsimError("tied sensors are of one scan; give both states the same views")
     starts = [
-        prepared(one.state, one.standing, geometry, one.beads, one.fiducials)
-        for one in (thigh, shank)
+        prepared(one.state, one.standing, geometry, one.beads, one.fiducials, foot)
+        for one, foot in ((thigh, None), (shank, tie.foot))
     ]
     problems = (starts[0][0], starts[1][0])
     # each alone first, so that the ties are linear in what is left of the errors
@@ -265,11 +262,7 @@ def smooth_tied(
         own, own_places, _ = descended(problem, begun, at)
         errors.append(own)
         places.append(own_places)
-    still = (
-        _at_first_view(thigh.state, errors[0], tie.hip_in_thigh, tie.hip_spread, tie.samples),
-        _at_first_view(shank.state, errors[1], tie.ankle_in_shank, tie.ankle_spread, tie.samples),
-    )
-    joint = _Joint(problems, tie, still, _alike(shank.state, errors[1], tie))
+    joint = _Joint(problems, tie, _alike(shank.state, errors[1], tie))
     found = _as_far_as_found(joint, errors, places)
     first, second = (
         believed(problem, one.path, one.bead_places)
@@ -309,16 +302,6 @@ def tied_paths(
     return smooth_tied(thigh, shank, tie, geometry)
 
 
-def _at_first_view(
-    state: ErrorState, errors: FloatArray, place: FloatArray, spread: float | None, samples: float
-) -> StandingPrior | None:
-    """A joint that stays where a sensor has it at the first view."""
-    if spread is None:
-        return None
-    first = state.poses(errors)[0]
-    return StandingPrior(transforms.apply(first, place[None]), spread, samples)
-
-
 def _alike(state: ErrorState, errors: FloatArray, tie: LegTie) -> StandingPrior | None:
     """Points around the knee, where the shank's sensor has it at the first view.
 
@@ -339,8 +322,8 @@ def _widened(prior: StandingPrior, found: float) -> StandingPrior:
 
 
 def _freed(problem: PathProblem, path: SensorPath) -> PathProblem:
-    """The problem of a person who leaves their place by as much as is found."""
-    standing = problem.standing
+    """The problem of a person who leaves their place and foot by as much as is found."""
+    problem, standing = on_foot_as_found(problem, path), problem.standing
     if standing is None or (problem.beads is None and problem.fiducials is None):
         return problem
     moved = transforms.apply(path.motion(), standing.points) - standing.points

@@ -94,6 +94,28 @@ def test_the_stated_error_of_how_thigh_and_shank_part_is_about_the_true_one(
     assert 1e3 * parting_missed(kept[0]) < 2 * float(stated[1])
 
 
+@pytest.mark.parametrize("hidden", ["thigh_l", "shank_l"])
+def test_a_segment_none_of_whose_beads_is_seen_goes_where_the_other_does(
+    hidden: str, rng: np.random.Generator
+):
+    def seen(name: str, one: str = hidden) -> BeadShadows:
+        found = shadows(name, rng)
+        return replace(found, pixels=np.full_like(found.pixels, np.nan)) if name == one else found
+
+    own = ArticulatedBeads(BeadedLeg(seen, TIE.knee_in_thigh), PRIORS, NODES)
+    found = own(scan(rng))
+    shown = next(name for name in LEG if name != hidden)
+    assert isinstance(found.motion, RigidMotion)
+    assert found.method == "articulated-beads"
+    assert found.notes[0].startswith(f"In doubt: articulated-beads: no bead beside {hidden}")
+    points = KNEE + np.array([[0.0, 0.06 if shown == "thigh_l" else -0.06, 0.0]])
+    still = np.linalg.norm(transforms.apply(LEG[shown].motion(), points) - points, axis=-1)
+    assert missed(found.motion, shown, points) < 0.6 * np.sqrt((still**2).mean())
+    nowhere = BeadedLeg(lambda name: seen(name, name), TIE.knee_in_thigh)
+    with pytest.raises(LegsimError, match="none of 2 beads was found in 3 views"):
+        ArticulatedBeads(nowhere, PRIORS, NODES)(scan(rng))
+
+
 def test_who_may_rest_is_left_alone(rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch):
     """Where the motion is no larger than its error."""
     monkeypatch.setattr(articulated_beads, "DISCERNED", 1e3)

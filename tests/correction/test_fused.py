@@ -1,5 +1,6 @@
 """Corrections by a consumer sensor whose drift is found: they help, or say that they cannot."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -9,6 +10,7 @@ from legsim.core import transforms
 from legsim.core.errors import LegsimError
 from legsim.correction import path_problem
 from legsim.correction.bead_scan import BeadScan
+from legsim.correction.control_points import AttachedPoint
 from legsim.correction.error_state import error_state
 from legsim.correction.fiducials import Fiducials
 from legsim.correction.fused import FusedBeads, FusedFiducials, SensorPriors, Standing
@@ -22,6 +24,7 @@ from legsim.imu.catalogue import load_sensor
 from legsim.imu.errors import SensorErrors
 from legsim.imu.readout import read_out
 from legsim.imu.signals import ImuSignals, SensorStart
+from tests.correction.test_tied_sensors import Mounted
 from tests.references.sway import Sway
 
 VIEWS = np.arange(62) / 15.5
@@ -41,13 +44,18 @@ GEOMETRY = ConeBeamGeometry.circular(
     isocenter=KNEE,
 )
 BMI160 = load_sensor("bmi160").errors
+ANKLE = KNEE - np.array([0.0, 0.4, 0.0])
+ON_FOOT = Mounted(
+    replace(Sway.standing(4, position_mm=0.05, angle_deg=0.2), center=ANKLE), height=0.26
+)
+"""a shank that sways over a foot that stands"""
 
 
-def motion_of(sway: Sway) -> RigidMotion:
+def motion_of(sway: Sway | Mounted) -> RigidMotion:
     return RigidMotion.from_poses(VIEWS, sway.poses(VIEWS))
 
 
-def scanned(sway: Sway, seed: int, errors: SensorErrors = BMI160) -> Scan:
+def scanned(sway: Sway | Mounted, seed: int, errors: SensorErrors = BMI160) -> Scan:
     """One sensor with errors and a rough start; the images are empty and small."""
     rng = np.random.default_rng(seed)
     rate, force = sway.signals(SAMPLES)
@@ -59,7 +67,7 @@ def scanned(sway: Sway, seed: int, errors: SensorErrors = BMI160) -> Scan:
     return Scan(empty, read, rough([start], StartErrors(), rng))
 
 
-def shadows(sway: Sway, seed: int) -> BeadShadows:
+def shadows(sway: Sway | Mounted, seed: int) -> BeadShadows:
     exact = GEOMETRY.project(motion_of(sway).carry(PLACES))[0]
     return BeadShadows(exact + 0.2 * np.random.default_rng(seed).standard_normal(exact.shape))
 
@@ -77,7 +85,7 @@ def motion_found(found: Correction) -> RigidMotion:
     return found.motion
 
 
-def left_px(motion: RigidMotion, sway: Sway) -> float:
+def left_px(motion: RigidMotion, sway: Sway | Mounted) -> float:
     """RMS distance of the bone's projections from where it is, which a volume is blurred by.
 
     A constant similarity of the scene blurs nothing and is taken out, to first order.
@@ -106,6 +114,27 @@ def test_a_consumer_sensor_and_two_beads_undo_a_sway(seed: int):
     assert left_px(motion_found(found), SWAY) < 0.15 * before
     assert found.method == "fused-beads"
     assert "100 % of their shadows" in found.notes[0]
+
+
+@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("off_mm", [0.0, 10.0])
+def test_a_foot_that_stands_helps_where_the_ankle_is_known_in_the_sensor(off_mm: float, seed: int):
+    """Also where it is known to a centimeter only; an ankle in another sensor says nothing."""
+    scan, method = scanned(ON_FOOT, seed), FusedBeads(shadows(ON_FOOT, seed), "shank_l")
+    ankle = AttachedPoint("shank_l", ON_FOOT.place(0.0) + 1e-3 * off_mm * np.array([1, -1, 1]))
+    elsewhere = replace(ankle, sensor="thigh_l")
+    found = [
+        method(replace(scan, joints=joints))
+        for joints in ((), ((elsewhere,) * 3,), ((ankle,) * 3,))
+    ]
+    free, other, held = map(motion_found, found)
+    said = [[n for n in one.notes if "foot is taken to stand" in n] for one in found]
+    assert [len(notes) for notes in said] == [0, 0, 1]
+    moved = re.search(r"to move by (\S+) mm", said[2][0])
+    assert moved is not None
+    assert float(moved[1]) < 0.3
+    assert left_px(held, ON_FOOT) < 0.85 * left_px(free, ON_FOOT)
+    np.testing.assert_array_equal(other.moved_from_reference, free.moved_from_reference)
 
 
 @pytest.mark.parametrize("seed", range(2))

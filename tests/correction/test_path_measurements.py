@@ -6,7 +6,12 @@ import numpy as np
 import pytest
 
 from legsim.core.errors import LegsimError
-from legsim.correction.path_measurements import BeadShadows, FiducialShadows, StandingPrior
+from legsim.correction.path_measurements import (
+    BeadShadows,
+    FiducialShadows,
+    StandingFoot,
+    StandingPrior,
+)
 
 PLACES = np.array([[0.04, -0.02, 0.03], [-0.05, -0.06, 0.01]])
 
@@ -37,3 +42,16 @@ def test_a_standing_prior_weighs_the_same_however_many_views_and_points():
     few = StandingPrior.at(np.zeros(3))
     many = StandingPrior(np.tile(few.points, (3, 1)))
     assert 60 * 4 * few.weight(60) ** 2 == pytest.approx(248 * 12 * many.weight(248) ** 2)
+
+
+def test_an_ankle_that_walks_at_random_has_unit_weights(rng: np.random.Generator):
+    """Between views that are not evenly apart, too."""
+    views = np.cumsum(rng.uniform(0.01, 0.1, 5000))
+    foot = StandingFoot(np.zeros(3), 3e-4)
+    walk = 3e-4 * np.cumsum(np.sqrt(np.diff(views)) * rng.standard_normal(len(views) - 1))
+    steps = foot.weights(views)[1:] * np.diff(walk)
+    assert np.mean(steps**2) == pytest.approx(1, abs=0.08)  # four standard deviations of the mean
+    with pytest.raises(LegsimError, match=r"StandingFoot\.ankle_sensor has shape"):
+        StandingFoot(np.zeros((1, 3)))
+    with pytest.raises(LegsimError, match=r"walk is .* finite and positive"):
+        StandingFoot(np.zeros(3), 0.0)

@@ -113,7 +113,7 @@ def main(
     sensor: str = "bmi160",
     seeds: int = 3,
     laxity_mm: float = 1.0,
-    ankle_mm: float | None = None,
+    ankle_walk_mm: float = 0.2,
     together_mm: float = 0.25,
     views: int = 248,
 ) -> None:
@@ -135,15 +135,17 @@ def main(
         )
         setup = stages.place(settings, run_motion.solve(settings.motion))
         leg = truth(settings, setup)
-        free = LegTie(leg.places[0], leg.places[2], leg.places[3], leg.places[1], **FREE)
-        ankle = None if ankle_mm is None else 1e-3 * ankle_mm
+        walk = 1e-3 * ankle_walk_mm or None
+        free = LegTie(
+            leg.places[0], leg.places[2], leg.places[3], leg.places[1], ankle_walk=walk, **FREE
+        )
         tie = LegTie(
             leg.places[0],
             leg.places[2],
             leg.places[3],
             leg.places[1],
             laxity=1e-3 * laxity_mm,
-            ankle_spread=ankle,
+            ankle_walk=walk,
             together=1e-3 * together_mm,
         )
         table: dict[str, list[list[float]]] = {"alone": [], "tied": []}
