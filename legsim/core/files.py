@@ -64,18 +64,31 @@ def read(path: Path, kind: str) -> list[str]:
     return _split(text)
 
 
+def refuse_packed(path: Path) -> None:
+    """Refuses a packed file.
+
+    Raises:
+        LegsimError: it is packed, or a spreadsheet, which is packed too.
+    """
+    with path.open("rb") as stream:
+        other_kinds.refuse_packed(path, stream.read(4096))
+
+
 def content(path: Path, fix: str = "check the path") -> bytes:
     """A file's bytes.
 
     Raises:
-        LegsimError: it cannot be read, or no file can have that name; ``fix`` says what to do.
+        LegsimError: it cannot be read, is packed, or no file can have that name; ``fix`` says what
+            to do.
     """
     try:
-        return path.read_bytes()
+        data = path.read_bytes()
     except OSError as error:
         raise file_error(path, f"cannot be read ({error.strerror})", fix) from error
     except ValueError as error:  # a null in the name
         raise file_error(path, f"cannot be read ({error})", fix) from error
+    other_kinds.refuse_packed(path, data)
+    return data
 
 
 def load_npy(path: Path, fix: str) -> Any:

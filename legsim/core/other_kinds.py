@@ -13,13 +13,17 @@ _AS_MARKERS = (
     "velocities as text or CSV"
 )
 
-_BEGINS = (
+_PACKED = (
     (b"\x1f\x8b", "is packed (gzip)", _UNPACK),
     (b"BZh", "is packed (bzip2)", _UNPACK),
     (b"\xfd7zXZ", "is packed (xz)", _UNPACK),
     (b"7z\xbc\xaf\x27\x1c", "is a packed archive (7z)", _UNPACK),
     (b"Rar!\x1a", "is a packed archive (RAR)", _UNPACK),
+    (b"\x28\xb5\x2f\xfd", "is packed (zstd)", _UNPACK),
     (b"PK\x03\x04", "is a packed archive (zip)", _UNPACK),
+)
+
+_BEGINS = (
     (b"\xd0\xcf\x11\xe0", "is a spreadsheet or document of Office", _AS_TEXT),
     (b"%PDF", "is a PDF", "give the numbers that it shows, as text or CSV"),
     (b"MATLAB 5.0", "is MATLAB's", _AS_TEXT),
@@ -63,15 +67,30 @@ def refuse(path: Path | str, content: bytes) -> None:
     program = _OWN.get(Path(path).suffix.lower())
     if program:
         raise file_error(path, f"is of the kind that {program} keeps for itself", _AS_MARKERS)
-    if start.startswith(b"PK\x03\x04") and any(word in start for word in _SPREADSHEETS):
-        raise file_error(path, "is a spreadsheet", _AS_TEXT)
+    refuse_packed(path, content)
     if b"<mvnx" in start and start.lstrip(b"\xef\xbb\xbf \t\r\n").startswith(b"<"):
         raise file_error(path, "is MVN's XML", _AS_MARKERS)
     if _utf16_without_mark(start):
         raise file_error(
             path, "is text in UTF-16 without the mark that says so", "save it as UTF-8"
         )
-    for begin, kind, cure in _BEGINS:
+    _refuse_any(path, start, _BEGINS)
+
+
+def refuse_packed(path: Path | str, content: bytes) -> None:
+    """Refuses a packed file, and a spreadsheet, which is one, by how it begins (``content``).
+
+    Raises:
+        LegsimError: says how it is packed, and what to do.
+    """
+    start = content[:_LOOKED_AT]
+    if start.startswith(b"PK\x03\x04") and any(word in start for word in _SPREADSHEETS):
+        raise file_error(path, "is a spreadsheet", _AS_TEXT)
+    _refuse_any(path, start, _PACKED)
+
+
+def _refuse_any(path: Path | str, start: bytes, kinds: tuple[tuple[bytes, str, str], ...]) -> None:
+    for begin, kind, cure in kinds:
         if start.startswith(begin):
             raise file_error(path, kind, cure)
 

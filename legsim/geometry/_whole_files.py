@@ -10,6 +10,7 @@ import zlib
 from pathlib import Path
 from typing import BinaryIO
 
+from legsim.core import files
 from legsim.core.errors import file_error
 
 _TRUSTING = (".nii", ".hdr", ".img", ".gipl", ".mrc", ".rec", ".vtk")
@@ -67,6 +68,12 @@ def _is_text(path: Path) -> bool:
         return False
     with path.open("rb") as stream:
         return b"\nASCII" in stream.read(512)
+
+
+def refuse_packed(path: Path) -> None:
+    """As :func:`legsim.core.files.refuse_packed`, but for NIfTI, which ITK unpacks."""
+    if not path.name.lower().endswith((".nii.gz", ".hdr.gz", ".img.gz")):
+        files.refuse_packed(path)
 
 
 def opened(path: Path) -> gzip.GzipFile | BinaryIO:

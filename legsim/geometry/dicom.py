@@ -62,6 +62,18 @@ def is_image(path: Path) -> bool:
     return path.is_file() and path.name.upper() != "DICOMDIR" and is_dicom(path)
 
 
+def refuse_as_volume(path: Path) -> None:
+    """Refuses a DICOM file where one file holds a volume: ITK stacks the frames of segmentations
+    and enhanced images without asking where they lie.
+    """
+    if is_dicom(path):
+        raise file_error(
+            path,
+            "is one DICOM file, which is not read as a volume",
+            "give the folder of a series of CT slices; write a segmentation as NRRD or NIfTI",
+        )
+
+
 def read_projections(path: Path) -> DicomViews:
     """Reads the frames of a file, rescaled where it says so, with their angles.
 

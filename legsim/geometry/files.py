@@ -38,7 +38,7 @@ FORMATS = {
 
 _READ = (".json", ".xml", *matrix_tables.SUFFIXES)
 
-_OF_SCANNERS = (".xtekct", ".ang", ".log", ".ini", ".rcd", ".pca", ".vgi", ".cfg")
+_OF_SCANNERS = (".xtekct", ".xtekvolume", ".ang", ".log", ".ini", ".rcd", ".pca", ".vgi", ".cfg")
 
 _OLD_FROM_NEW = {
     "x": [[0, 1, 0], [-1, 0, 0], [0, 0, 1]],
@@ -95,6 +95,8 @@ def read_geometry(
             given, or what it leaves open was not given.
     """
     path = Path(path)
+    if files.is_file(path):
+        files.refuse_packed(path)
     if path.suffix.lower() not in _READ:
         raise _unknown_ending(path)
     if (columns is None) != (rows is None):

@@ -31,7 +31,7 @@ from legsim.core.errors import LegsimError, file_error
 from legsim.core.files import is_file
 from legsim.core.memory import in_words
 from legsim.core.values import LARGEST, Float32Array, FloatArray, within
-from legsim.geometry import _meta_header, _nifti_header, _nrrd_header, _whole_files
+from legsim.geometry import _meta_header, _nifti_header, _nrrd_header, _whole_files, dicom
 from legsim.geometry.cone_beam import ConeBeamGeometry, Projections
 from legsim.geometry.volume import Volume, VolumeGrid
 
@@ -354,6 +354,7 @@ def _open(path: Path, dimensions: tuple[int, ...] = (3,)) -> sitk.ImageFileReade
     if not is_file(path):
         raise file_error(path, "no such file", "check the name")
     _nrrd_header.check(path)
+    dicom.refuse_as_volume(path)
     reader = sitk.ImageFileReader()
     reader.SetFileName(str(path))
     if path.suffix.lower() in (".mha", ".mhd"):
@@ -363,6 +364,7 @@ def _open(path: Path, dimensions: tuple[int, ...] = (3,)) -> sitk.ImageFileReade
         with _quiet():
             reader.ReadImageInformation()
     except RuntimeError as error:
+        _whole_files.refuse_packed(path)
         if "orthonormal" in str(error):
             raise file_error(
                 path,

@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from legsim.core.errors import file_error
+from legsim.core.files import is_file
 from legsim.core.values import FloatArray, frozen, frozen_owned
 from legsim.geometry import _whole_files, image_files
 from legsim.geometry.image_files import LPS_FROM_WORLD, Axes
@@ -132,7 +133,10 @@ def _unstated(path: Path, spacing_mm: FloatArray, axes: Axes) -> tuple[str, ...]
         head = stream.read(_HEADER_BYTES)
     ending = path.name.lower().removesuffix(".gz").rpartition(".")[2]
     if ending == "img":  # its header is beside it
-        return _unstated(path.with_name(path.name[: -len("img")] + "hdr"), spacing_mm, axes)
+        header = re.sub(r"img(\.gz)?$", "hdr", path.name, flags=re.I)
+        packed = path.with_name(f"{header}.gz")
+        beside = packed if is_file(packed) else path.with_name(header)
+        return _unstated(beside, spacing_mm, axes)
     if ending in ("nii", "hdr"):
         order, second = _whole_files.nifti_layout(head)
         codes = struct.unpack_from(

@@ -4,11 +4,12 @@ The line between the sources of two views is a ray of both, from either end, so 
 same along it, whatever was scanned and however it is cut off. Over more than half a turn there are
 many such pairs. Mirrored columns, views in reverse order, a pixel size of the unbinned detector or
 an offset of the wrong sign make their readings differ; so does motion, but by less. Where no such
-ray meets the object, as in short scans, planes that two views measure say less, but something.
+ray meets the object, as in short scans, or one in the middle of the scan that looks alike from both
+sides, planes that two views measure say less, but something.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import ndimage
@@ -38,6 +39,14 @@ _PLANES_APART, _PLANES_EXPLAINED = 4e-3, 0.6
 """the same for planes: a knee in the middle of its scan leaves 0.005 to 0.012 where its columns are
 mirrored, and 0.0004 where it stands still and they are not
 """
+
+_AROUND = np.radians(330.0)
+"""turn from which on a shift of all columns is sought: half a turn of somebody who drifts by 5 mm
+looks like one
+"""
+
+_MOST_SHIFT, _SHIFTS = 0.12, 49
+"""of the columns; how many shifts are tried, and tried again about the best one"""
 
 _THIN = 0.05
 """spread of the readings, as line integrals, below which the rays met nothing"""
@@ -139,12 +148,12 @@ def objection(projections: Projections) -> str | None:
     rays = OppositeRays.of(geometry)
     plain, *others = _mistakes(geometry)
     apart = rays.difference(projections, plain)
-    if apart is None:
+    if apart is None or apart < _NAMED_APART:
         return _of_planes(projections, plain, others)
-    if apart < _NAMED_APART:
-        return None
-    differences = [(rays.difference(projections, other), other.said) for other in others]
-    left, said = min((d, said) for d, said in [*differences, (apart, "")] if d is not None)
+    explained = _best(rays, projections, others)
+    if not explained[0] < _EXPLAINS * apart and _goes_around(geometry):
+        explained = _best(rays, projections, [_shifted(rays, projections, plain)])
+    left, said = explained
     begin = (
         "images and geometry do not fit: rays that two views measure from either end differ by "
         f"{100 * apart:.0f} % of their spread"
@@ -152,8 +161,49 @@ def objection(projections: Projections) -> str | None:
     if left < _EXPLAINS * apart:
         return f"{begin}, by {100 * left:.0f} % only {said}"
     if apart < _APART:
-        return None
+        return _of_planes(projections, plain, others)
     return f"{begin}; check the order of the views, the angles, the pixel size and the offsets"
+
+
+def _best(
+    rays: OppositeRays, projections: Projections, mistakes: Sequence[_Mistake]
+) -> tuple[float, str]:
+    """(the least difference that one of the mistakes leaves, its words)."""
+    found = [(rays.difference(projections, mistake), mistake.said) for mistake in mistakes]
+    return min(((d, said) for d, said in found if d is not None), default=(np.inf, ""))
+
+
+def _goes_around(geometry: ConeBeamGeometry) -> bool:
+    """Whether the views are all around: what moves in a part of a turn looks like a shift."""
+    arms = geometry.sources() - geometry.rotation_center()
+    arms /= np.linalg.norm(arms, axis=-1, keepdims=True)
+    between = np.clip((arms[1:] * arms[:-1]).sum(-1), -1.0, 1.0)
+    return float(np.arccos(between).sum()) > _AROUND
+
+
+def _shifted(rays: OppositeRays, projections: Projections, plain: _Mistake) -> _Mistake:
+    """The shift of the columns by which both readings differ least."""
+    geometry = projections.geometry
+
+    def difference(columns: float) -> float:
+        shifted = replace(plain, shift=np.full(len(geometry), columns))
+        found = rays.difference(projections, shifted)
+        return np.inf if found is None else found
+
+    most = _MOST_SHIFT * geometry.shape_vu[1]
+    tried = np.linspace(-most, most, _SHIFTS)
+    near = float(tried[np.argmin([difference(columns) for columns in tried])])
+    step = float(tried[1] - tried[0])
+    fine = np.linspace(near - step, near + step, _SHIFTS)
+    best = float(fine[np.argmin([difference(columns) for columns in fine])])
+    return replace(
+        plain,
+        said=f"if what they show stands {abs(best):.2g} columns "
+        f"({1e3 * geometry.pixel_pitch * abs(best):.3g} mm) nearer to the "
+        f"{'last' if best > 0 else 'first'} than the geometry has it; correct the detector's "
+        "offset along its columns",
+        shift=np.full(len(geometry), best),
+    )
 
 
 def _of_planes(projections: Projections, plain: _Mistake, others: Sequence[_Mistake]) -> str | None:

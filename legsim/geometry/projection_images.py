@@ -34,7 +34,7 @@ _ELSEWHERE = {
         (".xtekct", ".ang", ".vff", ".vgi", ".rek", ".txrm", ".rcd", ".pca"),
         "export the views as TIFF or raw, and give a geometry file",
     ),
-    **dict.fromkeys((".h5", ".hdf5", ".nxs"), "save the views as .npy or TIFF"),
+    **dict.fromkeys((".h5", ".hdf5", ".nxs", ".npz"), "save the views as .npy or TIFF"),
 }
 """Formats of vendors that are not read, and what to do"""
 
@@ -366,6 +366,7 @@ def _raw_values(path: Path, raw: RawLayout) -> NDArray:
     needed = raw.offset + math.prod(shape) * np.dtype(raw.dtype).itemsize
     size = path.stat().st_size
     if size != needed:
+        files.refuse_packed(path)
         raise file_error(
             path,
             f"has {size} bytes, but {raw.columns}x{raw.rows}x{raw.views} numbers of "

@@ -2,7 +2,8 @@
 
 Errors name the file that causes them. Parts are in order of priority, outermost first where they
 nest: at each point the last part that contains it decides. Meshes are PLY, STL, OBJ, GLB or VTP
-with coordinates in world, at the reference pose where a part moves with a segment.
+with coordinates in world, or along a patient's axes, at the reference pose where a part moves with
+a segment.
 """
 
 from collections.abc import Mapping, Sequence
@@ -16,7 +17,7 @@ from legsim.core import files as core_files
 from legsim.core import transforms
 from legsim.core.errors import LegsimError, file_error
 from legsim.core.values import FloatArray
-from legsim.phantom import landmarks, materials, mesh_files, surfaces, winding
+from legsim.phantom import landmarks, materials, mesh_files, stated_axes, surfaces, winding
 from legsim.phantom.meshes import Part, Phantom
 
 UNITS = {"mm": 1e-3, "m": 1.0, "cm": 1e-2, "in": 25.4e-3}
@@ -38,7 +39,11 @@ _KEYS = {
     "attenuation_per_mm": (int, float),
     "segment": str,
     "repair": bool,
+    "axes": str,
 }
+
+_FOR_ALL = ("repair", "axes")
+"""keys that may stand above all parts"""
 
 _MOST_PER_MM = 1e6
 """beyond all matter at the energies of the tables, and safe in single precision"""
@@ -158,10 +163,11 @@ class _Content:
 
 def _content(path: Path) -> _Content:
     content = core_files.load_toml(path)
-    unknown = sorted(set(content) - {"part", "repair", "overlaps", "landmarks"})
+    unknown = sorted(set(content) - {"part", "repair", "overlaps", "landmarks", "axes"})
     if unknown:
         known = (
-            "known: repair, overlaps, [landmarks.l], [landmarks.r] and a list of [[part]] tables"
+            "known: repair, axes, overlaps, [landmarks.l], [landmarks.r] and a list of [[part]] "
+            "tables"
         )
         raise file_error(path, f"unknown key {unknown[0]!r}", known)
     overlaps = content.get("overlaps", "reported")
@@ -176,12 +182,11 @@ def _content(path: Path) -> _Content:
         raise file_error(
             path, "holds no [[part]]", "give one table a closed surface, outermost first"
         )
+    of_all = {key: content[key] for key in _FOR_ALL if key in content}
+    _check_values(path, "", of_all)
+    tables = [{**of_all, **table} for table in tables]
     for k, table in enumerate(tables):
         _check_table(path, f"part {k + 1}", table)
-    whole = content.get("repair", False)
-    if not isinstance(whole, bool):
-        raise file_error(path, f"repair = {whole!r} is of the wrong type", "give true or false")
-    tables = [{**table, "repair": table.get("repair", whole)} for table in tables]
     return _Content(tables, overlaps, landmarks.read(path, content.get("landmarks", {})))
 
 
@@ -191,14 +196,7 @@ def _check_table(path: Path, place: str, table: dict[str, Any]) -> None:
         raise file_error(
             path, f"unknown key {unknown[0]!r}", f"known: {', '.join(_KEYS)}", place=place
         )
-    for key, value in table.items():
-        if not isinstance(value, _KEYS[key]) or isinstance(value, bool) != (key == "repair"):
-            raise file_error(
-                path,
-                f"{key} = {value!r} is of the wrong type",
-                "give text in quotes, a number for attenuation_per_mm, true or false for repair",
-                place=place,
-            )
+    _check_values(path, place, table)
     missing = [key for key in ("name", "file", "unit") if key not in table]
     if missing:
         raise file_error(
@@ -226,6 +224,21 @@ def _check_table(path: Path, place: str, table: dict[str, Any]) -> None:
         raise file_error(path, problem, cure, place=place)
 
 
+def _check_values(path: Path, place: str, table: dict[str, Any]) -> None:
+    """Refuses values of the wrong type, and unknown axes."""
+    for key, value in table.items():
+        if not isinstance(value, _KEYS[key]) or isinstance(value, bool) != (key == "repair"):
+            raise file_error(
+                path,
+                f"{key} = {value!r} is of the wrong type",
+                "give text in quotes, a number for attenuation_per_mm, true or false for repair",
+                place=place,
+            )
+    if table.get("axes", "world") not in stated_axes.WORLD_FROM:
+        known = f"known: {', '.join(stated_axes.WORLD_FROM)}"
+        raise file_error(path, f"axes = {table['axes']!r}", known, place=place)
+
+
 def _part(
     path: Path,
     number: int,
@@ -249,7 +262,7 @@ def _part(
     file = path.parent / table["file"]
     repair = repair or table.get("repair", False)
     vertices, triangles, done = _surface(file, name, *mesh_files.read(file, name), repair=repair)
-    vertices = vertices * UNITS[table["unit"]]
+    vertices = vertices * UNITS[table["unit"]] @ _axes(file, name, table.get("axes")).T
     remarks += _check_size(file, name, vertices, table["unit"])
     shells = surfaces.shells(triangles)
     if (
@@ -263,6 +276,12 @@ def _part(
             place=f"part {name!r}",
         )
     triangles, turned = _facing_outward(file, name, vertices, triangles, shells, repair=repair)
+    covered = surfaces.covered_shells(vertices, triangles, shells)
+    if covered:
+        turned.append(
+            f"{len(covered)} of its shells, the first of {len(covered[0])} triangles, lie inside "
+            "another one and change nothing; if they bound hollows, turn them inward"
+        )
     remarks += [f"{file} (part {name!r}): {what}" for what in (*done, *turned)]
     return Part(name, material, attenuation, vertices, triangles)
 
@@ -302,6 +321,23 @@ def _surface(
     else:
         cure += ", or give repair = true (--repair)"
     raise file_error(file, problem, cure, place=f"part {name!r}")
+
+
+def _axes(file: Path, name: str, given: str | None) -> FloatArray:
+    """Rotation (3, 3) to world's axes from those of a part's file.
+
+    Raises:
+        LegsimError: the file says others than were given, or says some and none were given.
+    """
+    stated = stated_axes.read(file)
+    if stated is None or given in (stated, "world"):
+        return stated_axes.WORLD_FROM[given or "world"]
+    raise file_error(
+        file,
+        f"says that its coordinates are along a patient's axes (SPACE={stated.upper()})",
+        f'give axes = "{stated}" in the part, or above all; or "world" if they are along world\'s',
+        place=f"part {name!r}",
+    )
 
 
 def _facing_outward(

@@ -20,8 +20,8 @@ SUFFIXES = (".json", ".ctbl", ".txt", ".label", ".nrrd")
 _SNAP = re.compile(r'^\s*(\d+)\s+(?:[\d.]+\s+){4,6}"([^"]*)"\s*$')
 """number, color, opacity, visibility, visibility of the mesh, "name" """
 
-_SLICER = re.compile(r"^\s*(\d+)\s+(\S+)(?:\s+\d+){4}\s*$")
-"""number, name without blanks, color and opacity"""
+_SLICER = re.compile(r'^\s*(\d+)\s+"?(\S.*?)"?(?:\s+\d+){4}\s*$')
+"""number, name, color and opacity"""
 
 _SEGMENT = re.compile(r"^Segment(\d+)_(LabelValue|Name|Layer):=(.*)$", re.M)
 
@@ -52,9 +52,9 @@ def read(path: Path) -> dict[int, str]:
     """
     if not is_file(path):
         raise file_error(path, "no such file", "check the name of the map")
-    if path.suffix == ".nrrd":
+    if path.suffix.lower() == ".nrrd":
         found = _segments(path)
-    elif path.suffix == ".json":
+    elif path.suffix.lower() == ".json":
         found = _json(path)
     else:
         text = path.read_text("utf-8", "replace")

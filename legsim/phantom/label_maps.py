@@ -80,7 +80,7 @@ def load_label_map(name_or_path: Path | str) -> LabelMap:
             name that occurs twice.
     """
     path = Path(name_or_path)
-    if path.suffix in label_lists.SUFFIXES:
+    if path.suffix.lower() in label_lists.SUFFIXES:
         return _of_list(path)
     if path.suffix != ".toml":
         if str(name_or_path) not in names():

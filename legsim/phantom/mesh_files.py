@@ -1,5 +1,6 @@
 """Meshes as their files hold them: STL, OBJ and GLB by trimesh, PLY and VTP by our own readers."""
 
+import codecs
 import io
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -8,9 +9,9 @@ import lazy_loader
 import numpy as np
 
 from legsim.core.errors import file_error
-from legsim.core.files import is_file
+from legsim.core.files import is_file, refuse_packed
 from legsim.core.values import FloatArray, within
-from legsim.phantom import ply, vtp
+from legsim.phantom import _gltf, ply, vtp
 
 if TYPE_CHECKING:
     import trimesh
@@ -18,6 +19,9 @@ else:
     trimesh = lazy_loader.load("trimesh")
 
 SUFFIXES = (".ply", ".stl", ".obj", ".glb", ".vtp")
+
+_STL_HEADER, _STL_TRIANGLE = 84, 50
+"""bytes of a binary STL before its triangles, and of one of them"""
 
 
 def read(file: Path, name: str) -> tuple[FloatArray, np.ndarray]:
@@ -28,6 +32,8 @@ def read(file: Path, name: str) -> tuple[FloatArray, np.ndarray]:
             part ``name``.
     """
     place = f"part {name!r}"
+    if is_file(file):
+        refuse_packed(file)
     if file.suffix.lower() not in SUFFIXES:
         raise file_error(
             file,
@@ -76,14 +82,33 @@ def _arrays(file: Path) -> tuple[FloatArray, np.ndarray]:
         return vtp.read(file)
     if kind == ".ply":
         return ply.read(file)
+    content = file.read_bytes()
     if kind == ".obj":
-        plain = io.StringIO(_plain_obj(file.read_text("utf-8", "replace")))
-        mesh = trimesh.load_mesh(plain, file_type="obj", process=False)
+        stream: io.StringIO | io.BytesIO = io.StringIO(_plain_obj(_decoded(content)))
+    elif kind == ".stl":
+        stream = io.BytesIO(_whole_stl(content))
     else:
-        mesh = trimesh.load_mesh(file, process=False)
+        _gltf.check(content)
+        stream = io.BytesIO(content)
+    mesh = trimesh.load_mesh(stream, file_type=kind[1:], process=False)
     if not isinstance(mesh, trimesh.Trimesh):
         return np.empty((0, 3)), np.empty((0, 3), np.int64)
     return np.asarray(mesh.vertices, float), np.asarray(mesh.faces)
+
+
+def _decoded(content: bytes) -> str:
+    """Text of any editor: a mark at its begin is none of its first word."""
+    if content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+        return content.decode("utf-16", "replace")
+    return content.decode("utf-8-sig", "replace")
+
+
+def _whole_stl(content: bytes) -> bytes:
+    """A binary STL without bytes behind its last triangle, too few for another; text as it is."""
+    count = int.from_bytes(content[_STL_HEADER - 4 : _STL_HEADER], "little")
+    end = _STL_HEADER + _STL_TRIANGLE * count
+    # four characters of text are a count far beyond the file's end
+    return content[:end] if 0 <= len(content) - end < _STL_TRIANGLE else content
 
 
 def _plain_obj(text: str) -> str:

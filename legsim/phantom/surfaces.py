@@ -145,8 +145,7 @@ def inverted_shells(
     inward = np.flatnonzero(np.bincount(numbers, _volumes(vertices, triangles)) < 0)
     if not len(inward):
         return [], []
-    order = np.argsort(numbers, kind="stable")
-    groups = np.split(order, np.cumsum(np.bincount(numbers))[:-1])
+    groups = _groups(numbers)
     samples = _Samples.of(vertices, [_samples(triangles[group]) for group in groups])
     most = np.zeros(len(groups))
     for k, group in enumerate(groups):
@@ -160,6 +159,33 @@ def inverted_shells(
         others = samples.owners[samples.inside(vertices, triangles[groups[k]])] != k
         (overlapping if most[k] or others.any() else alone).append(groups[k])
     return alone, overlapping
+
+
+def covered_shells(
+    vertices: FloatArray, triangles: np.ndarray, numbers: np.ndarray
+) -> list[np.ndarray]:
+    """Triangles' numbers of each outward shell that lies wholly where others fill already.
+
+    It changes nothing: what it encloses is within the part with or without it. Arguments are as of
+    :func:`inverted_shells`.
+    """
+    groups = _groups(numbers)
+    if len(groups) < 2:
+        return []
+    outward = np.bincount(numbers, _volumes(vertices, triangles)) > 0
+    samples = _Samples.of(vertices, [_samples(triangles[group]) for group in groups])
+    filled = np.zeros(len(samples.points), int)
+    for k, group in enumerate(groups):
+        inside = samples.inside(vertices, triangles[group])
+        filled[inside[samples.owners[inside] != k]] += 1 if outward[k] else -1
+    within = np.bincount(samples.owners, filled >= 1)
+    return [groups[k] for k in np.flatnonzero(outward & (within == samples.counts))]
+
+
+def _groups(numbers: np.ndarray) -> list[np.ndarray]:
+    """Triangles' numbers of each shell."""
+    order = np.argsort(numbers, kind="stable")
+    return np.split(order, np.cumsum(np.bincount(numbers))[:-1])
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -66,6 +66,23 @@ def read(path: Path) -> tuple[FloatArray, np.ndarray]:
     return np.concatenate(vertices), np.array(triangles, np.int64).reshape(-1, 3)
 
 
+def field(path: Path, name: str) -> str:
+    """The text of a field of text; empty where there is none.
+
+    Raises:
+        ValueError: the file is malformed.
+    """
+    content = path.read_bytes()
+    if f'Name="{name}"'.encode() not in content:
+        return ""
+    root, encoding = _parsed(content)
+    for element in root.iterfind("PolyData/FieldData/Array"):
+        if element.get("Name") == name and element.get("type") == "String":
+            codes = _array(element, encoding, "UInt8").astype(np.uint8)
+            return codes.tobytes().decode("latin-1").strip("\0")
+    return ""
+
+
 def _parsed(content: bytes) -> tuple[ElementTree.Element, _Encoding]:
     """The XML, and how its arrays are stored. Raw appended data are no XML and are cut out."""
     mark = _APPENDED.search(content)
@@ -118,8 +135,11 @@ def _strips(corners: np.ndarray) -> Iterator[tuple[int, int, int]]:
         yield (b, a, c) if k % 2 else (a, b, c)
 
 
-def _array(element: ElementTree.Element, encoding: _Encoding) -> np.ndarray:
-    kind, form = element.get("type", ""), element.get("format", "ascii")
+def _array(
+    element: ElementTree.Element, encoding: _Encoding, kind: str | None = None
+) -> np.ndarray:
+    """Numbers of the type that the element says, or of ``kind``."""
+    kind, form = kind or element.get("type", ""), element.get("format", "ascii")
     if kind not in _TYPES:
         raise ValueError(f"holds numbers of type {kind!r}")
     if form == "ascii":

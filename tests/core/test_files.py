@@ -1,4 +1,6 @@
+import importlib
 import os
+import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -159,3 +161,19 @@ def test_a_name_that_no_file_can_have_is_refused_in_one_line():
             LegsimError, match=r"(cannot be read|no such file).*; (check|give) the path"
         ):
             read(Path("a\0b"))
+
+
+@pytest.mark.parametrize("module", ["gzip", "bz2", "lzma"])
+def test_a_packed_file_is_to_be_unpacked(tmp_path: Path, module: str) -> None:
+    path = tmp_path / "a.toml"
+    path.write_bytes(importlib.import_module(module).compress(b"a = 1"))
+    for read in (files.content, files.load_toml, lambda p: files.read(p, "CSV")):
+        with pytest.raises(LegsimError, match=r"a\.toml: is packed \(.*\); unpack it"):
+            read(path)
+
+
+def test_a_spreadsheet_is_to_be_exported(tmp_path: Path) -> None:
+    with zipfile.ZipFile(tmp_path / "a.xlsx", "w") as archive:
+        archive.writestr("xl/workbook.xml", "")
+    with pytest.raises(LegsimError, match="is a spreadsheet; save its table as text"):
+        files.read(tmp_path / "a.xlsx", "CSV")

@@ -3,6 +3,7 @@ files are told.
 """
 
 import contextlib
+import gzip
 import json
 import re
 
@@ -441,3 +442,9 @@ def test_descriptions_of_scanners_are_refused_with_the_way_out(tmp_path, name, t
     (tmp_path / name).write_text(text)
     with pytest.raises(LegsimError, match=f"{said}.*as TIGRE's JSON, or a matrix per view"):
         files.read_geometry(tmp_path / name, columns=9, rows=6, pixel_mm=1.0)
+
+
+def test_a_packed_geometry_is_to_be_unpacked(tmp_path):
+    (tmp_path / "a.xml.gz").write_bytes(gzip.compress(b"<java/>"))
+    with pytest.raises(LegsimError, match=r"a\.xml\.gz: is packed \(gzip\); unpack it"):
+        files.read_geometry(tmp_path / "a.xml.gz")

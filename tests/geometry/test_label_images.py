@@ -1,5 +1,7 @@
 """Segmentations stand where the patient does: whatever the file's axes, world has its own."""
 
+import gzip
+
 import numpy as np
 import pytest
 import SimpleITK as sitk
@@ -167,3 +169,21 @@ def test_a_space_of_no_patient_is_doubted(tmp_path):
     raw = (tmp_path / "a.nrrd").read_bytes()
     (tmp_path / "a.nrrd").write_bytes(raw.replace(b"left-posterior-superior", b"scanner-xyz"))
     assert any("In doubt" in line for line in load_label_image(tmp_path / "a.nrrd").remarks)
+
+
+@pytest.mark.parametrize("packed", [False, True])
+def test_the_header_beside_packed_voxels_states_their_directions(tmp_path, packed):
+    image = sitk.GetImageFromArray(np.ones((4, 5, 6), np.uint8))
+    sitk.WriteImage(image, str(tmp_path / "a.img"))
+    for name in ("a.img", "a.hdr") if packed else ():
+        (tmp_path / f"{name}.gz").write_bytes(gzip.compress((tmp_path / name).read_bytes()))
+        (tmp_path / name).unlink()
+    assert load_label_image(tmp_path / ("a.img.gz" if packed else "a.img")).remarks == ()
+
+
+def test_a_dicom_file_is_no_volume(tmp_path):
+    """ITK reads the frames of a DICOM segmentation, one structure's after another's, as slices."""
+    path = tmp_path / "segments.dcm"
+    sitk.WriteImage(sitk.GetImageFromArray(np.ones((3, 4, 5), np.uint8)), str(path))
+    with pytest.raises(LegsimError, match=r"one DICOM file.*segmentation as NRRD or NIfTI"):
+        load_label_image(path)

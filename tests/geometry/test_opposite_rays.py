@@ -1,12 +1,13 @@
 """Rays that two views measure: alike for a scan that is right, apart by any of the usual mistakes."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from legsim.geometry.cone_beam import ConeBeamGeometry, Projections
-from legsim.geometry.opposite_rays import OppositeRays, objection
+from legsim.geometry.opposite_rays import OppositeRays, _mistakes, objection
 
 COLUMNS, ROWS = 96, 32
 
@@ -31,14 +32,17 @@ def geometry(
     return replace(plain, matrices=shift @ plain.matrices)
 
 
-def scanned(views: ConeBeamGeometry, sway: float = 0.0) -> np.ndarray:
-    """Exact line integrals (v, rows, columns) of the balls, which sway by m along x."""
+def scanned(
+    views: ConeBeamGeometry, sway: float = 0.0, drift: float = 0.0, balls: tuple = BALLS
+) -> np.ndarray:
+    """Exact line integrals (v, rows, columns) of the balls, which sway or drift by m along x."""
     v, u = np.mgrid[: views.shape_vu[0], : views.shape_vu[1]]
     rays = views.ray_directions(u, v)
     rays /= np.linalg.norm(rays, axis=-1, keepdims=True)
     moved = sway * np.sin(2 * np.pi * np.linspace(0, 1.3, len(views)))
+    moved += np.linspace(0, drift, len(views))
     images = np.zeros(rays.shape[:3])
-    for center, radius in BALLS:
+    for center, radius in balls:
         to = np.array(center) + moved[:, None] * np.eye(3)[0] - views.sources()
         along = (rays * to[:, None, None]).sum(-1)
         inside = radius**2 - (to**2).sum(-1)[:, None, None] + along**2
@@ -140,3 +144,34 @@ def test_a_short_arc_of_an_object_that_is_cut_off_says_nothing():
     views = geometry(turn_deg=90.0)
     images = scanned(views) + 1.0  # no air at the sides
     assert objection(Projections(views, images[:, :, ::-1])) is None
+
+
+@pytest.mark.parametrize("offset", [4.0, -9.0])
+def test_an_offset_that_is_left_out_is_doubted_where_the_views_are_all_around(offset):
+    images = scanned(geometry(turn_deg=360.0, offset=offset), sway=2e-3)
+    line = str(objection(Projections(geometry(turn_deg=360.0), images)))
+    stated = re.search(r"stands ([\d.]+) columns \(([\d.]+) mm\) nearer to the (\w+)", line)
+    assert stated is not None
+    assert float(stated[1]) == pytest.approx(abs(offset), abs=0.5)
+    assert float(stated[2]) == pytest.approx(4 * abs(offset), abs=2)
+    assert stated[3] == ("last" if offset > 0 else "first")
+
+
+@pytest.mark.parametrize("turn_deg", [215.0, 360.0])
+def test_somebody_who_drifts_is_no_offset(turn_deg):
+    """Half a turn of somebody who drifts looks like a shift of the detector."""
+    views = geometry(turn_deg=turn_deg)
+    images = scanned(views, drift=8e-3)
+    assert "offset" not in str(objection(Projections(views, images)))
+
+
+def test_a_body_that_looks_alike_from_both_sides_is_doubted_by_planes():
+    """Rays that two views measure read nearly the same mirrored, as of a leg in the middle."""
+    views = geometry(turn_deg=360.0)
+    images = scanned(views, balls=(((0.0, 0.0, 0.0), 0.05), ((0.03, 0.0, 0.02), 0.02)))
+    mirrored = Projections(views, np.ascontiguousarray(images[:, :, ::-1]))
+    apart = OppositeRays.of(views).difference(mirrored, _mistakes(views)[0])
+    assert apart is not None
+    assert apart < 0.08
+    assert "columns are mirrored" in str(objection(mirrored))
+    assert objection(Projections(views, images)) is None

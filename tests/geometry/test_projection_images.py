@@ -1,5 +1,7 @@
 """Projections of other programs: the same views from every format, and what is refused."""
 
+import gzip
+
 import numpy as np
 import pytest
 import SimpleITK as sitk
@@ -247,3 +249,17 @@ def test_views_that_are_missing_are_not_taken_for_another_order(tmp_path):
     geometry = twenty_views(20)
     with pytest.raises(LegsimError, match="give the geometry file that belongs to these"):
         projection_images.read_projections(tmp_path / "few.npy", geometry)
+
+
+def test_packed_views_are_to_be_unpacked_and_those_of_nifti_are_read(tmp_path):
+    values = np.ones((2, 3, 4), np.float32)
+    sitk.WriteImage(sitk.GetImageFromArray(values), str(tmp_path / "a.nii.gz"))
+    np.testing.assert_array_equal(read_images(tmp_path / "a.nii.gz").values, values)
+    layout = RawLayout.parsed("F32:4x3x2")
+    for name, raw in (("a.tif.gz", None), ("a.mha.gz", None), ("a.raw.gz", layout)):
+        (tmp_path / name).write_bytes(gzip.compress(values.tobytes()))
+        with pytest.raises(LegsimError, match=r"is packed \(gzip\); unpack it"):
+            read_images(tmp_path / name, raw=raw)
+    # two bytes of a reading are no mark
+    (tmp_path / "a.raw").write_bytes(b"\x1f\x8b\x08\0" + values.tobytes()[4:])
+    assert read_images(tmp_path / "a.raw", raw=layout).values.shape == values.shape

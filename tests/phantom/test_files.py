@@ -178,6 +178,18 @@ def test_an_inward_mesh_is_turned_and_said_so(tmp_path):
     assert "ball.stl (part 'ball'): its triangles faced inward" in found.remarks[0]
 
 
+def test_a_shell_that_bounds_no_hollow_is_remarked(tmp_path):
+    """Two balls that both face outward are a full one: whoever means a pipe has to turn one."""
+    full = trimesh.util.concatenate([ball(30), ball(20)])
+    inner = ball(20)
+    inner.invert()
+    hollow = trimesh.util.concatenate([ball(30), inner])
+    path = write(tmp_path, entry("a", "a.stl"), a_stl=full)
+    (remark,) = phantom_files.read(path).remarks
+    assert "1 of its shells, the first of 320 triangles, lie inside another one" in remark
+    assert phantom_files.read(write(tmp_path, entry("a", "a.stl"), a_stl=hollow)).remarks == ()
+
+
 def test_segments_move_their_parts(tmp_path):
     path = write(
         tmp_path,

@@ -16,6 +16,7 @@ LISTS = {
     "dataset.json": json.dumps(NNUNET),
     "old.json": json.dumps({"labels": {"0": "background", "1": "femur", "2": "tibia"}}),
     "colors.ctbl": "# Color table\n0 background 0 0 0 0\n1 femur 255 0 0 255\n2 tibia 0 9 0 255\n",
+    "blanks.CTBL": '0 "no bone" 0 0 0 0\n1 the femur 255 0 0 255\n2 "tibia bone" 0 9 0 255\n',
     "snap.txt": "# ITK-SnAP\n"
     '    0     0    0    0        0  0  0    "Clear Label"\n'
     '    1   255    0    0        1  1  1    "Femur"\n'

@@ -141,6 +141,19 @@ def test_inverted_boxes_are_those_that_comparing_each_pair_finds(rng: np.random.
         assert expected.any()
 
 
+def test_outward_shells_inside_another_are_covered_but_not_in_a_hollow() -> None:
+    """A ball in a ball changes nothing; turned inward it is a hollow, and a ball in that counts."""
+    balls = [trimesh.creation.icosphere(2, radius=radius) for radius in (3, 2, 1)]
+    balls.append(trimesh.creation.icosphere(2, radius=1.0).apply_translation((9, 0, 0)))
+    vertices = np.concatenate([ball.vertices for ball in balls])
+    for inward, covered in ((False, [1, 2]), (True, [])):
+        faces = [ball.faces + 162 * k for k, ball in enumerate(balls)]
+        faces[1] = faces[1][:, ::-1] if inward else faces[1]
+        triangles = np.concatenate(faces)
+        found = surfaces.covered_shells(vertices, triangles, surfaces.shells(triangles))
+        assert [int(group[0]) // 320 for group in found] == covered
+
+
 def test_a_moebius_strip_stays_as_it_is() -> None:
     around = np.linspace(0, np.pi, 13)[:-1]
     side = np.stack([np.cos(2 * around), np.sin(2 * around), 0 * around], -1)
