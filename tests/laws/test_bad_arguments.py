@@ -62,7 +62,10 @@ def test_a_scan_without_sensors_is_refused(method: Callable, without_sensors: Sc
             "are a BeadScan or BeadShadows.* not nda",
         ),  # type: ignore[arg-type]
         (lambda: ls.FusedFiducials(PIXELS)(scanned(SWAY, 0)), "are FiducialShadows.* not ndarray"),  # type: ignore[arg-type]
-        (lambda: ls.MarkerBased(PIXELS)(scanned(SWAY, 0)), "are a BeadScan or BeadShadows.* not nda"),  # type: ignore[arg-type]
+        (
+            lambda: ls.MarkerBased(PIXELS)(scanned(SWAY, 0)),
+            "are a BeadScan or BeadShadows.* not nda",
+        ),  # type: ignore[arg-type]
         (lambda: ls.Autofocus(knots=3)(scanned(SWAY, 0)), "has 4 coefficients or more; knots is 3"),
         (lambda: ls.run_scan("config.toml", "out"), "what load_settings gives, not str"),  # type: ignore[arg-type]
         (lambda: ls.compare(scanned(SWAY, 0), {"rigid": ls.Rigid()}), "SimulatedScan, .* not Scan"),  # type: ignore[arg-type]
