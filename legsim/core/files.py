@@ -64,14 +64,28 @@ def read(path: Path, kind: str) -> list[str]:
     return _split(text)
 
 
+def beginning(path: Path, count: int, fix: str = "check the path") -> bytes:
+    """Up to ``count`` bytes at a file's begin.
+
+    Raises:
+        LegsimError: as :func:`content`, but for a packed file.
+    """
+    try:
+        with path.open("rb") as stream:
+            return stream.read(count)
+    except OSError as error:
+        raise file_error(path, f"cannot be read ({error.strerror})", fix) from error
+    except ValueError as error:  # a null in the name
+        raise file_error(path, f"cannot be read ({error})", fix) from error
+
+
 def refuse_packed(path: Path) -> None:
     """Refuses a packed file.
 
     Raises:
-        LegsimError: it is packed, or a spreadsheet, which is packed too.
+        LegsimError: it is packed, or a spreadsheet, which is packed too, or cannot be read.
     """
-    with path.open("rb") as stream:
-        other_kinds.refuse_packed(path, stream.read(4096))
+    other_kinds.refuse_packed(path, beginning(path, 4096))
 
 
 def content(path: Path, fix: str = "check the path") -> bytes:

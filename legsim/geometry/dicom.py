@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from legsim.core.errors import LegsimError, file_error
+from legsim.core.files import beginning
 from legsim.core.values import FloatArray, within
 
 if TYPE_CHECKING:
@@ -52,9 +53,12 @@ class DicomViews:
 
 
 def is_dicom(path: Path) -> bool:
-    """Whether a file has DICOM's mark after its preamble."""
-    with path.open("rb") as stream:
-        return stream.read(132)[128:] == b"DICM"
+    """Whether a file has DICOM's mark after its preamble.
+
+    Raises:
+        LegsimError: it cannot be read.
+    """
+    return beginning(path, 132)[128:] == b"DICM"
 
 
 def is_image(path: Path) -> bool:

@@ -353,8 +353,8 @@ def read_samples(path: Path | str) -> tuple[np.ndarray, FloatArray, FloatArray, 
 def _open(path: Path, dimensions: tuple[int, ...] = (3,)) -> sitk.ImageFileReader:
     if not is_file(path):
         raise file_error(path, "no such file", "check the name")
-    _nrrd_header.check(path)
     dicom.refuse_as_volume(path)
+    _nrrd_header.check(path)
     reader = sitk.ImageFileReader()
     reader.SetFileName(str(path))
     if path.suffix.lower() in (".mha", ".mhd"):

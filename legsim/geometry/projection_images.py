@@ -256,6 +256,7 @@ def _angle_notes(images: ProjectionImages, geometry: ConeBeamGeometry) -> tuple[
 def _read_file(path: Path, raw: RawLayout | None) -> ProjectionImages:
     if not is_file(path):
         raise file_error(path, "no such file", "check the name")
+    files.beginning(path, 1)  # it may not be allowed to be read
     suffix = path.suffix.lower()
     if raw is not None:
         return ProjectionImages(_raw_values(path, raw))

@@ -11,6 +11,7 @@ from typing import Any
 
 from legsim.core import other_kinds
 from legsim.core.errors import LegsimError, file_error
+from legsim.core.files import beginning
 from legsim.mocap import c3d, csv, opensim, program_tables, trc
 from legsim.mocap.coordinates import RawCoordinates
 from legsim.mocap.raw import RawMarkers
@@ -262,13 +263,7 @@ def format_of(path: Path | str) -> Format:
         LegsimError: neither tells.
     """
     path = Path(path)
-    try:
-        with path.open("rb") as file:
-            start = file.read(4096)
-    except OSError as error:
-        raise file_error(path, f"cannot be read ({error.strerror})", "check the path") from error
-    except ValueError as error:  # a null in the name
-        raise file_error(path, f"cannot be read ({error})", "check the path") from error
+    start = beginning(path, 4096)
     for form in FORMATS:
         if form.begins(start):
             return form

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from legsim.core.errors import file_error
-from legsim.core.files import is_file
+from legsim.core.files import is_file, refuse_packed
 
 SUFFIXES = (".json", ".ctbl", ".txt", ".label", ".nrrd")
 
@@ -47,11 +47,12 @@ def read(path: Path) -> dict[int, str]:
     """Names by number, above 0.
 
     Raises:
-        LegsimError: no such file, no list of numbers and names in it, a number with two names, or
-            segments in several layers.
+        LegsimError: no such file that can be read, no list of numbers and names in it, a number
+            with two names, or segments in several layers.
     """
     if not is_file(path):
         raise file_error(path, "no such file", "check the name of the map")
+    refuse_packed(path)
     if path.suffix.lower() == ".nrrd":
         found = _segments(path)
     elif path.suffix.lower() == ".json":

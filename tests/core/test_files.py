@@ -1,6 +1,8 @@
+import errno
 import importlib
 import os
 import zipfile
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -8,6 +10,11 @@ import pytest
 
 from legsim.core import files
 from legsim.core.errors import LegsimError
+from legsim.geometry.files import read_geometry
+from legsim.geometry.label_images import load_label_image
+from legsim.geometry.projection_images import RawLayout, read_images
+from legsim.mocap import files as mocap_files
+from legsim.phantom import label_lists, mesh_files
 
 
 @pytest.mark.parametrize("error", [KeyboardInterrupt, RuntimeError])
@@ -161,6 +168,35 @@ def test_a_name_that_no_file_can_have_is_refused_in_one_line():
             LegsimError, match=r"(cannot be read|no such file).*; (check|give) the path"
         ):
             read(Path("a\0b"))
+
+
+def test_a_file_that_may_not_be_read_is_refused_in_one_line_by_every_reader(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refused(path: Path, *_: object, **__: object) -> None:
+        raise PermissionError(errno.EACCES, "Permission denied", str(path))
+
+    readers: dict[str, Callable[[Path], object]] = {
+        "a.txt": files.refuse_packed,
+        "a.stl": lambda path: mesh_files.read(path, "a"),
+        "a.vtp": lambda path: mesh_files.read(path, "a"),
+        "a.json": read_geometry,
+        "a.xml": read_geometry,
+        "a.nrrd": load_label_image,
+        "a.mha": load_label_image,
+        "a.nii.gz": load_label_image,
+        "a.ctbl": label_lists.read,
+        "a.c3d": mocap_files.format_of,
+        "a.tif": read_images,
+        "a.dcm": read_images,
+        "a.raw": lambda path: read_images(path, raw=RawLayout("<u2", 1, 1, 1)),
+    }
+    for name in readers:
+        (tmp_path / name).write_bytes(b"x")
+    monkeypatch.setattr(Path, "open", refused)
+    for name, read in readers.items():
+        with pytest.raises(LegsimError, match=rf"{name}.*: cannot be read \(Permission denied"):
+            read(tmp_path / name)
 
 
 @pytest.mark.parametrize("module", ["gzip", "bz2", "lzma"])
