@@ -4,12 +4,15 @@
 header of STL, the comments of PLY and OBJ, and a field of VTP (its vtkMRMLModelStorageNode).
 """
 
+import codecs
 import re
 from pathlib import Path
 from types import MappingProxyType
 
 import numpy as np
 
+from legsim.core.errors import file_error
+from legsim.core.files import beginning
 from legsim.core.values import frozen
 from legsim.geometry.image_files import LPS_FROM_WORLD
 from legsim.phantom import vtp
@@ -33,12 +36,21 @@ def read(file: Path) -> str | None:
     """ "lps" or "ras" where a mesh's file says so, else None.
 
     Raises:
-        ValueError: a VTP that is malformed.
+        LegsimError: a VTP whose field says nothing that can be read.
     """
     if file.suffix.lower() == ".vtp":
-        said = b"SPACE=" + vtp.field(file, "SPACE").encode()
+        said = b"SPACE=" + _field(file)
     else:
-        with file.open("rb") as stream:
-            said = stream.read(_HEAD)
+        said = beginning(file, _HEAD)
+        if said.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+            said = said.replace(b"\0", b"")
     found = _STATED.search(said)
     return None if found is None else found[1].decode().lower()
+
+
+def _field(file: Path) -> bytes:
+    try:
+        return vtp.field(file, "SPACE").encode()
+    except Exception as error:  # damaged numbers raise many kinds of errors
+        problem = f"its field SPACE cannot be read ({error})"
+        raise file_error(file, problem, "export it again, or correct it there") from error

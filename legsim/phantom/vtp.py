@@ -73,13 +73,20 @@ def field(path: Path, name: str) -> str:
         ValueError: the file is malformed.
     """
     content = path.read_bytes()
-    if f'Name="{name}"'.encode() not in content:
+    if name.encode() not in content:  # parsing takes a while
         return ""
     root, encoding = _parsed(content)
     for element in root.iterfind("PolyData/FieldData/Array"):
         if element.get("Name") == name and element.get("type") == "String":
-            codes = _array(element, encoding, "UInt8").astype(np.uint8)
-            return codes.tobytes().decode("latin-1").strip("\0")
+            if (
+                element.get("format", "ascii") == "ascii"
+                and (plain := (element.text or "").strip()).isalpha()
+            ):
+                return plain
+            codes = _array(element, encoding, "UInt8")
+            if not ((codes >= 0) & (codes < 256)).all():
+                raise ValueError("holds numbers that are no characters")
+            return codes.astype(np.uint8).tobytes().decode("latin-1").strip("\0")
     return ""
 
 

@@ -102,6 +102,52 @@ def test_axes_of_a_file_that_states_none_are_world_s_unless_given(tmp_path: Path
         files.load_phantom(phantom(tmp_path, "a.stl", 'axes = "up"'))
 
 
+SPACE = 'Array type="String" Name="SPACE"'
+
+
+@pytest.mark.parametrize(
+    ("plain", "written"),
+    [
+        (">76 80 83 0<", ">LPS<"),
+        (SPACE, "Array type='String' Name='SPACE'"),
+        (SPACE, 'Array Name = "SPACE" type="String"'),
+    ],
+)
+def test_fields_as_other_programs_write_them_state_axes(
+    tmp_path: Path, plain: str, written: str
+) -> None:
+    box = trimesh.creation.box(bounds=[LOW, HIGH])
+    assert plain in vtp_text(box, "LPS")
+    (tmp_path / "a.vtp").write_text(vtp_text(box, "LPS").replace(plain, written))
+    assert stated_axes.read(tmp_path / "a.vtp") == "lps"
+
+
+@pytest.mark.parametrize(
+    "written",
+    [
+        'format="binary">AAAA<',
+        'format="binary">AA<',
+        'format="binary">////fw==<',
+        'format="appended" offset="x"><',
+        'format="ascii">nan 300<',
+        'format="ascii">1e9 0<',
+        'format="ascii">76 P 83<',
+    ],
+)
+def test_a_field_that_is_damaged_is_refused_in_one_line(tmp_path: Path, written: str) -> None:
+    box = trimesh.creation.box(bounds=[LOW, HIGH])
+    text = vtp_text(box, "LPS").replace('format="ascii">76 80 83 0<', written)
+    (tmp_path / "a.vtp").write_text(text)
+    with pytest.raises(LegsimError, match=r"a\.vtp.*its field SPACE cannot be read .*; export"):
+        files.load_phantom(phantom(tmp_path, "a.vtp"))
+
+
+def test_an_obj_in_utf16_states_its_axes(tmp_path: Path) -> None:
+    write(tmp_path / "a.obj", "LPS", text=True)
+    (tmp_path / "a.obj").write_text((tmp_path / "a.obj").read_text(), "utf-16")
+    assert stated_axes.read(tmp_path / "a.obj") == "lps"
+
+
 def test_rotations_do_not_mirror() -> None:
     for turn in stated_axes.WORLD_FROM.values():
         assert np.linalg.det(turn) == pytest.approx(1.0)
