@@ -14,7 +14,6 @@ from pathlib import Path
 import numpy as np
 
 from legsim.core.errors import file_error
-from legsim.core.files import is_file
 from legsim.core.values import FloatArray, frozen, frozen_owned
 from legsim.geometry import _whole_files, image_files
 from legsim.geometry.image_files import LPS_FROM_WORLD, Axes
@@ -132,11 +131,12 @@ def _unstated(path: Path, spacing_mm: FloatArray, axes: Axes) -> tuple[str, ...]
     with _whole_files.opened(path) as stream:
         head = stream.read(_HEADER_BYTES)
     ending = path.name.lower().removesuffix(".gz").rpartition(".")[2]
-    if ending == "img":  # its header is beside it
-        header = re.sub(r"img(\.gz)?$", "hdr", path.name, flags=re.I)
-        packed = path.with_name(f"{header}.gz")
-        beside = packed if is_file(packed) else path.with_name(header)
-        return _unstated(beside, spacing_mm, axes)
+    if ending == "img":  # its header is beside it; ITK takes a packed one where there is no other
+        header = re.sub(r"img(\.gz)?$", "hdr", path.name.lower())
+        names = (header, f"{header}.gz")
+        beside = [other for other in path.parent.iterdir() if other.name.lower() in names]
+        if beside:
+            return _unstated(min(beside, key=lambda p: len(p.name)), spacing_mm, axes)
     if ending in ("nii", "hdr"):
         order, second = _whole_files.nifti_layout(head)
         codes = struct.unpack_from(

@@ -181,6 +181,22 @@ def test_the_header_beside_packed_voxels_states_their_directions(tmp_path, packe
     assert load_label_image(tmp_path / ("a.img.gz" if packed else "a.img")).remarks == ()
 
 
+@pytest.mark.parametrize("size", [0, 10, 348])
+def test_a_packed_header_that_was_left_beside_another_says_nothing(tmp_path, size):
+    image = sitk.GetImageFromArray(np.ones((4, 5, 6), np.uint8))
+    sitk.WriteImage(image, str(tmp_path / "a.img"))
+    (tmp_path / "a.hdr.gz").write_bytes(gzip.compress(bytes(size)))
+    assert load_label_image(tmp_path / "a.img").remarks == ()
+
+
+def test_a_header_in_capitals_states_directions_too(tmp_path):
+    image = sitk.GetImageFromArray(np.ones((4, 5, 6), np.uint8))
+    sitk.WriteImage(image, str(tmp_path / "a.img"))
+    for name in ("a.img", "a.hdr"):
+        (tmp_path / name).rename(tmp_path / name.upper())
+    assert load_label_image(tmp_path / "A.IMG").remarks == ()
+
+
 def test_a_dicom_file_is_no_volume(tmp_path):
     """ITK reads the frames of a DICOM segmentation, one structure's after another's, as slices."""
     path = tmp_path / "segments.dcm"
