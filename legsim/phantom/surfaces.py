@@ -169,17 +169,20 @@ def covered_shells(
     It changes nothing: what it encloses is within the part with or without it. Arguments are as of
     :func:`inverted_shells`.
     """
-    groups = _groups(numbers)
-    if len(groups) < 2:
-        return []
     outward = np.bincount(numbers, _volumes(vertices, triangles)) > 0
-    samples = _Samples.of(vertices, [_samples(triangles[group]) for group in groups])
-    filled = np.zeros(len(samples.points), int)
-    for k, group in enumerate(groups):
-        inside = samples.inside(vertices, triangles[group])
-        filled[inside[samples.owners[inside] != k]] += 1 if outward[k] else -1
-    within = np.bincount(samples.owners, filled >= 1)
-    return [groups[k] for k in np.flatnonzero(outward & (within == samples.counts))]
+    if outward.sum() < 2:
+        return []
+    groups, chosen = _groups(numbers), np.flatnonzero(outward)
+    for most in (_SAMPLES, len(vertices)):  # one spike may stick out
+        samples = _Samples.of(vertices, [_samples(triangles[groups[k]], most) for k in chosen])
+        filled = np.zeros(len(samples.points), int)
+        for k, group in enumerate(groups):
+            inside = samples.inside(vertices, triangles[group])
+            filled[inside[chosen[samples.owners[inside]] != k]] += 1 if outward[k] else -1
+        chosen = chosen[np.bincount(samples.owners, filled >= 1) == samples.counts]
+        if not len(chosen):
+            break
+    return [groups[k] for k in chosen]
 
 
 def _groups(numbers: np.ndarray) -> list[np.ndarray]:
@@ -217,10 +220,10 @@ class _Samples:
         return boxed[winding.numbers(vertices, triangles, self.points[boxed]) != 0]
 
 
-def _samples(triangles: np.ndarray) -> np.ndarray:
+def _samples(triangles: np.ndarray, most: int = _SAMPLES) -> np.ndarray:
     """Some of the vertices of triangles, evenly among their numbers."""
     used = np.unique(triangles)
-    return used[np.linspace(0, len(used) - 1, min(_SAMPLES, len(used))).astype(int)]
+    return used[np.linspace(0, len(used) - 1, min(most, len(used))).astype(int)]
 
 
 def _edge_keys(triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

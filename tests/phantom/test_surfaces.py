@@ -154,6 +154,18 @@ def test_outward_shells_inside_another_are_covered_but_not_in_a_hollow() -> None
         assert [int(group[0]) // 320 for group in found] == covered
 
 
+def test_a_shell_with_one_spike_that_sticks_out_is_not_covered() -> None:
+    outer, inner = (trimesh.creation.icosphere(4, radius=radius) for radius in (5, 3))
+    vertices = np.concatenate([outer.vertices, inner.vertices])
+    triangles = np.concatenate([outer.faces, inner.faces + len(outer.vertices)])
+    numbers = surfaces.shells(triangles)
+    assert len(surfaces.covered_shells(vertices, triangles, numbers)) == 1
+    for spike in (100, 101, 1500):
+        with_spike = vertices.copy()
+        with_spike[len(outer.vertices) + spike] *= 2.5
+        assert surfaces.covered_shells(with_spike, triangles, numbers) == []
+
+
 def test_a_moebius_strip_stays_as_it_is() -> None:
     around = np.linspace(0, np.pi, 13)[:-1]
     side = np.stack([np.cos(2 * around), np.sin(2 * around), 0 * around], -1)
