@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import lazy_loader
 import numpy as np
 
-from legsim.core.errors import file_error
+from legsim.core.errors import LegsimError, file_error
 from legsim.core.files import is_file, refuse_packed
 from legsim.core.values import FloatArray, within
 from legsim.phantom import _gltf, ply, vtp
@@ -44,7 +44,9 @@ def read(file: Path, name: str) -> tuple[FloatArray, np.ndarray]:
     if not is_file(file):
         raise file_error(file, "no such file", "paths are relative to the TOML", place=place)
     try:
-        vertices, triangles = _arrays(file)
+        vertices, triangles = _arrays(file, place)
+    except LegsimError:
+        raise
     except Exception as error:  # trimesh's readers raise any exception at a malformed file
         # a binary STL that was cut short is tried as text, for which a reader is missing
         known = (
@@ -75,7 +77,7 @@ def read(file: Path, name: str) -> tuple[FloatArray, np.ndarray]:
     return vertices[used], (np.cumsum(used) - 1)[triangles]
 
 
-def _arrays(file: Path) -> tuple[FloatArray, np.ndarray]:
+def _arrays(file: Path, place: str) -> tuple[FloatArray, np.ndarray]:
     """Vertices and triangles; none of a file that holds no mesh."""
     kind = file.suffix.lower()
     if kind == ".vtp":
@@ -88,7 +90,7 @@ def _arrays(file: Path) -> tuple[FloatArray, np.ndarray]:
     elif kind == ".stl":
         stream = io.BytesIO(_whole_stl(content))
     else:
-        _gltf.check(content)
+        _gltf.check(file, place, content)
         stream = io.BytesIO(content)
     mesh = trimesh.load_mesh(stream, file_type=kind[1:], process=False)
     if not isinstance(mesh, trimesh.Trimesh):
