@@ -78,7 +78,9 @@ def table_lines(path: Path) -> list[str]:
     return lines
 
 
-def read_rows(path: Path, wanted: Sequence[Column], only: RowsOf | None = None) -> Rows:
+def read_rows(
+    path: Path, wanted: Sequence[Column], only: RowsOf | None = None, *, fewest: int = 2
+) -> Rows:
     """Reads the columns ``wanted`` (n,) of each row of a table.
 
     Columns are parted by comma, semicolon, tab, bar or blanks. Lines above their names are passed
@@ -87,7 +89,8 @@ def read_rows(path: Path, wanted: Sequence[Column], only: RowsOf | None = None) 
     ``only`` are passed over.
 
     Raises:
-        LegsimError: a file that cannot be read, missing columns, rows that break off.
+        LegsimError: a file that cannot be read, missing columns, rows that break off, fewer rows
+            than ``fewest``.
     """
     lines = table_lines(path)
     asked = [*wanted, *([] if only is None else [only.column])]
@@ -112,7 +115,7 @@ def read_rows(path: Path, wanted: Sequence[Column], only: RowsOf | None = None) 
         rows.append((number, tuple(cells[k] for k in table.at)))
     if only is not None and not rows:
         raise _nobodys(path, only, seen)
-    if len(rows) < 2:
+    if len(rows) < fewest:
         raise file_error(path, "holds no samples below its names", "export it again")
     hints = tuple(units.hinted(title) for title in table.titles)
     return Rows(tuple(rows), tuple(stated), hints, tuple(table.names))

@@ -42,6 +42,9 @@ _KEYS = {
     "axes": str,
 }
 
+_WORDS = {"attenuation_per_mm": "a number", "repair": "true or false"}
+"""what values are that are no text"""
+
 _FOR_ALL = ("repair", "axes")
 """keys that may stand above all parts"""
 
@@ -231,7 +234,7 @@ def _check_values(path: Path, place: str, table: dict[str, Any]) -> None:
             raise file_error(
                 path,
                 f"{key} = {value!r} is of the wrong type",
-                "give text in quotes, a number for attenuation_per_mm, true or false for repair",
+                f"give {_WORDS.get(key, 'text in quotes')}",
                 place=place,
             )
     if table.get("axes", "world") not in stated_axes.WORLD_FROM:

@@ -44,7 +44,7 @@ def load_beads(path: Path, geometry: ConeBeamGeometry) -> FloatArray:
             twice, or a pixel beyond the detector.
     """
     known = {str(number): number for number in range(_MOST_BEADS)}
-    fix = "beads from 0"
+    fix = f"beads from 0 to {_MOST_BEADS - 1}"
     seen = _shadows(path, "bead", known, fix, geometry)
     named = sorted({bead for _, bead in seen})
     if named != list(range(len(named))):
@@ -145,7 +145,8 @@ def _shadows(
     """Pixels by view and number of a CSV ``view,<what>,u,v``; rows without pixels are left out."""
     views, (rows, columns) = len(geometry), geometry.shape_vu
     seen: dict[tuple[int, int], tuple[float, float]] = {}
-    for line, (*cells, name) in table_rows.read_rows(path, ("view", "u", "v", what)).rows:
+    table = table_rows.read_rows(path, ("view", "u", "v", what), fewest=1)
+    for line, (*cells, name) in table.rows:
         place, named = f"line {line}", name.strip().lower().removesuffix(".0")
         view, u, v = (
             table_rows.number_in(path, line, cell, column)
@@ -153,6 +154,9 @@ def _shadows(
         )
         if np.isnan([u, v]).all():
             continue
+        if what == "bead" and not named.removeprefix("-").isdecimal():
+            problem = f"bead {name!r} is no whole number"
+            raise file_error(path, problem, "number the beads from 0", place=place)
         if named not in known or view not in range(views) or np.isnan([u, v]).any():
             raise file_error(
                 path,

@@ -292,7 +292,17 @@ def test_a_hidden_part_is_reported(tmp_path):
             r"\(part 1\): unknown key 'files'; known: name, file, unit",
         ),
         ("[[part]]\nname = 'a'", r"\(part 1\): lacks file, unit"),
-        ("[[part]]\nname = 3", r"name = 3 is of the wrong type"),
+        ("[[part]]\nname = 3", r"name = 3 is of the wrong type; give text in quotes$"),
+        ("axes = 3\n[[part]]", r"axes = 3 is of the wrong type; give text in quotes$"),
+        (
+            "axes = ['lps']\n[[part]]",
+            r"axes = \['lps'\] is of the wrong type; give text in quotes$",
+        ),
+        ("repair = 'yes'\n[[part]]", r"repair = 'yes' is of the wrong type; give true or false$"),
+        (
+            "[[part]]\nattenuation_per_mm = true",
+            r"attenuation_per_mm = True is of the wrong type; give a number$",
+        ),
         (
             "[[part]]\nname = 'a'\nfile = 'x.ply'\nunit = 'km'\nmaterial = 'water'",
             "unit = 'km'; known: mm, m, cm, in",

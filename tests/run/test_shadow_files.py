@@ -55,15 +55,25 @@ def test_what_is_not_seen_has_no_row_or_empty_pixels(tmp_path, pixels):
     np.testing.assert_allclose(found[3:], pixels[3:], atol=1e-3)
 
 
+def test_one_row_is_a_table(tmp_path):
+    (tmp_path / "beads.csv").write_text("view,bead,u,v\n3,0,9,8\n")
+    found = shadow_files.load_beads(tmp_path / "beads.csv", GEOMETRY)
+    np.testing.assert_array_equal(found[3], [[9, 8]])
+    assert np.isfinite(found).sum() == 2
+
+
 @pytest.mark.parametrize(
     ("rows", "said"),
     [
         ("0,0,x,1\n50,0,3,3", r"line 2.: 'x' in column 'u' is not a number"),
         (
             "62,0,1,1\n50,0,3,3",
-            r"line 2.: view 62, bead 0 .* count views from 0 to 61, beads from 0 to 3",
+            r"line 2.: view 62, bead 0 .* count views from 0 to 61, beads from 0 to 999, and",
         ),
-        ("0,4,1,1\n50,0,3,3", r"bead 4 at 1, 1 is none of this scan"),
+        ("0,x,9,9\n50,0,3,3", r"line 2.: bead 'x' is no whole number; number the beads from 0"),
+        ("0,x,9,9", r"line 2.: bead 'x' is no whole number; number the beads from 0"),
+        ("0,1.5,9,9\n50,0,3,3", r"line 2.: bead '1.5' is no whole number"),
+        ("0,1000,1,1\n50,0,3,3", r"bead 1000 at 1, 1 is none of this scan"),
         ("0,0,nan,1\n50,0,3,3", r"none of this scan; .* leave out what is not seen"),
         ("0,0,1,1\n0,0,1,2", r"line 3.: bead 0 of view 0 is there twice; keep one"),
         ("0,1,1,1\n50,1,3,3", r"has beads \[1\]; count beads from 0"),
