@@ -85,11 +85,12 @@ def _acceleration(place: FloatArray, times: FloatArray) -> FloatArray:
     width = max(5, 2 * round(_PARABOLA / step / 2) + 1)
     bent = np.zeros(len(times))
     for part in np.split(np.arange(len(times)), np.flatnonzero(steps > _GAP * step) + 1):
-        even = np.arange(times[part[0]], times[part[-1]] + step / 2, step)
+        here = times[part]
+        even = np.arange(here[0], here[-1] + step / 2, step)
         if len(even) >= width:
-            at_even = np.interp(even, times[part], place[part])
+            at_even = np.interp(even, here, place[part])
             parabolas = savgol_filter(at_even, width, 2, deriv=2, delta=step)
-            bent[part] = np.interp(times[part], even, parabolas)
+            bent[part] = np.interp(here, even, parabolas)
     return bent
 
 
