@@ -116,8 +116,8 @@ class MeasuredMethodsConfig(ConfigSection):
 
 
 def _in_a_list(given: Any) -> Any:
-    """One table [beads] is a list of one."""
-    return (given,) if isinstance(given, (dict, MeasuredBeadsConfig)) else given
+    """One table [beads] is a list of one, and None is none."""
+    return (given,) if isinstance(given, (dict, MeasuredBeadsConfig)) else given or ()
 
 
 class MeasuredScanConfig(ConfigSection):

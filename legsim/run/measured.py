@@ -439,11 +439,18 @@ def _joints(
                 f"{where} (joints): {joint.name} is on {joint.sensor!r}, which has no start; "
                 f"sensors with one: {have}"
             )
-    thighs = {joint.name[-2:]: joint.sensor for joint in given if joint.name[:-2] == "hip"}
     named = Counter(joint.name for joint in given)
+    sides = dict.fromkeys(joint.name[-1:] for joint in given)
+    for own in ([f"{joint}_{side}" for joint in _JOINTS] for side in sides):
+        lacking = [name for name in own if name not in named]
+        if lacking:
+            raise LegsimError(
+                f"{where} (joints): {lacking[0]} is missing; a leg needs {', '.join(own)}"
+            )
+    thighs = {joint.name[-1:]: joint.sensor for joint in given if joint.name[:-2] == "hip"}
     knees, once = {}, []
     for joint in given:
-        on_thigh = joint.name[:-2] == "knee" and joint.sensor == thighs.get(joint.name[-2:])
+        on_thigh = joint.name[:-2] == "knee" and joint.sensor == thighs[joint.name[-1:]]
         if on_thigh and named[joint.name] == 2:
             knees[joint.sensor] = 1e-3 * np.array(joint.position_mm)
         else:
@@ -455,13 +462,8 @@ def _joints(
             "shank's sensor and one on the thigh's"
         )
     legs = []
-    for side in dict.fromkeys(joint.name[-1:] for joint in once):
+    for side in sides:
         own = [f"{joint}_{side}" for joint in _JOINTS]
-        lacking = [name for name in own if name not in known]
-        if lacking:
-            raise LegsimError(
-                f"{where} (joints): {lacking[0]} is missing; a leg needs {', '.join(own)}"
-            )
         names = own + [n for n in known if n.endswith(f"_{side}") and n not in own]
         points = [(known[n].sensor, 1e-3 * np.array(known[n].position_mm)) for n in names]
         legs.append(tuple(AttachedPoint(sensor, place) for sensor, place in points))

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from legsim.config.measured_scan import MeasuredBeadsConfig
 from legsim.core.errors import LegsimError, file_error
@@ -39,10 +40,12 @@ def of_all(scan: MeasuredScan) -> Callable[[], BeadShadows] | None:
     seen = [_seen(scan, one) for one in scan.settings.beads]
     if not seen:
         return None
-    count = sum(_count(one) for one in seen)
-    if count < FEWEST:
+    shown = np.sum([_shown(one, len(scan.seen.times)) for one in seen], axis=0)
+    if shown.min() < FEWEST:
+        named = ", ".join(one.file for one in scan.settings.beads)
         raise LegsimError(
-            f"marker-based needs {FEWEST} beads or more in every view, and [[beads]] has {count}"
+            f"{named}: view {int(np.argmin(shown))} shows {int(shown.min())} beads; marker-based "
+            f"needs {FEWEST} or more in every view: give the pixels of more, or track them"
         )
     return lambda: _together(seen)
 
@@ -124,8 +127,11 @@ def _seen(scan: MeasuredScan, given: MeasuredBeadsConfig) -> BeadShadows | BeadS
     return BeadScan(scan.seen.projections, guesses, 0.5e-3 * given.diameter_mm, given.error_px)
 
 
-def _count(beads: BeadShadows | BeadScan) -> int:
-    return beads.pixels.shape[1] if isinstance(beads, BeadShadows) else len(beads.guesses)
+def _shown(beads: BeadShadows | BeadScan, views: int) -> NDArray[np.intp]:
+    """How many beads each view (views,) shows, or may show where they are tracked."""
+    if isinstance(beads, BeadScan):
+        return np.full(views, len(beads.guesses))
+    return np.asarray(np.isfinite(beads.pixels).all(-1).sum(1))
 
 
 def _together(seen: Sequence[BeadShadows | BeadScan]) -> BeadShadows:

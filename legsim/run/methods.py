@@ -148,8 +148,8 @@ def _marker_based(given: MethodInputs) -> CorrectionMethod:
 def _fused_beads(given: MethodInputs) -> CorrectionMethod:
     if given.fused_beads is None:
         raise LegsimError(
-            "fused-beads follows beads on the skin: give the pixels of their shadows as [beads] in "
-            "SCAN.toml"
+            f"fused-beads follows beads on the segment of sensor {given.sensor}: give the pixels "
+            f'of their shadows as [[beads]] with sensor = "{given.sensor}" in SCAN.toml'
         )
     return FusedBeads(given.fused_beads, given.sensor, given.priors)
 

@@ -226,6 +226,8 @@ def test_a_sensor_without_a_start_is_left_out(tmp_path):
         ('file = "imu.csv"', 'file = "no.csv"', "no.csv: cannot be read"),
         ("position_mm = [0.0, -20.0, 20.0]", "", "a start is a file of fiducials, or position_mm"),
         ("[grid]", JOINTS.replace("hip_l", "hip_r"), "hip_l is missing; a leg needs hip_l, knee_l"),
+        ("[grid]", JOINTS.replace("hip_l", "knee_l"), "hip_l is missing; a leg needs hip_l, knee"),
+        ("[grid]", JOINTS.replace("ankle_l", "knee_l"), "ankle_l is missing; a leg needs hip_l"),
         ("[grid]", JOINTS.replace('"shank_l"', '"x"', 1), "knee_l is on 'x', which has no start"),
     ],
 )

@@ -236,7 +236,9 @@ def test_fiducials_in_the_sensor_undo_a_sway_from_files_alone(tmp_path):
 
 
 def test_a_scan_without_beads_says_where_they_go(tmp_path):
-    with pytest.raises(LegsimError, match=r"fused-beads follows beads .* \[beads\] in SCAN"):
+    with pytest.raises(
+        LegsimError, match=r"of sensor shank_l: .* as \[\[beads\]\] with sensor = \"shank_l\""
+    ):
         ls.correct(write(tmp_path, more=""), ["fused-beads"], tmp_path / "out")
 
 
