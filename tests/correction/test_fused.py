@@ -192,8 +192,10 @@ def test_a_foot_that_does_not_stand_is_not_held(by, shift: list[float]):
     moving = Shifted(ON_FOOT, by, np.array(shift))
     scan, method = scanned(moving, 0), FusedBeads(shadows(moving, 0), "shank_l")
     ankle = AttachedPoint("shank_l", ON_FOOT.place(0.0))
-    free, held = (motion_found(method(replace(scan, joints=j))) for j in ((), ((ankle,) * 3,)))
-    assert left_px(held, moving) < 1.05 * left_px(free, moving)
+    free, held = (method(replace(scan, joints=j)) for j in ((), ((ankle,) * 3,)))
+    assert any("foot does not stand, and is not held" in note for note in held.notes)
+    of_free, of_held = (left_px(motion_found(one), moving) for one in (free, held))
+    assert of_held < 1.05 * of_free
 
 
 @pytest.mark.parametrize("seed", range(2))
