@@ -45,7 +45,7 @@ _OWN = {
     ".cwa": "Axivity's loggers",
     ".gt3x": "ActiGraph's loggers",
 }
-"""endings of files that only the program that wrote them reads"""
+"""endings of files that only the program that wrote them reads, and that are no text"""
 
 _SPREADSHEETS = (b"[Content_Types].xml", b"opendocument.spreadsheet", b"xl/")
 """what the beginning of a zip archive names where a spreadsheet is in it"""
@@ -65,7 +65,7 @@ def refuse(path: Path | str, content: bytes) -> None:
     """
     start = content[:_LOOKED_AT]
     program = _OWN.get(Path(path).suffix.lower())
-    if program:
+    if program and b"\0" in start:
         raise file_error(path, f"is of the kind that {program} keeps for itself", _AS_MARKERS)
     refuse_packed(path, content)
     if b"<mvnx" in start and start.lstrip(b"\xef\xbb\xbf \t\r\n").startswith(b"<"):

@@ -37,6 +37,9 @@ following it leaves m.
 """
 
 
+_STILL_MM = 1.0
+"""RMS by which an ankle of a person who stands moves in a scan: several times what is measured"""
+
 _FAR = 5.0
 """times its stated error that a shadow may be from the path before it is doubted"""
 
@@ -214,7 +217,8 @@ def _foot_note(foot: StandingFoot | None, found: SmoothedPath) -> tuple[str, ...
         return ()
     ankle = transforms.apply(found.path.poses, foot.ankle_sensor[None])[:, 0]
     moved = 1e3 * float(np.sqrt(np.square(ankle - ankle.mean(0)).sum(-1).mean()))
-    return (f"The foot is taken to stand: its ankle is found to move by {moved:.2g} mm RMS.",)
+    does = "is taken to stand" if moved < _STILL_MM else "does not stand, and is not held"
+    return (f"The foot {does}: its ankle is found to move by {moved:.2g} mm RMS.",)
 
 
 def _clock_note(state: ErrorState, found: SmoothedPath) -> tuple[str, ...]:

@@ -62,9 +62,11 @@ class StandingFoot:
         )
         positive("StandingFoot.walk", self.walk)
 
-    def weights(self, views: FloatArray) -> FloatArray:
-        """Roots of the weights (v - 1,) of a coordinate's steps between the views (v,) s."""
-        return 1 / (self.walk * np.sqrt(np.diff(views)))
+    def weights(self, views: FloatArray, apart: int = 1) -> FloatArray:
+        """Roots of the weights (v - apart,) of a coordinate's steps between views (v,) s that are
+        so many ``apart``.
+        """
+        return 1 / (self.walk * np.sqrt(views[apart:] - views[:-apart]))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

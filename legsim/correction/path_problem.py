@@ -54,6 +54,10 @@ dozens of them make 1.1
 """
 
 
+_STEP_S = (0.2, 0.5, 1.0)
+"""s between views whose steps tell how an ankle wanders; sooner ones are noise of the sensor"""
+
+
 class DivergedError(LegsimError):
     """No path fits what is measured; what was given may all be of the right form."""
 
@@ -119,15 +123,16 @@ class PathProblem:
     foot: StandingFoot | None = None
     """below the sensor; None where none stands, or its ankle is not known"""
 
-    def ankle_steps(self, path: SensorPath) -> tuple[FloatArray, FloatArray] | None:
-        """The ankle's steps (v - 1, 3) between views, in standard deviations, and their changes
-        (v - 1, 3, n).
+    def ankle_steps(self, path: SensorPath, apart: int = 1) -> tuple[FloatArray, FloatArray] | None:
+        """The ankle's steps (v - apart, 3) between views that are so many ``apart``, in standard
+        deviations, and their changes (v - apart, 3, n).
         """
         if self.foot is None:
             return None
-        place, firm = self.foot.ankle_sensor[None], self.foot.weights(self.state.views)
+        place, firm = self.foot.ankle_sensor[None], self.foot.weights(self.state.views, apart)
         at, by = transforms.apply(path.poses, place)[:, 0], path.of_attached(place)[:, 0]
-        return firm[:, None] * np.diff(at, axis=0), firm[:, None, None] * np.diff(by, axis=0)
+        steps, changes = at[apart:] - at[:-apart], by[apart:] - by[:-apart]
+        return firm[:, None] * steps, firm[:, None, None] * changes
 
     def shadows(
         self, poses: FloatArray, places: FloatArray
@@ -247,7 +252,6 @@ def prepared(
     geometry: ConeBeamGeometry | None,
     beads: BeadShadows | None,
     fiducials: FiducialShadows | None,
-    foot: StandingFoot | None,
 ) -> tuple[PathProblem, FloatArray, FloatArray]:
     """The problem of one sensor, and errors and places of beads to start from."""
     for given in (beads, fiducials):
@@ -257,7 +261,7 @@ def prepared(
                 "one row per view, NaN where unseen"
             )
     if beads is None and fiducials is None:
-        plain = PathProblem(state, standing, foot=foot)
+        plain = PathProblem(state, standing)
         return plain, state.first_guess(), plain.first_places
     # someone who stays in place brings the path near enough for shadows to be linear in its errors
     near = standing or StandingPrior.at(_of(geometry).rotation_center(), _NEAR)
@@ -268,8 +272,7 @@ def prepared(
         used = beads.enough()
         moved = _of(geometry).moved(state.path(errors).motion())
         places = triangulated(moved, used.pixels)
-    problem = PathProblem(state, standing, geometry, used, fiducials, places, foot)
-    return problem, errors, places
+    return PathProblem(state, standing, geometry, used, fiducials, places), errors, places
 
 
 def descended(
@@ -341,13 +344,34 @@ def on_foot_as_found(problem: PathProblem, path: SensorPath) -> PathProblem:
     """The problem of a person whose ankle wanders by as much as is found; the same where that is
     as stated or less.
     """
-    foot, steps = problem.foot, problem.ankle_steps(path)
-    if foot is None or steps is None:
+    steps = problem.ankle_steps(path)
+    return problem if steps is None else _wandering(problem, float(np.square(steps[0]).mean()))
+
+
+def on_foot_as_free(problem: PathProblem, path: SensorPath, covariance: FloatArray) -> PathProblem:
+    """The same by a path that knew of no foot, with the covariance (n, n) of its errors.
+
+    Its ankle also wanders by these, which is taken off with twice the chance that it has. Slow
+    movements show in steps of longer times.
+    """
+    views, found = problem.state.views, [0.0]
+    lasted = float(views[-1] - views[0])
+    for seconds in _STEP_S:
+        apart = max(1, round(seconds * (len(views) - 1) / lasted))
+        steps = problem.ankle_steps(path, apart) if apart < len(views) else None
+        if steps is None:
+            continue
+        chance = float((steps[1] @ covariance * steps[1]).sum(-1).mean())
+        samples = 3 * lasted / max(seconds, _STEP_S[0])
+        found.append(float(np.square(steps[0]).mean()) - chance * (1 + 2 * np.sqrt(2 / samples)))
+    return _wandering(problem, max(found))
+
+
+def _wandering(problem: PathProblem, squares: float) -> PathProblem:
+    """The problem of an ankle with steps of these mean ``squares``, beyond chance."""
+    if problem.foot is None or squares <= _BEYOND_CHANCE**2:
         return problem
-    wandered = float(np.sqrt(np.square(steps[0]).mean()))
-    if wandered <= _BEYOND_CHANCE:
-        return problem
-    return replace(problem, foot=replace(foot, walk=wandered * foot.walk))
+    return replace(problem, foot=replace(problem.foot, walk=np.sqrt(squares) * problem.foot.walk))
 
 
 def _misfit(shadows: _Shadows) -> float:

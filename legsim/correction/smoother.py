@@ -11,7 +11,7 @@ their errors allow, they are as wrong as that, and the estimate is made again. S
 ankle that wanders by more than that of a foot that stands.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -28,16 +28,13 @@ from legsim.correction.path_problem import (
     PathProblem,
     believed,
     descended,
-    on_foot_as_found,
+    on_foot_as_free,
     prepared,
     projected,
     solved,
 )
 from legsim.deformation.models import RigidMotion
 from legsim.geometry.cone_beam import ConeBeamGeometry
-
-_ROUNDS = 4
-"""estimates with an ankle that wanders more and more, at most"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -134,24 +131,33 @@ def smooth(
         LegsimError: shadows without a geometry or of other views.
         DivergedError: no path fits them.
     """
-    problem, *begun = prepared(state, standing, geometry, beads, fiducials, foot)
+    problem, *begun = prepared(state, standing, geometry, beads, fiducials)
     found = descended(problem, *begun)
     worse = believed(problem, state.path(found[0]), found[1])
     if worse is not problem:
         problem, found = worse, descended(worse, *begun)
-    for _ in range(_ROUNDS):
-        freer = on_foot_as_found(problem, state.path(found[0]))
-        if freer is problem:
-            break
-        problem, found = freer, descended(freer, *found[:2])
-    return _result(problem, *found)
+    if foot is None:
+        return _result(problem, *found)
+    # a path that knows of no foot tells whether it stands: held to one that steps, whole paths run
+    # away, and the shadows seem wrong
+    matrix, path = _reduced(problem, *found[:2])
+    covariance = solved(matrix, np.eye(len(matrix)))
+    on_foot = on_foot_as_free(replace(problem, foot=foot), path, covariance)
+    return _result(on_foot, *descended(on_foot, *found[:2]))
+
+
+def _reduced(
+    problem: PathProblem, errors: FloatArray, places: FloatArray
+) -> tuple[FloatArray, SensorPath]:
+    """The inverse of the errors' covariance (n, n), and the path."""
+    normal, path = problem.linearized(errors, places)
+    return normal.reduced()[0], path
 
 
 def _result(
     problem: PathProblem, errors: FloatArray, places: FloatArray, settled: bool
 ) -> SmoothedPath:
-    normal, path = problem.linearized(errors, places)
-    matrix, _ = normal.reduced()
+    matrix, path = _reduced(problem, errors, places)
     covariance = solved(matrix, np.eye(len(errors)))
     return smoothed(problem, path, errors, covariance, places, settled)
 

@@ -252,10 +252,10 @@ def smooth_tied(
     if not np.array_equal(thigh.state.views, shank.state.views):
         raise LegsimError("tied sensors are of one scan; give both states the same views")
     starts = [
-        prepared(one.state, one.standing, geometry, one.beads, one.fiducials, foot)
-        for one, foot in ((thigh, None), (shank, tie.foot))
+        prepared(one.state, one.standing, geometry, one.beads, one.fiducials)
+        for one in (thigh, shank)
     ]
-    problems = (starts[0][0], starts[1][0])
+    problems = (starts[0][0], replace(starts[1][0], foot=tie.foot))
     # each alone first, so that the ties are linear in what is left of the errors
     errors, places = [], []
     for problem, begun, at in starts:

@@ -16,11 +16,17 @@ ByColumn = Mapping[Column, str | None]
 """a unit per column; None where none is said"""
 
 
-_FORCE, _RATE = re.compile("acc", re.I), re.compile("gyr|angular|omega", re.I)
-"""in names of the columns of one quantity and of the other"""
+_FORCE = re.compile(r"acc(?![ou]|\.? to\b)", re.I)
+"""in names of the columns of accelerations, not "according to" """
 
-_TURNS = re.compile("gyr|angular|omega|pitch|roll|yaw", re.I)
-"""in names of angular velocities beside words of another one, as Delsys' "IM ACC Pitch1" """
+_RATE = re.compile(r"gyr|\bangular|omega", re.I)
+"""in names of those of angular velocities"""
+
+_PUSHES = re.compile(rf"{_FORCE.pattern}|(?<![a-z])a[xyz](?![a-z])", re.I)
+_TURNS = re.compile(rf"{_RATE.pattern}|pitch|roll|yaw|(?<![a-z])[gwr][xyz](?![a-z])", re.I)
+"""in names of either beside words of the other, as Delsys' "IM ACC Pitch1", or "ACC1_wx" of a
+sensor that is called so
+"""
 
 
 def check_names(
@@ -33,15 +39,16 @@ def check_names(
         LegsimError: names the column.
     """
     for columns, quantity, own, other in (
-        (forces, "an acceleration", _FORCE, _RATE),
+        (forces, "an acceleration", _PUSHES, _RATE),
         (rates, "an angular velocity", _TURNS, _FORCE),
     ):
         for column in columns:
             name = names.get(column, "")
             if other.search(name) and not own.search(name):
+                but = "its name says otherwise" if name == column else f"its name is {name!r}"
                 raise LegsimError(
-                    f"column {column!r} is given as {quantity}, and its name is {name!r}; correct "
-                    "the columns, or their names in the table"
+                    f"column {column!r} is given as {quantity}, and {but}; correct the columns, or "
+                    "their names in the table"
                 )
 
 

@@ -32,6 +32,20 @@ _XSENS_COUNTERS = ("PacketCounter", "Counter")
 
 _XSENS_CLOCK = re.compile(r"\b(PacketCounter|SampleTimeFine)\b")
 
+_SIGNALS = re.compile(r"(?i)(?<!free)acc|gyr|\b[agw][xyz]\b")
+"""in names of columns, however an export spells them"""
+
+_RECORDING = {
+    "TRC": r"\A",
+    "Motive's CSV": r"\A",
+    "Qualisys' TSV": r"\A",
+    "Nexus' CSV": r"\A\W*trajectories",
+    "CSV": r"\A\W*time_s(,[^,\n]*_(m|rad))+\W*$",
+}
+"""formats that may hold markers or joint angles, and what of a text says that it does: Nexus writes
+sensors too, and many a table begins with time_s
+"""
+
 _XSENS_PERIOD = 1 << 16
 
 _STO_FORCE = ("linear_acceleration", "linearaccelerations", "accelerometer_signal", "accel")
@@ -208,7 +222,7 @@ def _xsens_layout(
     angular_velocity_unit: AngularVelocityUnit | None,
 ) -> TableLayout:
     """Columns, units and clock of an export of Xsens; what is given goes before its header."""
-    if not any(_XSENS[1][0] in line for line in lines[:50]):
+    if not any("gyr" in line.lower() for line in lines[:50]):
         raise file_error(
             path,
             "is an export of Xsens without angular velocities (Gyr_X, Gyr_Y, Gyr_Z)",
@@ -226,15 +240,17 @@ def _xsens_layout(
 
 def _unknown(path: Path, lines: Sequence[str]) -> LegsimError:
     """The refusal of a table that does not say itself what it holds."""
-    begun = "\n".join(lines[:20]).encode()
-    motion = next((form.name for form in mocap_files.FORMATS if form.begins(begun)), None)
-    if motion:
+    begun = "\n".join(lines[:20])
+    forms = (form.name for form in mocap_files.FORMATS if form.begins(begun.encode()))
+    motion = next(forms, "")
+    if motion in _RECORDING and re.search(f"(?im){_RECORDING[motion]}", begun):
         return file_error(
             path,
             f"holds no signals of sensors, but a recording ({motion})",
             "give it as the motion, and the sensors' own file here",
         )
-    if any(_XSENS_CLOCK.search(line) for line in lines[:50]):
+    named = next((line for line in lines[:50] if _XSENS_CLOCK.search(line)), None)
+    if named is not None and not _SIGNALS.search(named):
         return file_error(
             path,
             "is an export of Xsens without accelerations (Acc_X, …) and angular velocities (Gyr_X, "

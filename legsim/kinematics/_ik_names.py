@@ -49,20 +49,23 @@ class Tasks:
             LegsimError: a name is no role and no label that plays one.
         """
         found = marker_map.found_in(labels)
-        given, unknown = _by_role(self.options.marker_weights, found, known, rest=None)
+        given, unknown = _by_role(self.options.marker_weights, found, known, labels, rest=None)
         if unknown:
             raise LegsimError(_unknown(unknown, found, known, labels))
         absent = [n for n in self.options.marker_weights if n in known and n not in found]
         notes = [f"weights of markers that this recording lacks: {short(absent)}"] if absent else []
         if self.file is None or not self.file.markers:
             return {**given, **{n: self.options.marker_weights[n] for n in absent}}, tuple(notes)
-        by_file, nobody = _by_role(self.file.markers, found, known, rest=0.0)
+        by_file, nobody = _by_role(self.file.markers, found, known, labels, rest=0.0)
         nobody += [n for n in self.file.markers if n in known and n not in found]
         name = self.file.file
         if nobody:
             notes.append(f"{name}: tasks of markers that are not on these legs: {short(nobody)}")
         weights = {**by_file, **given}
-        untold = [r for r in found if weights[r] == 0 and not _named(r, found, self, known)]
+        named = {*self.options.marker_weights, *self.file.markers}
+        told = {*_labels_of(named, found, known, labels).values()}
+        idle = [r for r in found if weights[r] == 0]
+        untold = [r for r in idle if r not in named and not told.intersection(found[r])]
         if untold:
             notes.append(f"{name}: no task, so left out: {short(untold)}")
         return weights, tuple(notes)
@@ -117,15 +120,16 @@ def _by_role(
     given: Mapping[str, float],
     found: Mapping[str, tuple[str, ...]],
     known: Collection[str],
+    labels: Sequence[str],
     *,
     rest: float | None,
 ) -> tuple[dict[str, float], list[str]]:
     """Weight of each found role that is given one, and names that nobody has; ``rest`` is that of
     labels without.
     """
-    labels = sorted({label for names in found.values() for label in names})
-    by_label = find_labels([name for name in given if name not in known], labels)
-    own = {} if rest is None else dict.fromkeys(labels, rest)
+    by_label = _labels_of(given, found, known, labels)
+    playing = (label for names in found.values() for label in names)
+    own = {} if rest is None else dict.fromkeys(playing, rest)
     own |= {label: given[name] for name, label in by_label.items()}
     weights = {}
     for role, names in found.items():
@@ -137,13 +141,18 @@ def _by_role(
     return weights, [name for name in given if name not in known and name not in by_label]
 
 
-def _named(
-    role: str, found: Mapping[str, tuple[str, ...]], tasks: Tasks, known: Collection[str]
-) -> bool:
-    """Whether a role, or a label that plays it, is given a weight by anybody."""
-    names = [*tasks.options.marker_weights, *(tasks.file.markers if tasks.file else ())]
-    labels = find_labels([name for name in names if name not in known], found[role])
-    return role in names or bool(labels)
+def _labels_of(
+    names: Collection[str],
+    found: Mapping[str, tuple[str, ...]],
+    known: Collection[str],
+    labels: Sequence[str],
+) -> dict[str, str]:
+    """Name to label, of the names that are no role and of the labels that play one. What ends are
+    shared is told by all ``labels`` of the recording: those of one role share their side.
+    """
+    playing = {label for own in found.values() for label in own}
+    by_name = find_labels([name for name in names if name not in known], labels)
+    return {name: label for name, label in by_name.items() if label in playing}
 
 
 def _unknown(

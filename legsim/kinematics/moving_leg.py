@@ -21,6 +21,9 @@ from legsim.kinematics.skeleton import JointCenters
 from legsim.mocap.cleaning import CleaningReport
 from legsim.mocap.trajectories import JointTrajectories, MarkerTrajectories
 
+_HELD = 1e-9
+"""m between numbers that are one and the same"""
+
 _WORTH_TELLING = 0.005
 """share of the samples"""
 
@@ -123,9 +126,9 @@ class MovingLeg:
 
     @cached_property
     def _posture(self) -> tuple[FloatArray, JointCenters]:
-        """The pelvis' axes (n, 3, 3) in world, and the joint centers."""
+        """The pelvis' poses (n, 4, 4) in world, and the joint centers."""
         poses = self.leg.segment_poses(self.trajectories)
-        return poses.of("pelvis")[:, :3, :3].copy(), self.leg.joint_centers(poses)
+        return poses.of("pelvis").copy(), self.leg.joint_centers(poses)
 
     @cached_property
     def implausible(self) -> tuple[str, ...]:
@@ -149,9 +152,11 @@ class MovingLeg:
         doubtful.
         """
         pelvis, centers = self._posture
+        # coordinates without the pelvis' height have one and the same number for it
+        lifted = self.fit is not None or np.ptp(pelvis[:, 1, 3]) > _HELD
         doubts = [
-            *standing.leaning(pelvis, centers),
-            *standing.off_the_floor(centers),
+            *standing.leaning(pelvis[:, :3, :3], centers),
+            *(standing.off_the_floor(centers) if lifted else ()),
             *standing.small(self.leg),
             *pace.odd_steps(centers),
         ]

@@ -18,17 +18,27 @@ falls by 1 g. Hips of runners have 1.5 g, filtered
 _PARABOLA = 0.15
 """s of a parabola"""
 
+_GAP = 5
+"""usual steps of time between two samples, at most: what lies between others is not known"""
+
 _STAYS, _LONG = 0.4, 0.5
 """m/s of an ankle, and s of both together"""
 
 _STRIDE = 0.3
 """m that an ankle goes ahead of the other one, at least: a step"""
 
+_LEVEL, _FLAT = 0.15, 0.75
+"""m of the hips up and down (0.1 in walks, 0.2 and more in lunges), and way of the feet past each
+other up and down over that to and fro: 1 on cranks, up to 0.65 of runners
+"""
+
 _FEW, _STEPS = 10, 3
 """frames, and whole steps, that say something"""
 
-_LOWEST, _HIGHEST = 0.12, 1.1
-"""m per step, over steps per second: 0.3 to 0.5 of people who walk or run at the pace they like
+_LOWEST, _HIGHEST, _LEG = 0.12, 1.0, 0.85
+"""m per step, over steps per second, of legs so long in m from hip to ankle: 0.2 to 0.4 of people
+who walk or run at the pace they like. Lengths of steps go with the leg's, their durations with its
+square root
 """
 
 _ALIKE = 0.2
@@ -49,10 +59,9 @@ def falling(centers: JointCenters) -> tuple[str, ...]:
     for side in "rl":
         moved = np.gradient(centers.of(f"ankle_{side}"), times, axis=0)
         stay &= np.linalg.norm(moved, axis=1) < _STAYS
-    if stay.mean() * (times[-1] - times[0]) < _LONG:
+    if stay.sum() * np.median(np.diff(times)) < _LONG:
         return ()
-    height = (centers.of("hip_r") + centers.of("hip_l"))[:, 1] / 2
-    fall = -float(np.quantile(_acceleration(height, times)[stay], _OFTEN))
+    fall = -float(np.quantile(_acceleration(_hips(centers), times)[stay], _OFTEN))
     if fall < _FALLING:
         return ()
     return (
@@ -62,26 +71,36 @@ def falling(centers: JointCenters) -> tuple[str, ...]:
     )
 
 
+def _hips(centers: JointCenters) -> FloatArray:
+    """(n,) m of the hips' height."""
+    return (centers.of("hip_r") + centers.of("hip_l"))[:, 1] / 2
+
+
 def _acceleration(place: FloatArray, times: FloatArray) -> FloatArray:
-    """(n,) m/s^2 of parabolas through ``place`` (n,) m around each sample: coordinates that nobody
-    filtered tremble.
+    """(n,) m/s^2 of parabolas through ``place`` (n,) m around each sample, none across a gap:
+    coordinates that nobody filtered tremble.
     """
-    step = float(np.median(np.diff(times)))
-    even = np.arange(times[0], times[-1] + step / 2, step)
+    steps = np.diff(times)
+    step = float(np.median(steps))
     width = max(5, 2 * round(_PARABOLA / step / 2) + 1)
-    if len(even) < width:
-        return np.zeros(len(times))
-    bent = savgol_filter(np.interp(even, times, place), width, 2, deriv=2, delta=step)
-    return np.interp(times, even, bent)
+    bent = np.zeros(len(times))
+    for part in np.split(np.arange(len(times)), np.flatnonzero(steps > _GAP * step) + 1):
+        here = times[part]
+        even = np.arange(here[0], here[-1] + step / 2, step)
+        if len(even) >= width:
+            at_even = np.interp(even, here, place[part])
+            parabolas = savgol_filter(at_even, width, 2, deriv=2, delta=step)
+            bent[part] = np.interp(here, even, parabolas)
+    return bent
 
 
 def odd_steps(centers: JointCenters) -> tuple[str, ...]:
     """A sentence on a walk whose steps are far too quick or too slow for their length."""
     found = _steps(centers.of("ankle_r") - centers.of("ankle_l"), centers.times)
-    if found is None:
+    if found is None or _range(_hips(centers)) > _LEVEL:
         return ()
     length, per_second = found
-    ratio = length / per_second
+    ratio = length / per_second * (_LEG / _leg(centers)) ** 1.5
     if _LOWEST < ratio < _HIGHEST:
         return ()
     quick, lower = ("quick", "lower") if ratio < _LOWEST else ("slow", "higher")
@@ -91,14 +110,29 @@ def odd_steps(centers: JointCenters) -> tuple[str, ...]:
     )
 
 
+def _range(places: FloatArray) -> float:
+    """m within which ``places`` (n,) lie nine times out of ten."""
+    return float(np.ptp(np.quantile(places, [0.05, 0.95])))
+
+
+def _leg(centers: JointCenters) -> float:
+    """m from hip to ankle, by way of the knee."""
+    parts = [
+        np.linalg.norm(centers.of(f"{one}_{side}") - centers.of(f"knee_{side}"), axis=1)
+        for one in ("hip", "ankle")
+        for side in "rl"
+    ]
+    return float(np.median(np.sum(parts, 0))) / 2
+
+
 def _steps(between: FloatArray, times: FloatArray) -> tuple[float, float] | None:
     """(m, 1/s) of the steps of feet that are ``between`` (n, 3) m apart; None where nobody
     walks.
     """
     level = between[:, [0, 2]] - between[:, [0, 2]].mean(0)
     along = level @ np.linalg.eigh(level.T @ level)[1][:, 1]
-    length = float(np.ptp(np.quantile(along, [0.05, 0.95]))) / 2
-    if length < _STRIDE:
+    length = _range(along) / 2
+    if length < _STRIDE or _range(between[:, 1]) / 2 > _FLAT * length:
         return None
     ahead = np.sign(along) * (np.abs(along) > _TURNED * length)
     turned = np.flatnonzero(np.diff(ahead[ahead != 0]))

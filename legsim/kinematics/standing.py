@@ -25,6 +25,11 @@ _USUAL, _LEANING, _LYING = np.radians((5.5, 9.0, 50.0))
 (3.4 to 7.5 degrees in public recordings), and off that direction
 """
 
+_BEFORE, _BESIDE = np.radians((7.0, 1.5))
+"""rad forwards or backwards, and sideways, by which the hips are beyond both ankles: who stands
+over one of two feet has them between
+"""
+
 _HIGH, _DEEP = 0.8, -0.5
 """m of the lower ankle over the laboratory's zero, beyond any box or treadmill"""
 
@@ -77,13 +82,25 @@ def leaning(pelvis: FloatArray, centers: JointCenters) -> tuple[str, ...]:
     )
     # both angles of one direction, about axes that are perpendicular
     ahead, aside = np.arctan2(along, up) - _USUAL, np.arctan2(across, np.hypot(along, up))
-    if not _LEANING < np.hypot(ahead, aside) < _LYING:
+    over = _beyond(centers, forward, stands, np.tan(_USUAL) * up) > up * np.tan(_BEFORE)
+    over |= _beyond(centers, right, stands, 0.0) > up * np.tan(_BESIDE)
+    if not (over and _LEANING < np.hypot(ahead, aside) < _LYING):
         return ()
     return (
         f"somebody stands still with the hips {_way(along, 'ahead of', 'behind')} and "
         f"{_way(across, 'right of', 'left of')} the ankles, and would fall over: see whether the "
         "laboratory's vertical is tilted against gravity",
     )
+
+
+def _beyond(centers: JointCenters, way: FloatArray, stands: np.ndarray, usual: float) -> float:
+    """m by which the hips, less what is ``usual``, lie beyond both ankles, one way or the other
+    along ``way`` (n, 3), while somebody ``stands`` (n,).
+    """
+    hips = (_middle(centers, "hip") * way).sum(1) - usual
+    ankles = np.stack([(centers.of(f"ankle_{side}") * way).sum(1) for side in "rl"])
+    beyond = np.maximum(hips - ankles.max(0), ankles.min(0) - hips)
+    return float(np.median(beyond[stands]))
 
 
 def _way(by: float, positive: str, negative: str) -> str:

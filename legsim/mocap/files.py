@@ -286,7 +286,9 @@ def format_of(path: Path | str) -> Format:
     )
 
 
-_of_sensors = _begins_text(r"acc(?s:.*)gyr|gyr(?s:.*)acc")
+_ACC, _GYR = r"(?<![a-z])(free|lin)?acc(?![ou])", r"(?<![a-z])gyr(?!us)"
+_of_sensors = _begins_text(rf"{_ACC}(?s:.*){_GYR}|{_GYR}(?s:.*){_ACC}")
+"""whether the first bytes name both, and not within other words"""
 
 
 def known_suffixes() -> str:

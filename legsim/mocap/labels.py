@@ -158,7 +158,8 @@ def same_label(one: str, other: str) -> bool:
 
 def without_shared_ends(names: Sequence[str]) -> list[str]:
     """Names without what all of several begin or end with, up to a blank, a point or the like: a
-    subject ("S01_RASI"), a count or a quantity ("RASI.pos"). Points without a name ("*17") stay.
+    subject ("S01_RASI"), a count or a quantity ("RASI.pos"). Points without a name ("*17") stay,
+    and so does what would have none left.
     """
     named = [name for name in names if not name.startswith("*")]
     if len(set(named)) < 2:
@@ -167,7 +168,7 @@ def without_shared_ends(names: Sequence[str]) -> list[str]:
     start = max((k + 1 for k, c in enumerate(prefix) if c in _BETWEEN), default=0)
     end = min((k for k, c in enumerate(suffix) if c in _BETWEEN), default=len(suffix))
     cut = {name: name[start : len(name) - len(suffix) + end] for name in named}
-    return [cut.get(name, name) for name in names] if all(cut.values()) else list(names)
+    return [cut.get(name) or name for name in names]
 
 
 def _begin(names: Sequence[str]) -> str:

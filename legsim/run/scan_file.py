@@ -17,8 +17,7 @@ from legsim.config.measured_scan import (
 )
 from legsim.core.constants import STANDARD_GRAVITY
 from legsim.core.files import write_text
-from legsim.core.values import FloatArray, in_millimeters
-from legsim.correction.articulated import scanned_leg
+from legsim.core.values import in_millimeters
 from legsim.correction.control_points import AttachedPoint
 from legsim.correction.method import Scan
 from legsim.imu.sensors import Sensor
@@ -37,7 +36,7 @@ def write(
     settings: RunConfig,
     scan: Scan,
     placed: Sequence[Sensor],
-    knee_on_thigh: FloatArray | None,
+    knee_on_thigh: AttachedPoint | None,
 ) -> None:
     """Writes scan.toml beside the run's projections, geometry and imu.csv."""
     head = _HEAD.format(name=NAME, start=settings.methods.start)
@@ -49,11 +48,11 @@ def known_of(
     settings: RunConfig,
     scan: Scan,
     placed: Sequence[Sensor],
-    knee_on_thigh: FloatArray | None = None,
+    knee_on_thigh: AttachedPoint | None = None,
 ) -> MeasuredScanConfig:
     """Settings of the measured scan that a simulated one would be.
 
-    ``knee_on_thigh`` (3,) m is the scanned knee in the thigh's sensor.
+    ``knee_on_thigh`` is the scanned knee on the thigh's sensor.
     """
     worn = tuple(
         WornSensorConfig(
@@ -68,7 +67,10 @@ def known_of(
         geometry="geometry.json",
         line_integrals=True,
         imu=(ImuFileConfig(file="imu.csv", sensors=worn),),
-        joints=(*_joints(scan.joints, placed), *_on_thigh(scan, placed, knee_on_thigh)),
+        joints=(
+            *_joints(scan.joints, placed),
+            *_on_thigh(knee_on_thigh if scan.joints else None, placed),
+        ),
         grid=MeasuredGridConfig(shape_zyx=(voxels, voxels, voxels), spacing_mm=(size, size, size)),
         reconstruction=settings.reconstruction,
         methods=MeasuredMethodsConfig(
@@ -134,26 +136,26 @@ def _joints(
     legs: Sequence[Sequence[AttachedPoint]], placed: Sequence[Sensor]
 ) -> tuple[JointConfig, ...]:
     """Hip, knee and ankle of each leg, then its further points by number."""
-    segments = {sensor.name: sensor.segment for sensor in placed}
     found = []
     for points in legs:
-        side = segments[points[0].sensor][-1]
+        side = _side(points[0], placed)
         names = ["hip", "knee", "ankle", *(f"point_{k}" for k in range(1, len(points) - 2))]
-        for name, point in zip(names, points, strict=True):
-            x, y, z = in_millimeters(point.position_sensor).tolist()
-            found.append(
-                JointConfig(name=f"{name}_{side}", sensor=point.sensor, position_mm=(x, y, z))
-            )
+        found += [
+            _joint(f"{name}_{side}", point) for name, point in zip(names, points, strict=True)
+        ]
     return tuple(found)
 
 
-def _on_thigh(
-    scan: Scan, placed: Sequence[Sensor], knee: FloatArray | None
-) -> tuple[JointConfig, ...]:
-    """The scanned knee once more, in the thigh's sensor; nothing where that is not known."""
-    if knee is None or not scan.joints:
-        return ()
-    hip = scanned_leg(scan)[0]
-    side = {sensor.name: sensor.segment for sensor in placed}[hip.sensor][-1]
-    x, y, z = in_millimeters(knee).tolist()
-    return (JointConfig(name=f"knee_{side}", sensor=hip.sensor, position_mm=(x, y, z)),)
+def _on_thigh(knee: AttachedPoint | None, placed: Sequence[Sensor]) -> tuple[JointConfig, ...]:
+    """The scanned knee once more, on the thigh's sensor; nothing where there is none."""
+    return () if knee is None else (_joint(f"knee_{_side(knee, placed)}", knee),)
+
+
+def _side(point: AttachedPoint, placed: Sequence[Sensor]) -> str:
+    """Of the leg whose sensor carries a point."""
+    return next(sensor.segment[-1] for sensor in placed if sensor.name == point.sensor)
+
+
+def _joint(name: str, point: AttachedPoint) -> JointConfig:
+    x, y, z = in_millimeters(point.position_sensor).tolist()
+    return JointConfig(name=name, sensor=point.sensor, position_mm=(x, y, z))

@@ -229,7 +229,7 @@ def _beaded_leg(stage: StageContext, scan: SimulatedScan) -> BeadedLeg | None:
         settings = stage.settings.model_copy(update={"methods": methods})
         return _fused_beads(stage, scan, settings, _TIED)
 
-    return BeadedLeg(beads, knee)
+    return BeadedLeg(beads, knee.position_sensor)
 
 
 def _fused_beads(

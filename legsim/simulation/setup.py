@@ -239,15 +239,15 @@ def joints_on_sensors(
     return tuple(legs)
 
 
-def knee_on_thigh(setup: ScanSetup) -> FloatArray | None:
-    """The scanned knee (3,) m in the thigh's sensor, as :func:`joints_on_sensors` takes the joints;
-    None without such a sensor.
+def knee_on_thigh(setup: ScanSetup) -> AttachedPoint | None:
+    """The scanned knee on the thigh's sensor, as :func:`joints_on_sensors` takes the joints; None
+    without such a sensor.
     """
     name = sensor_on(setup.sensors, setup.named("femur"))
     if name is None:
         return None
     knee = setup.person.leg.joint_centers(setup.poses).of(setup.named("knee"))[0]
-    return _attached(name, _first_poses(setup), knee).position_sensor
+    return _attached(name, _first_poses(setup), knee)
 
 
 def _attached(sensor: str, poses: SegmentPoses, point: FloatArray) -> AttachedPoint:

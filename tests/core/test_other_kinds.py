@@ -41,7 +41,8 @@ def test_a_file_of_another_kind_is_refused_by_its_name(content, said):
 
 def test_a_program_s_own_file_is_told_by_its_ending():
     with pytest.raises(LegsimError, match="is of the kind that Motive keeps for itself; export"):
-        other_kinds.refuse("a/Take 1.TAK", b"anything")
+        other_kinds.refuse("a/Take 1.TAK", b"anything\0")
+    other_kinds.refuse("walk.trb", TEXT.encode())
 
 
 @pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "latin-1", "utf-16"])

@@ -45,3 +45,31 @@ def test_names_of_the_other_quantity_are_refused():
         check_names([1, 2], [], names)
     with pytest.raises(LegsimError, match=r"column 1 is given as an angular velocity.*'acc_x'"):
         check_names([], [1], names)
+    with pytest.raises(LegsimError, match=r"column 'omega' is given as an .*, and its name says"):
+        check_names(["omega"], [], names)
+
+
+@pytest.mark.parametrize(
+    "called",
+    [
+        ("gyro1_ax", "gyro1_ay", "gyro1_az", "gyro1_wx", "gyro1_wy", "gyro1_wz"),
+        ("ACC1_ax", "ACC1_ay", "ACC1_az", "ACC1_wx", "ACC1_wy", "ACC1_wz"),
+        [f"Accelerometer 1 {axis}" for axis in ("X", "Y", "Z", "RX", "RY", "RZ")],
+        ("rectangular x", "rectangular y", "rectangular z", "wx", "wy", "wz"),
+        ("ax", "ay", "az", "wx acc. to sheet", "wy according to sheet", "wz acc to sheet"),
+    ],
+)
+def test_the_axis_says_what_a_column_is_whatever_its_sensor_is_called(called):
+    names = dict(enumerate(called))
+    check_names([0, 1, 2], [3, 4, 5], names)
+    # beside a sensor whose columns are exchanged
+    names |= {6: "acc2", 7: "", 8: "", 9: "gyr2", 10: "", 11: ""}
+    check_names([0, 1, 2, 6, 7, 8], [3, 4, 5, 9, 10, 11], names)
+    with pytest.raises(LegsimError, match=r"column 9 is given as an acceleration.*'gyr2'"):
+        check_names([0, 1, 2, 9, 10, 11], [3, 4, 5, 6, 7, 8], names)
+
+
+@pytest.mark.parametrize("other", ["acc2_x", "acc_x_2", "acc_left_x", "acc_ax"])
+def test_two_accelerometers_are_no_gyroscope(other):
+    with pytest.raises(LegsimError, match="column 1 is given as an angular velocity"):
+        check_names([0], [1], {0: "acc_x", 1: other})

@@ -142,6 +142,14 @@ def test_opensims_two_tables_of_vectors_are_one_sensor(tmp_path):
         ('<?xml version="1.0"?>\n<mvnx version="4"/>\n', "is MVN's XML; export"),
         ('<?xml version="1.0"?>\n<log/>\n', "is XML, not a table of text; export"),
         ("PathFileType\t4\t(X/Y/Z)\ta.trc\n", r"but a recording \(TRC\); give it as the motion"),
+        ("time_s,A_x_m,A_y_m,A_z_m\n0,1,2,3\n", r"but a recording \(CSV\)"),
+        ("time_s,knee_angle_r_rad,pelvis_tx_m\n0,1,2\n", r"but a recording \(CSV\)"),
+        ("Trajectories\n100\n,,A\n", r"but a recording \(Nexus' CSV\)"),
+        ("Format Version,1.2,x\n", r"but a recording \(Motive's CSV\)"),
+        ("time_s,ax,ay,az,gx,gy,gz\n0,0,0,9.8,0,0,0\n", "describe its columns in a small TOML"),
+        ("time_s,ax,ay,az,gx,gy,gz,roll_rad\n0,0,0,9.8,0,0,0,0\n", "in a small TOML"),
+        ("Devices\n100\n,,IM ACC\n0,1,2\n", "describe its columns in a small TOML"),
+        ("a\nendheader\ntime,ax,ay,az,gx,gy,gz\n0,0,0,9.8,0,0,0\n", "in a small TOML"),
         ("// x\nPacketCounter,Acc_X,Acc_Y,Acc_Z,Gyr_X,Gyr_Y,Gyr_Z\n1,1,1,1,1,1,1\n", "rate_hz"),
         (
             "// Update Rate: 1.2.3Hz\nPacketCounter,Acc_X,Acc_Y,Acc_Z,Gyr_X,Gyr_Y,Gyr_Z\n1,1,1,1,1,1,1\n",
@@ -155,6 +163,15 @@ def test_opensims_two_tables_of_vectors_are_one_sensor(tmp_path):
         (
             "// Update Rate: 9Hz\nPacketCounter,Acc_X,Acc_Y,Gyr_X,Gyr_Y,Gyr_Z\n1,1,1,1,1,1\n",
             "'Acc_Z'.*has PacketCounter",
+        ),
+        ("SampleTimeFine,Acc_X,Acc_Y,Acc_Z,Gyr_X,Gyr_Y,Gyr_Z\n1,1,1,1,1,1,1\n", "small TOML"),
+        ('"PacketCounter","Acc_X","Acc_Y","Acc_Z","Gyr_X"\n1,1,1,1,1\n', "in a small TOML"),
+        ("PacketCounter,acc_x,acc_y,acc_z,gyr_x,gyr_y,gyr_z\n1,1,1,1,1,1,1\n", "a small TOML"),
+        ("PacketCounter,ax,ay,az,gx,gy,gz\n1,1,1,1,1,1,1\n", "in a small TOML"),
+        ("PacketCounter,Acc[X],Acc[Y],Acc[Z],Gyr[X]\n1,1,1,1,1\n", "in a small TOML"),
+        (
+            "// Update Rate: 9Hz\nPacketCounter,Acc_X,Acc_Y,Acc_Z,gyr_x,gyr_y,gyr_z\n1,1,1,1,1,1,1\n",
+            "'Gyr_X'.*gyr_x",
         ),
     ],
 )

@@ -8,6 +8,7 @@ import pytest
 
 from legsim.core.errors import LegsimError
 from legsim.kinematics import from_recording, marker_sites, osim_file
+from legsim.kinematics._ik_names import Tasks
 from legsim.kinematics.ik_options import (
     CoordinateLock,
     CoordinatePrior,
@@ -16,9 +17,11 @@ from legsim.kinematics.ik_options import (
     PriorStrengths,
     leg_priors,
 )
+from legsim.kinematics.ik_tasks import IkTaskSet
 from legsim.kinematics.leg_model import COORDINATES, LegModel
 from legsim.kinematics.osim_leg import OsimLeg
 from legsim.mocap import trc
+from legsim.mocap.labels import MarkerMap
 from legsim.mocap.trajectories import MarkerTrajectories
 from tests.examples import osim
 from tests.examples.task_sets import coordinate, document, marker, task_set
@@ -266,6 +269,22 @@ def test_a_mean_of_two_labels_has_the_mean_of_their_weights(tmp_path, squat):
     assert found.fit.sites.weights[found.fit.sites.index("sacrum")] == 3
     with pytest.raises(LegsimError, match="leaves out sacrum"):
         solved(tmp_path, motion, path, ik=IkOptions(marker_weights={"BACK1": 0, "BACK2": 4}))
+
+
+def test_labels_are_found_with_what_all_of_the_recording_share():
+    """The side of a role's two labels is no shared beginning."""
+    names = [f"S01_{side}_knee_{at}" for side in "RL" for at in ("lat", "med")]
+    knees = MarkerMap(
+        "knees",
+        ("epicondyle_lateral_r", "epicondyle_lateral_l"),
+        ((tuple(names[:2]),), (tuple(names[2:]),)),
+    )
+    for given in ({"R_knee_lat": 0.0}, {"R_knee_lat": 0.0, "L_knee_med": 3.0}):
+        tasks = Tasks(IkOptions(), IkTaskSet("tasks.xml", given, (), ()))
+        weights, notes = tasks.marker_weights(knees, [*names, "S01_R_asis"], knees.roles)
+        assert weights["epicondyle_lateral_r"] == 0
+        untold = "" if len(given) > 1 else "tasks.xml: no task, so left out: epicondyle_lateral_l"
+        assert "".join(notes) == untold
 
 
 @pytest.mark.parametrize("sacrum", ['"SACR"', '["RPSI", "LPSI"]', None])

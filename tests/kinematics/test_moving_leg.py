@@ -7,8 +7,10 @@ import pytest
 
 from legsim.config import MotionConfig
 from legsim.kinematics import from_recording
+from legsim.kinematics.leg_model import COORDINATES, LegModel
+from legsim.kinematics.moving_leg import MovingLeg
 from legsim.mocap import trc
-from legsim.mocap.trajectories import MarkerTrajectories
+from legsim.mocap.trajectories import JointTrajectories, MarkerTrajectories
 from legsim.run import motion as run_motion
 
 SQUAT = "subject01/squat_30.trc"
@@ -50,6 +52,16 @@ def test_a_poor_fit_and_what_was_not_seen_are_warned_of(tmp_path, squat):
         "no good fit" in line or "not seen" in line
         for line in from_recording.solve_kinematics(SQUAT).lines()
     )
+
+
+@pytest.mark.parametrize(("swing", "said"), [(0.0, False), (0.1, True)])
+def test_coordinates_without_the_height_of_the_pelvis_tell_of_no_floor(swing, said):
+    """As joint angles with a pelvis_ty of 0; where it moves, somebody measured it."""
+    values = np.tile(LegModel.load().default_coordinates, (50, 1))
+    values[:, COORDINATES.index("pelvis_ty")] = swing * np.sin(np.linspace(0, 6, 50))
+    motion = JointTrajectories(np.arange(50) / 50, COORDINATES, values)
+    warnings = MovingLeg("a", LegModel.load(), motion, None).warnings
+    assert any("below the laboratory's zero" in line for line in warnings) == said
 
 
 def test_joints_of_the_foot_that_priors_decide_are_reported_with_their_share():

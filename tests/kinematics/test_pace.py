@@ -17,9 +17,10 @@ def centers(times, hips_up, ahead=0.0) -> JointCenters:
     places = np.zeros((len(times), len(JOINT_CENTERS), 3))
     for k, name in enumerate(JOINT_CENTERS):
         joint, side = name.split("_")
-        places[:, k, 1] = hips_up if joint == "hip" else 0.1
+        down = {"hip": 0.0, "knee": 0.5, "ankle": 1.0}[joint]
+        places[:, k, 1] = hips_up + down * (0.1 - hips_up)
         places[:, k, 2] = 0.1 if side == "r" else -0.1
-        places[:, k, 0] = ahead * (0.5 if side == "r" else -0.5) * (joint == "ankle")
+        places[:, k, 0] = ahead * (0.5 if side == "r" else -0.5) * down
     return JointCenters(times, places)
 
 
@@ -47,6 +48,16 @@ def test_hips_that_nobody_filtered_are_not_taken_for_a_fall(rng):
     assert len(pace.falling(centers(times / 5, height))) == 1
 
 
+def test_nothing_is_fitted_across_a_gap():
+    """As where a clock jumps by years: even samples of all that time would fill any memory."""
+    times = np.arange(0, 10, 0.01)
+    height = 0.8 + 0.2 * np.cos(2 * np.pi * times / 0.6)
+    slow = 0.8 + 0.2 * np.cos(2 * np.pi * times / 3)
+    times[-300:] += 1e8
+    assert len(pace.falling(centers(times, height))) == 1
+    assert pace.falling(centers(times, slow)) == ()
+
+
 def test_hips_of_runners_bounce_as_they_do():
     times = np.arange(0, 5, 0.01)
     bounce = 0.9 + 0.05 * np.cos(2 * np.pi * 3 * times)
@@ -69,6 +80,36 @@ def test_steps_too_quick_or_slow_for_their_length_are_named(length, per_second, 
     found = pace.odd_steps(walk(length, per_second))
     assert len(found) == bool(said)
     assert all(f"far too {said} for their length" in line for line in found)
+
+
+def test_small_legs_take_short_and_quick_steps():
+    toddler = walk(0.31, 2.8)
+    small = toddler.positions_world * [1, 0.45, 1]
+    assert pace.odd_steps(JointCenters(toddler.times, small)) == ()
+    (said,) = pace.odd_steps(JointCenters(toddler.times / 4, small))
+    assert "far too quick" in said
+
+
+@pytest.mark.parametrize("seconds", [1.5, 2.0, 3.0])
+def test_lunges_are_no_walk(seconds):
+    times = np.arange(0, 8 * seconds, 0.01)
+    ahead = 0.85 * np.sin(np.pi * times / seconds)
+    assert len(pace.odd_steps(centers(times, 0.9, ahead))) == 1
+    assert pace.odd_steps(centers(times, 0.9 - 0.3 * np.abs(ahead), ahead)) == ()
+
+
+def test_feet_on_cranks_do_not_walk():
+    """Of 172.5 mm, at 100 turns a minute."""
+    times = np.arange(0, 10, 0.01)
+    turn, still = 2 * np.pi * 100 / 60 * times, centers(times, 0.9)
+    places = still.positions_world.copy()
+    for side, sign in (("r", 1), ("l", -1)):
+        ankle = JOINT_CENTERS.index(f"ankle_{side}")
+        places[:, ankle, 0] = sign * 0.1725 * np.cos(turn)
+        places[:, ankle, 1] = 0.3 + sign * 0.1725 * np.sin(turn)
+    assert pace.odd_steps(JointCenters(times, places)) == ()
+    places[:, :, 1] = still.positions_world[:, :, 1]
+    assert len(pace.odd_steps(JointCenters(times, places))) == 1
 
 
 def test_who_places_one_foot_at_a_time_or_stands_does_not_walk():

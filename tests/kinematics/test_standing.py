@@ -55,6 +55,26 @@ def test_the_way_that_somebody_leans_is_said():
 @pytest.mark.parametrize(
     "posture",
     [
+        {"hip_flexion_r": 25.0},
+        {"hip_flexion_r": 24.0, "hip_flexion_l": -2.0},
+        {"hip_adduction_r": 6.0, "hip_adduction_l": -16.0},
+    ],
+    ids=["holds one leg forwards", "stands in a step over the rear foot", "shifts the weight"],
+)
+def test_who_stands_over_one_of_two_feet_does_not_fall(posture):
+    assert standing.leaning(*posed(**posture)) == ()
+
+
+def test_a_tilted_vertical_is_named_where_the_feet_stand_apart():
+    apart = posed(hip_adduction_r=-7.0, hip_adduction_l=-7.0)
+    assert standing.leaning(*apart) == ()
+    for degrees in (-15.0, 15.0):
+        assert len(standing.leaning(*tilted(*apart, about("x", degrees)))) == 1
+
+
+@pytest.mark.parametrize(
+    "posture",
+    [
         {"knee_angle_r": -30.0, "knee_angle_l": -30.0},
         {"hip_flexion_r": 60.0, "hip_flexion_l": 60.0, "pelvis_tilt": -60.0},
         {"hip_flexion_r": 40.0, "hip_flexion_l": -20.0},

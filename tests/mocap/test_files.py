@@ -197,6 +197,11 @@ def test_a_table_is_read_once(tmp_path, monkeypatch):
     assert len(reads) == 1
 
 
+def test_text_is_read_whatever_its_ending(tmp_path):
+    trc.save(tmp_path / "a.trb", MOTION)
+    assert mocap_files.labels_of(read_raw(tmp_path / "a.trb")) == MOTION.marker_names
+
+
 def test_no_two_formats_share_an_ending():
     suffixes = [suffix for form in mocap_files.FORMATS for suffix in form.suffixes]
     assert len(set(suffixes)) == len(suffixes)
@@ -217,6 +222,11 @@ def test_blanks_before_a_trc_make_it_no_c3d(tmp_path, lead):
     [
         ("a.txt", b"PacketCounter,Acc_X,Acc_Y,Gyr_X\n1,0,0,0\n", "signals of sensors.*give it by"),
         ("a.csv", b"t;accel x;gyro x\n0;1;2\n", "signals of sensors.*give it by --imu"),
+        ("a.txt", b"t,s1_gyrX,s1_FreeAccX\n0,1,2\n", "signals of sensors.*give it by --imu"),
+        ("a.txt", b"Vaccaro; lab: Gyrus\nRASI x\n1\n", "is no recording that can be told"),
+        ("a.txt", b"Vaccaro\ngyr x\n1\n", "is no recording that can be told"),
+        ("a.txt", b"accuracy 1 mm\nGyrus\n1\n", "is no recording that can be told"),
+        ("a.trb", b"a\0b", "is of the kind that Cortex keeps for itself"),
         ("a.csv", b"time_s,s_ax_m_s2,s_ay_m_s2\n0,1,2\n", "'s_ax_m_s2' is a sensor's; give it by"),
         ("a", b"", "the file is empty"),
         ("a.trc", b"\x1f\x8b\x08\x00", r"is packed \(gzip\)"),

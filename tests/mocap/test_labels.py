@@ -32,6 +32,11 @@ def test_the_exact_spelling_goes_first():
     assert SEVEN.found_in(["rasi", "RASI"])["asis_r"] == ("RASI",)
 
 
+def test_a_label_that_is_the_prefix_alone_hides_no_other():
+    names = [*(f"S01_{label}" for label in LABELS), "S01_"]
+    assert SEVEN.missing_in(names) == ()
+
+
 @pytest.mark.parametrize(
     "names", [("A:RASI", "B:RASI"), ("rasi", "R.ASI"), ("RASI#1", "RASI#2"), ("*RASI", "x")]
 )
@@ -172,6 +177,7 @@ def test_what_only_some_names_begin_or_end_with_is_theirs():
     assert labels.without_shared_ends(["RASI_1", "LASI_2"]) == ["RASI_1", "LASI_2"]
     assert labels.without_shared_ends(["R_ASI", "R_ASI_top"]) == ["ASI", "ASI_top"]
     assert labels.without_shared_ends(["RASI", "RKNE"]) == ["RASI", "RKNE"]
-    assert labels.without_shared_ends(["a_b", "a_"]) == ["a_b", "a_"]
+    assert labels.without_shared_ends(["a_b", "a_"]) == ["b", "a_"]
+    assert labels.without_shared_ends(["a_b_a", "a_a"]) == ["b", "a_a"]
     assert labels.without_shared_ends(["S_RASI"]) == ["S_RASI"]
     assert labels.without_shared_ends(["S_RASI", "*17", "S_C7"]) == ["RASI", "*17", "C7"]

@@ -152,9 +152,11 @@ def test_the_knee_on_the_thigh_is_where_the_shanks_sensor_has_it(person):
     (leg,) = simulation_setup.joints_on_sensors(setup)
     carried = {s.name: s for s in setup.sensors}
     places = []
-    for name, place in (("thigh_r", knee), ("shank_r", leg[1].position_sensor)):
-        pose = setup.poses.of(carried[name].segment)[0] @ carried[name].segment_from_sensor
-        places.append(pose[:3, :3] @ place + pose[:3, 3])
+    for point in (knee, leg[1]):
+        carrier = carried[point.sensor]
+        pose = setup.poses.of(carrier.segment)[0] @ carrier.segment_from_sensor
+        places.append(pose[:3, :3] @ point.position_sensor + pose[:3, 3])
+    assert (knee.sensor, leg[1].sensor) == ("thigh_r", "shank_r")
     np.testing.assert_allclose(*places, atol=1e-9)
     shank = prepare_scan(person, ARM, sensors=(Sensor.placed("shank_l", "tibia_l", 0.14),))
     assert simulation_setup.knee_on_thigh(shank) is None

@@ -39,6 +39,10 @@ def test_every_reader_reads_or_refuses_the_kept_files(name, tmp_path):
             assert law.outcome(reader, path) in (law.READ, law.REFUSED)
 
 
+def test_most_quick_readers_have_kept_files():
+    assert {"trc", "c3d", "osim", "rtk_xml", "results"} <= {n for n in READERS if corpus.load(n)}
+
+
 def test_kept_files_come_back_and_equal_ones_make_equal_archives(tmp_path):
     corpus.save("x", (b"bb", b"", b"a"), tmp_path)
     assert corpus.load("x", tmp_path) == (b"", b"a", b"bb")
