@@ -174,7 +174,7 @@ def test_points_are_seen_in_the_same_pixels(shift: float, rng: np.random.Generat
     np.testing.assert_array_equal(
         wide.line_integrals[:, :, before : before + COLUMNS], images.line_integrals
     )
-    assert np.abs(wide.line_integrals).sum() == np.abs(images.line_integrals).sum()
+    assert not np.delete(wide.line_integrals, np.s_[before : before + COLUMNS], axis=2).any()
     assert align(wide.geometry).geometry is wide.geometry, "now it is centered"
 
 
