@@ -65,7 +65,7 @@ def read(path: Path, kind: str) -> list[str]:
 
 
 def beginning(path: Path, count: int, fix: str = "check the path") -> bytes:
-    """Up to ``count`` bytes at a file's begin.
+    """Up to ``count`` bytes at a file's begin; all of them, where it is -1.
 
     Raises:
         LegsimError: as :func:`content`, but for a packed file.
@@ -95,12 +95,7 @@ def content(path: Path, fix: str = "check the path") -> bytes:
         LegsimError: it cannot be read, is packed, or no file can have that name; ``fix`` says what
             to do.
     """
-    try:
-        data = path.read_bytes()
-    except OSError as error:
-        raise file_error(path, f"cannot be read ({error.strerror})", fix) from error
-    except ValueError as error:  # a null in the name
-        raise file_error(path, f"cannot be read ({error})", fix) from error
+    data = beginning(path, -1, fix)
     other_kinds.refuse_packed(path, data)
     return data
 
