@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from legsim.core import files as core_files
 from legsim.core.errors import LegsimError
 from legsim.mocap import files as mocap_files
 from legsim.mocap import opensim, trc
@@ -188,11 +189,11 @@ def test_an_option_that_cannot_apply_is_refused(tmp_path, name, recording, optio
         mocap_files.load_recording(tmp_path / name, **options)
 
 
-def test_a_table_is_read_once(tmp_path, monkeypatch):
+def test_the_whole_of_a_table_is_read_once(tmp_path, monkeypatch):
     mocap_files.save_recording(tmp_path / "a.csv", ANGLES)
     reads = []
-    read = Path.read_bytes
-    monkeypatch.setattr(Path, "read_bytes", lambda path: reads.append(path) or read(path))
+    read = core_files.content
+    monkeypatch.setattr(core_files, "content", lambda path: reads.append(path) or read(path))
     mocap_files.load_recording(tmp_path / "a.csv")
     assert len(reads) == 1
 
