@@ -3,7 +3,7 @@ prefixes and spelling.
 """
 
 import re
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
@@ -49,6 +49,40 @@ SEGMENT_OF_PART = {
 _BETWEEN = "_.:- "
 """what stands between a marker's name and that of somebody or something else"""
 
+_WORDS = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+")
+"""of a label, as "R", "Knee" and "Lat" of RKneeLat"""
+
+_SAME_WORDS = {
+    word: short
+    for short, words in {
+        "r": "right rt rechts rechte rechter dx destra destro droite droit derecha derecho",
+        "l": "left lt links linke linker sx sinistra sinistro gauche izquierda izquierdo",
+        "lat": "lateral lateralis laterale out outer outside external externe ext",
+        "med": "medial medialis mediale in inner inside internal interne int",
+        "asis": "sias eias",
+        "psis": "sips eips",
+        "epi": "epicondyle epicond",
+        "condyle": "cond con",
+        "femoral": "fem femur",
+        "mal": "mall malleolus malleole malleolo maleolo",
+        "knee": "knie genou ginocchio rodilla",
+        "ankle": "ank cheville caviglia tobillo",
+        "heel": "hee calc calcaneus ferse talon tallone",
+    }.items()
+    for word in words.split()
+}
+"""words that mean one, in the languages that laboratories label in"""
+
+_JOINT = re.compile(
+    r"j?(?:r|l|right|left)?(hip|knee|ankle)(?:r|l|right|left)?(?:jc|cent(?:er|re))?"
+)
+
+_NO_LANDMARKS = (
+    "hips, knees and ankles of a pose estimator or a body model are joint centers, no landmarks; "
+    "give the markers that OpenCap and Pose2Sim add to them (r.ASIS_study, ...), or joint angles "
+    "(.mot)"
+)
+
 _CLUSTER = re.compile(r"(thigh|shank|foot)_(\d|upper|front|rear)")
 
 _CLUSTER_SEGMENT = {"thigh": "femur", "shank": "tibia", "foot": "calcn"}
@@ -64,6 +98,8 @@ class MarkerMap:
     """for each role, in order of preference: labels whose mean plays it"""
     segments: tuple[str, ...] = ()
     """of each role, for roles of a user's own model; empty: :func:`segment_of` knows them"""
+    by_words: bool = False
+    """whether labels are also found by their words, in any order and language"""
 
     def __post_init__(self) -> None:
         if len(self.roles) != len(self.alternatives):
@@ -98,7 +134,7 @@ class MarkerMap:
         """Role to the recording's own labels whose mean plays it, for the roles that the recording
         covers.
         """
-        finder = _Finder(marker_names)
+        finder = _Finder(marker_names, by_words=self.by_words)
         found = {}
         for role, alternatives in zip(self.roles, self.alternatives, strict=True):
             for labels in alternatives:
@@ -116,6 +152,7 @@ class MarkerMap:
             tuple(self.roles[k] for k in keep),
             tuple(self.alternatives[k] for k in keep),
             tuple(self.segments[k] for k in keep) if self.segments else (),
+            self.by_words,
         )
 
     def missing_in(
@@ -229,6 +266,8 @@ def guess(
             "or give a marker map (TOML) "
             f"with whole labels, as in sacrum = {next(filter(None, people)) + ':SACR'!r}"
         )
+    if not best.found_in(marker_names) and _are_joint_centers(marker_names):
+        raise LegsimError(f"no landmarks among {_listed(marker_names)}: {_NO_LANDMARKS}")
     if not best.found_in(marker_names):
         raise LegsimError(
             f"no marker set knows any of the markers {_listed(marker_names)}; give a marker map "
@@ -271,6 +310,8 @@ def check_covered(
         twice = sorted({name.rpartition("#")[0] for name in marker_names if "#" in name})
         if twice:
             nearest += f" (several markers are called {', '.join(twice[:5])}: none is taken)"
+        if _are_joint_centers(marker_names) and any(role.startswith("asis") for role in missing):
+            raise LegsimError(f"{nearest} among {_listed(marker_names)}: {_NO_LANDMARKS}")
         shown_elsewhere = (
             ", or name the static trial that shows them, as in --set motion.scaling_file=static.trc"
             if len(missing) < len(required)
@@ -280,6 +321,14 @@ def check_covered(
             f"{nearest} among {_listed(marker_names)}; give a marker map (TOML) with [roles] and "
             f"the labels that play them{shown_elsewhere}"
         )
+
+
+def _are_joint_centers(marker_names: Sequence[str]) -> bool:
+    """Whether labels are called after hips, knees and ankles, as by pose estimators (BODY_25,
+    HALPE, COCO, BlazePose) and as MVN's joints (jRightKnee).
+    """
+    found = (_JOINT.fullmatch(_plain(name.rpartition(":")[2])) for name in marker_names)
+    return {"hip", "knee", "ankle"} <= {match[1] for match in found if match}
 
 
 def check_distinct(marker_map: MarkerMap, found: dict[str, tuple[str, ...]]) -> None:
@@ -317,37 +366,42 @@ def _listed(names: Sequence[str], limit: int = 100) -> str:
 
 
 class _Finder:
-    """Finds labels in one recording: as they are, without the subject's prefix, then whatever the
-    case and punctuation.
+    """Finds labels in one recording: as they are, without the subject's prefix, whatever the case
+    and punctuation, then, if asked, whatever the order and language of their words.
     """
 
-    def __init__(self, marker_names: Sequence[str]) -> None:
+    def __init__(self, marker_names: Sequence[str], *, by_words: bool = False) -> None:
         named = [name for name in marker_names if not name.startswith("*")]
         own = dict(zip(named, without_shared_ends(named), strict=True))
         bare = {name: name.rpartition(":")[2] for name in named}
-        self._stages = [
-            _unique({name: name for name in named}),
-            _unique(bare),
-            _unique(own),
-            _unique({name: _plain(text) for name, text in bare.items()}),
-            _unique({name: _plain(text) for name, text in own.items()}),
+        texts = (bare, own)
+        self._stages: list[tuple[Callable[[str], str], dict[str, str]]] = [
+            (str, _unique({name: name for name in named})),
+            *((str, _unique(text)) for text in texts),
         ]
+        for key in (_plain, _words) if by_words else (_plain,):
+            self._stages += [
+                (key, _unique({name: key(t) for name, t in text.items()})) for text in texts
+            ]
 
     def find(self, label: str) -> str:
         """The recording's own label, empty where there is none or more than one."""
-        for stage in self._stages[:3]:
-            if label in stage:
-                return stage[label]
-        return next(
-            (stage[_plain(label)] for stage in self._stages[3:] if _plain(label) in stage), ""
-        )
+        return next((stage[key(label)] for key, stage in self._stages if key(label) in stage), "")
 
 
 def _plain(label: str) -> str:
     return re.sub(r"[^a-z0-9]", "", label.lower())
 
 
+def _words(label: str) -> str:
+    """The words of a label in order of the alphabet, each in its shortest form; empty for one word,
+    which says no more than :func:`_plain`.
+    """
+    words: list[str] = [word.lower() for word in _WORDS.findall(label)]
+    return " ".join(sorted(_SAME_WORDS.get(w, w) for w in words)) if len(words) > 1 else ""
+
+
 def _unique(key_of: dict[str, str]) -> dict[str, str]:
-    """Key to name, for the keys that only one name has."""
+    """Key to name, for the keys that only one name has; an empty one is none."""
     keys = list(key_of.values())
-    return {key: name for name, key in key_of.items() if keys.count(key) == 1}
+    return {key: name for name, key in key_of.items() if key and keys.count(key) == 1}

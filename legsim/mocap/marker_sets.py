@@ -93,7 +93,7 @@ def _from_table(path: Path, table: dict[str, object]) -> MarkerMap:
         )
     alternatives = tuple(_alternatives(path, role, entry) for role, entry in roles.items())
     try:
-        return MarkerMap(path.stem, tuple(roles), alternatives)
+        return MarkerMap(path.stem, tuple(roles), alternatives, by_words=path.stem == _COMMON)
     except LegsimError as error:
         raise file_error(
             path, str(error), "correct the name of the role", place="[roles]"

@@ -135,9 +135,81 @@ def test_the_medial_marker_beside_a_knee_alignment_device_is_at_the_ankle():
     assert "epicondyle_medial_r" not in found
 
 
-def test_joint_centers_of_a_pose_estimator_are_no_markers():
-    with pytest.raises(LegsimError, match="finds no marker for sacrum, asis_r, asis_l among RHip"):
-        marker_sets.guess([*both("@Hip @Knee @Ankle"), "Neck"])
+@pytest.mark.parametrize(
+    ("labels", "knee"),
+    [
+        (["Knie_lateral_rechts", "Knie_lateral_links"], "Knie_lateral_rechts"),
+        (["ginocchio_lat_dx", "ginocchio_lat_sx"], "ginocchio_lat_dx"),
+        (["KneeLateral_Right", "KneeLateral_Left"], "KneeLateral_Right"),
+        (both("@LatFemEpi"), "RLatFemEpi"),
+        (both("@_Knee_Outer"), "R_Knee_Outer"),
+        (both("CondyleLat@"), "CondyleLatR"),
+    ],
+)
+def test_a_label_is_told_by_its_words_in_any_order_and_language(labels, knee):
+    labels = [*labels, *both("@_SIAS @SIPS Lat.Ankle.@")]
+    found = marker_sets.guess(labels).found_in(labels)
+    assert found["epicondyle_lateral_r"] == (knee,)
+    assert found["asis_l"] == ("L_SIAS",)
+    assert found["malleolus_lateral_l"] == ("Lat.Ankle.L",)
+
+
+def test_words_that_leave_the_side_of_the_body_open_are_not_guessed():
+    labels = [*both("@ASI @PSI @_ankle_lat"), "knee_lateral", "lateral_knee_2"]
+    with pytest.raises(LegsimError, match="no marker for epicondyle_lateral_r"):
+        marker_sets.guess(labels)
+
+
+MOTIVE = both("Waist@Front Waist@Back @Thigh @KneeOut @Shin @AnkleOut @ToeIn @ToeOut @Heel")
+
+
+@pytest.mark.parametrize("prefix", ["", "Skeleton 001:", "Skeleton_001_"])
+def test_the_baseline_skeleton_of_motive_is_known_with_any_prefix(prefix):
+    labels = [prefix + name for name in MOTIVE]
+    guessed = marker_sets.guess(labels)
+    found = guessed.found_in(labels)
+    assert guessed.name == "motive_baseline"
+    assert found["sacrum"] == (prefix + "WaistRBack", prefix + "WaistLBack")
+    assert found["epicondyle_lateral_l"] == (prefix + "LKneeOut",)
+    assert found["meta5_r"] == (prefix + "RToeOut",)
+    assert "psis_r" not in found
+
+
+def test_the_landmarks_of_mvn_are_known_and_its_joints_are_none():
+    labels = [
+        "pSacrum", "pHipOrigin", "jL5S1",
+        *(f"{name.replace('@', s)}" for s in ("Right", "Left")
+          for name in ("p@ASI", "p@KneeLatEpicondyle", "p@LatMalleolus", "p@TopOfFoot", "j@Knee")),
+    ]  # fmt: skip
+    guessed = marker_sets.guess(labels)
+    assert guessed.name == "xsens_mvn"
+    assert guessed.found_in(labels)["epicondyle_lateral_r"] == ("pRightKneeLatEpicondyle",)
+    joints = [f"j{s}{name}" for s in ("Right", "Left") for name in ("Hip", "Knee", "Ankle")]
+    with pytest.raises(LegsimError, match=r"joint centers, no landmarks; .*joint angles \(\.mot\)"):
+        marker_sets.guess(joints)
+
+
+@pytest.mark.parametrize(
+    "labels",
+    [
+        [*both("@Hip @Knee @Ankle @BigToe @Heel"), "Neck", "CHip"],
+        [f"{s}_{name}" for s in ("left", "right") for name in ("hip", "knee", "ankle")],
+        [f"{s}{name}" for s in ("left", "right") for name in ("Hip", "Knee", "Ankle", "FootIndex")],
+        [f"{name}_{s}" for s in "LR" for name in ("HJC", "Hip", "Knee", "Ankle")],
+    ],
+)
+def test_joint_centers_of_a_pose_estimator_are_no_markers_and_what_lacks_is_named(labels):
+    with pytest.raises(
+        LegsimError,
+        match=r"finds no marker for sacrum, asis_r, asis_l among .*joint centers, no landmarks",
+    ):
+        marker_sets.guess(labels)
+
+
+def test_a_thigh_marker_called_hip_makes_no_joint_center_of_a_knee():
+    labels = [*both("@ASI @Hip @Knee @Ankle")]
+    with pytest.raises(LegsimError, match=r"no marker for sacrum among .*give a marker map"):
+        marker_sets.guess(labels)
 
 
 def test_two_people_are_reported():
