@@ -3,14 +3,18 @@ names that say another quantity.
 """
 
 import re
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
+
+import numpy as np
 
 from legsim.core.constants import STANDARD_GRAVITY
 from legsim.core.errors import LegsimError
+from legsim.core.values import FloatArray
 from legsim.imu import units
 from legsim.imu.table_layout import TableLayout
 from legsim.imu.table_rows import Column
+from legsim.mocap.labels import without_shared_ends
 
 ByColumn = Mapping[Column, str | None]
 """a unit per column; None where none is said"""
@@ -29,15 +33,38 @@ sensor that is called so
 """
 
 
+_FREE = re.compile(r"(free|user)[ _.]?acc|acc.*\b(without|w/?o|no|minus)[ _.]*g(ravity)?\b|"
+                   r"gravity[ _-]?(free|removed|compensated)", re.I)  # fmt: skip
+"""in names of accelerations without gravity: Xsens' FreeAcc_X, Apple's userAcceleration"""
+
+_LINEAR = re.compile(r"lin(ear)?[ _.]?acc", re.I)
+"""in names of these (Android, phyphox), and of specific force (ROS)"""
+
+_WITH_GRAVITY = "give the columns of the accelerometer's own readings, or export these"
+
+_LEAST = 3.0
+"""m/s^2 that is left of gravity in the mean over a leg's movements, at least"""
+
+
 def check_names(
-    forces: Collection[Column], rates: Collection[Column], names: Mapping[Column, str]
+    forces: Sequence[Column], rates: Sequence[Column], names: Mapping[Column, str]
 ) -> None:
     """Refuses columns that are given as accelerations (``forces``) or as angular velocities and
-    are called like those of the other, as where they are counted from the wrong one on.
+    are called like those of the other, as where they are counted from the wrong one on, and
+    accelerations that are called free of gravity.
+
+    Both have three columns a sensor, in one order.
 
     Raises:
         LegsimError: names the column.
     """
+    for column in forces:
+        if _FREE.search(names.get(column, "")):
+            raise LegsimError(
+                f"column {column!r} is an acceleration without gravity by its name "
+                f"({names[column]!r}), no specific force; {_WITH_GRAVITY}"
+            )
+    names = _own_names(forces, rates, names)
     for columns, quantity, own, other in (
         (forces, "an acceleration", _PUSHES, _RATE),
         (rates, "an angular velocity", _TURNS, _FORCE),
@@ -50,6 +77,39 @@ def check_names(
                     f"column {column!r} is given as {quantity}, and {but}; correct the columns, or "
                     "their names in the table"
                 )
+
+
+def check_gravity(
+    columns: Sequence[Column], names: Mapping[Column, str], force: FloatArray
+) -> None:
+    """Refuses accelerations (n, 3) in m/s^2 that are called linear and hold no gravity: their mean
+    is near nothing, whatever their magnitude.
+
+    Raises:
+        LegsimError: names the first of the ``columns``.
+    """
+    called = [column for column in columns if _LINEAR.search(names.get(column, ""))]
+    mean = np.nanmean(force, 0) if called and np.isfinite(force).any() else np.full(3, np.inf)
+    if np.linalg.norm(mean) < _LEAST:
+        raise LegsimError(
+            f"column {called[0]!r} is an acceleration without gravity: its sensor reads "
+            f"{np.linalg.norm(mean):.2g} m/s2 in the mean; {_WITH_GRAVITY}"
+        )
+
+
+def _own_names(
+    forces: Sequence[Column], rates: Sequence[Column], names: Mapping[Column, str]
+) -> Mapping[Column, str]:
+    """Names without what all of a sensor share, as a device that is called Gyro, where the rest
+    says which are the angular velocities: "Gyro X" and "Gyro RX".
+    """
+    own = dict(names)
+    for k in range(0, len(forces) if len(forces) == len(rates) else 0, 3):
+        columns = [*forces[k : k + 3], *rates[k : k + 3]]
+        rest = without_shared_ends([names.get(column, "") for column in columns])
+        if all(_TURNS.search(name) for name in rest[len(columns) // 2 :]):
+            own |= zip(columns, rest, strict=True)
+    return own
 
 
 def force_scale(layout: TableLayout, stated: ByColumn, hints: ByColumn) -> float:

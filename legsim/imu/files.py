@@ -4,7 +4,6 @@ import csv
 import io
 import re
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -26,14 +25,23 @@ _IMU_COLUMNS = ("ax_m_s2", "ay_m_s2", "az_m_s2", "gx_rad_s", "gy_rad_s", "gz_rad
 _TITLE = 40
 """characters of a line that announces a block, at most"""
 
-_XSENS = (("Acc_X", "Acc_Y", "Acc_Z"), ("Gyr_X", "Gyr_Y", "Gyr_Z"))
+_XSENS_FORCE = ("Acc_X", "Acc_Y", "Acc_Z")
+_XSENS_RATE_OF_TURN = ("Gyr_X", "Gyr_Y", "Gyr_Z")
 _XSENS_COUNTERS = ("PacketCounter", "Counter")
 """names of the packets' numbers, of MT Manager 4 and of 2"""
 
-_XSENS_CLOCK = re.compile(r"\b(PacketCounter|SampleTimeFine)\b")
+_XSENS_CLOCK = re.compile(r"\b(PacketCounter|Counter|SampleTimeFine)\b")
 
-_SIGNALS = re.compile(r"(?i)(?<!free)acc|gyr|\b[agw][xyz]\b")
+_XSENS_RATE = re.compile(
+    r"(?im)(?:^|//)\W*(?:update|output|sampl(?:e|ing)|acquisition) ?(?:rate|frequency)\W*"
+    r"(\d+(?:[.,]\d+)?)(?:\s*hz\b|\W*$)"
+)
+"""the rate in a header"""
+
+_FORCES = re.compile(r"(?i)(?<!free)acc|\ba[xyz]\b")
 """in names of columns, however an export spells them"""
+
+_RATES = re.compile(r"(?i)gyr|\b[gw][xyz]\b")
 
 _RECORDING = {
     "TRC": r"\A",
@@ -178,10 +186,10 @@ def load_recordings(
     names = _own_names(table_rows.cells_of(lines[0], ","))
     if names is not None:
         return tables.load(path, _own_layout(names))
-    counter = _xsens_counter(lines)
-    if counter is not None:
+    columns = _xsens_columns(lines)
+    if columns and (_XSENS_CLOCK.search(" ".join(columns)) or _XSENS_RATE.search(_head(lines))):
         layout = _xsens_layout(path, lines, rate_hz, acceleration_unit, angular_velocity_unit)
-        return tables.load(path, replace(layout, counter=counter))
+        return tables.load(path, layout)
     raise _unknown(path, lines)
 
 
@@ -205,13 +213,15 @@ def _own_layout(names: Sequence[str]) -> TableLayout:
     return TableLayout(sensors, time="time_s")
 
 
-def _xsens_counter(lines: Sequence[str]) -> str | None:
-    """Name of the counter in an export of Xsens; None for other text."""
+def _xsens_columns(lines: Sequence[str]) -> dict[str, str]:
+    """Columns of an export of Xsens by their names without unit; none where there is no Acc_X."""
     for line in lines[:50]:
-        names = re.split(r"[,;\s]+", line)
-        if _XSENS[0][0] in names:
-            return next((name for name in _XSENS_COUNTERS if name in names), None)
-    return None
+        for delimiter in ",;\t ":
+            cells = table_rows.cells_of(line, delimiter)
+            columns = {re.sub(r"\s*[(\[].*", "", cell): cell for cell in cells}
+            if "Acc_X" in columns:
+                return columns
+    return {}
 
 
 def _xsens_layout(
@@ -222,18 +232,31 @@ def _xsens_layout(
     angular_velocity_unit: AngularVelocityUnit | None,
 ) -> TableLayout:
     """Columns, units and clock of an export of Xsens; what is given goes before its header."""
-    if not any("gyr" in line.lower() for line in lines[:50]):
+    columns = _xsens_columns(lines)
+    lacking = [name for name in (*_XSENS_FORCE, *_XSENS_RATE_OF_TURN) if name not in columns]
+    if lacking:
         raise file_error(
             path,
-            "is an export of Xsens without angular velocities (Gyr_X, Gyr_Y, Gyr_Z)",
-            "export it again with the rate of turn, or calibrated inertial data",
+            f"is an export of Xsens without {', '.join(lacking)}",
+            "export it again with accelerations and the rate of turn, or calibrated inertial data",
+        )
+    counter = next((columns[name] for name in _XSENS_COUNTERS if name in columns), None)
+    if counter is None:
+        raise file_error(
+            path,
+            "is an export of Xsens without the packets' numbers (PacketCounter)",
+            "export it again with them, or give rate_hz and the columns in a small TOML "
+            "(docs/formats.md, Sensors)",
         )
     dot = _is_dot(lines)
+    ax, ay, az = (columns[name] for name in _XSENS_FORCE)
+    gx, gy, gz = (columns[name] for name in _XSENS_RATE_OF_TURN)
     return TableLayout(
-        (SensorColumns(path.stem, *_XSENS),),
+        (SensorColumns(path.stem, (ax, ay, az), (gx, gy, gz)),),
         acceleration_unit,
         angular_velocity_unit or ("deg/s" if dot else None),
         rate_hz=_xsens_rate(path, lines) if rate_hz is None else rate_hz,
+        counter=counter,
         counter_period=1 << 32 if dot else _XSENS_PERIOD,
     )
 
@@ -250,11 +273,11 @@ def _unknown(path: Path, lines: Sequence[str]) -> LegsimError:
             "give it as the motion, and the sensors' own file here",
         )
     named = next((line for line in lines[:50] if _XSENS_CLOCK.search(line)), None)
-    if named is not None and not _SIGNALS.search(named):
+    if named is not None and not _FORCES.search(named):
+        turned = "" if _RATES.search(named) else " and angular velocities (Gyr_X, …)"
         return file_error(
             path,
-            "is an export of Xsens without accelerations (Acc_X, …) and angular velocities (Gyr_X, "
-            "…)",
+            f"is an export of Xsens without accelerations (Acc_X, …){turned}",
             "export it again with calibrated inertial data, of a DOT in such a payload mode: "
             "orientations and free accelerations lack gravity",
         )
@@ -276,27 +299,29 @@ def _has_blocks(lines: Sequence[str]) -> bool:
     return force and any(title.startswith(("gyro", "angular", "rotation")) for title in short)
 
 
+def _head(lines: Sequence[str]) -> str:
+    """Lines among which the header of an export lies."""
+    return "\n".join(lines[:50])
+
+
 def _is_dot(lines: Sequence[str]) -> bool:
     """Whether an Xsens table is of a DOT, as DeviceTag or OutputRate in its header say.
 
     Its angular velocities are in deg/s, not in rad/s, and its counter has 32 bits (Xsens DOT user
     manual XD0502P, revision E, sections 4.2.2 and 4.2.5).
     """
-    return re.search(r"(?im)^\W*(devicetag|outputrate)\b", "\n".join(lines[:50])) is not None
+    return re.search(r"(?im)^\W*(device ?tag|output ?rate)\b", _head(lines)) is not None
 
 
 def _xsens_rate(path: Path, lines: Sequence[str]) -> float:
     """Samples per second, as the header says."""
-    said = re.search(
-        r"(?im)^\W*(?:update|output|sampl(?:e|ing)|acquisition) ?(?:rate|frequency)\W*"
-        r"(\d+[.,]?\d*)\s*hz",
-        "\n".join(lines[:50]),
-    )
+    said = _XSENS_RATE.search(_head(lines))
     if said is None:
         raise file_error(
             path,
             'has no line "Update Rate"',
-            "give rate_hz in a TOML that names this file, or export it with its header",
+            "give rate_hz (and of a DOT angular_velocity_unit, deg/s) in a TOML that names this "
+            "file, or export it with its header",
         )
     return float(said[1].replace(",", "."))
 

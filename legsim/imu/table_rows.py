@@ -106,6 +106,8 @@ def read_rows(
         if not rows and table.named and (below := _unit_line(cells, table.at)):
             stated = [unit or own for unit, own in zip(below, stated, strict=True)]
             continue
+        if not rows and table.named and _says_calibrated(cells, table.at):
+            continue
         if only is not None and key is not None:
             text = cells[key] if key < len(cells) else ""
             seen.add(text)
@@ -396,6 +398,11 @@ def _unit_line(cells: Sequence[str], at: Sequence[int]) -> list[str | None]:
     found = [units.known(cells[k]) or units.in_name(cells[k]) for k in at]
     numbers = any(cells[k] and _number(cells[k]) is not None for k in at)
     return found if any(found) and not numbers else []
+
+
+def _says_calibrated(cells: Sequence[str], at: Sequence[int]) -> bool:
+    """Whether a line says CAL of each column, as older exports of Shimmer do above the units."""
+    return len(cells) > max(at) and all(cells[k].upper() in ("CAL", "CALIBRATED") for k in at)
 
 
 def _missing(path: Path, lines: Sequence[str], wanted: Sequence[str]) -> LegsimError:

@@ -23,7 +23,13 @@ from legsim.imu import (
     turns,
     units,
 )
-from legsim.imu.column_units import ByColumn, check_names, force_scale, rate_scale
+from legsim.imu.column_units import (
+    ByColumn,
+    check_gravity,
+    check_names,
+    force_scale,
+    rate_scale,
+)
 from legsim.imu.recording import ImuRecording, check_steady, checked
 from legsim.imu.table_layout import ONE_CLOCK, SensorColumns, TableLayout
 from legsim.imu.table_rows import Column, RowsOf, is_named, number_in, read_rows
@@ -231,11 +237,16 @@ def _read(
         }
     except LegsimError as error:
         raise _in_file(path, error) from error
-    vectors = (
+    vectors = tuple(
         np.stack([sign * scale[c] * found.columns[c] for sign, c in (signed[c] for c in three)], -1)
         for three in (*forces, *rates)
     )
-    return _Vectors(found.times, tuple(vectors), found.notes, found.rows)
+    try:
+        for three, force in zip(forces, vectors, strict=False):
+            check_gravity([signed[c][1] for c in three], found.names, force)
+    except LegsimError as error:
+        raise _in_file(path, error) from error
+    return _Vectors(found.times, vectors, found.notes, found.rows)
 
 
 def _signed(

@@ -118,11 +118,12 @@ _LONGEST = 4
 
 
 def hinted(column: str) -> str | None:
-    """The known unit that the last words of a name are, as in "gyro_x_dps" or "ax_m/s/s".
+    """The known unit that the last words of a name are, as in "gyro_x_dps", "ax_m/s/s" or
+    "Accel X,mG".
 
     A name is weaker evidence than brackets: "acc_g" may be of any unit.
     """
-    words = re.split(r"[_\s]+", column.strip())
+    words = re.split(r"[_,\s]+", column.strip())
     for count in range(min(_LONGEST, len(words) - 1), 0, -1):
         last = words[-count:]
         run = "".join(last).lower()

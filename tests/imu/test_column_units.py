@@ -1,9 +1,10 @@
 """What is said goes before what a table states, and this before what names hint."""
 
+import numpy as np
 import pytest
 
 from legsim.core.errors import LegsimError
-from legsim.imu.column_units import check_names, force_scale, rate_scale
+from legsim.imu.column_units import check_gravity, check_names, force_scale, rate_scale
 from legsim.imu.table_layout import SensorColumns, TableLayout
 
 LAYOUT = TableLayout((SensorColumns("s", ("x", "y", "z"), ("a", "b", "c")),), time="t")
@@ -55,6 +56,8 @@ def test_names_of_the_other_quantity_are_refused():
         ("gyro1_ax", "gyro1_ay", "gyro1_az", "gyro1_wx", "gyro1_wy", "gyro1_wz"),
         ("ACC1_ax", "ACC1_ay", "ACC1_az", "ACC1_wx", "ACC1_wy", "ACC1_wz"),
         [f"Accelerometer 1 {axis}" for axis in ("X", "Y", "Z", "RX", "RY", "RZ")],
+        [f"Gyro Shank {axis}" for axis in ("X", "Y", "Z", "RX", "RY", "RZ")],
+        [f"gyr_1.{axis}" for axis in ("x", "y", "z", "roll", "pitch", "yaw")],
         ("rectangular x", "rectangular y", "rectangular z", "wx", "wy", "wz"),
         ("ax", "ay", "az", "wx acc. to sheet", "wy according to sheet", "wz acc to sheet"),
     ],
@@ -69,7 +72,37 @@ def test_the_axis_says_what_a_column_is_whatever_its_sensor_is_called(called):
         check_names([0, 1, 2, 9, 10, 11], [3, 4, 5, 6, 7, 8], names)
 
 
+def test_a_device_called_gyro_is_a_gyroscope_where_nothing_else_says_what_its_axes_are():
+    names = dict(enumerate(f"Gyro Shank {axis}" for axis in ("X", "Y", "Z", "A", "B", "C")))
+    for rates in ([], [3, 4, 5]):
+        with pytest.raises(LegsimError, match="column 0 is given as an acceleration"):
+            check_names([0, 1, 2], rates, names)
+
+
 @pytest.mark.parametrize("other", ["acc2_x", "acc_x_2", "acc_left_x", "acc_ax"])
 def test_two_accelerometers_are_no_gyroscope(other):
     with pytest.raises(LegsimError, match="column 1 is given as an angular velocity"):
         check_names([0], [1], {0: "acc_x", 1: other})
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["FreeAcc_X", "Free Acc. x", "userAcceleration.x", "Acceleration without g x (m/s^2)", "Acc x (gravity removed)",
+     "Acceleration x (without gravity)"],
+)  # fmt: skip
+def test_accelerations_that_are_called_free_of_gravity_are_refused(name):
+    with pytest.raises(LegsimError, match="column 0 is an acceleration without gravity"):
+        check_names([0, 1, 2], [3], {0: name})
+    check_names([0], [1], {0: "Acc_X in free space, user 3", 1: "gyr"})
+
+
+def test_linear_accelerations_are_specific_forces_where_they_hold_gravity(rng):
+    """ROS calls specific force so, and Android what is left of it without gravity."""
+    moving = rng.normal(scale=7.0, size=(2000, 3))
+    assert np.median(np.linalg.norm(moving, axis=1)) > 9.8
+    for name in ("linear_acceleration.x", "Linear Acceleration x (m/s^2)", "LinAcc"):
+        check_gravity(["a"], {"a": name}, moving + np.array([0.0, 9.8, 0.0]))
+        with pytest.raises(LegsimError, match=r"'a' is an acceleration without gravity: .*mean"):
+            check_gravity(["a"], {"a": name}, moving)
+    check_gravity(["a"], {"a": "acc_x"}, moving)
+    check_gravity(["a"], {"a": "LinAcc"}, np.full((5, 3), np.nan))

@@ -155,23 +155,34 @@ def test_opensims_two_tables_of_vectors_are_one_sensor(tmp_path):
             "// Update Rate: 1.2.3Hz\nPacketCounter,Acc_X,Acc_Y,Acc_Z,Gyr_X,Gyr_Y,Gyr_Z\n1,1,1,1,1,1,1\n",
             "rate_hz",
         ),
-        ("// Update Rate: 9Hz\nPacketCounter,Acc_X,Acc_Y\n1,1,1\n", "without angular velocities"),
+        (
+            "// Update Rate: 9Hz\nPacketCounter,Acc_X,Acc_Y\n1,1,1\n",
+            "without Acc_Z, Gyr_X, Gyr_Y, ",
+        ),
+        (
+            "PacketCounter,FreeAcc_X,FreeAcc_Y,FreeAcc_Z,Gyr_X,Gyr_Y,Gyr_Z\n1,1,1,1,1,1,1\n",
+            r"export of Xsens without accelerations \(Acc_X, …\); .*free accelerations lack gravity",
+        ),
+        (
+            "// Update Rate: 9Hz\nAcc_X\tAcc_Y\tAcc_Z\tGyr_X\tGyr_Y\tGyr_Z\n1\t1\t1\t1\t1\t1\n",
+            r"without the packets' numbers \(PacketCounter\); export it again",
+        ),
         (
             "sep=,\nDeviceTag:,DOT_01\nSampleTimeFine,Euler_X,FreeAcc_X\n1,1,1\n",
             r"export of Xsens without accelerations .*free accelerations lack gravity",
         ),
         (
             "// Update Rate: 9Hz\nPacketCounter,Acc_X,Acc_Y,Gyr_X,Gyr_Y,Gyr_Z\n1,1,1,1,1,1\n",
-            "'Acc_Z'.*has PacketCounter",
+            "export of Xsens without Acc_Z; ",
         ),
         ("SampleTimeFine,Acc_X,Acc_Y,Acc_Z,Gyr_X,Gyr_Y,Gyr_Z\n1,1,1,1,1,1,1\n", "small TOML"),
-        ('"PacketCounter","Acc_X","Acc_Y","Acc_Z","Gyr_X"\n1,1,1,1,1\n', "in a small TOML"),
+        ('"PacketCounter","Acc_X","Acc_Y","Acc_Z","Gyr_X"\n1,1,1,1,1\n', "without Gyr_Y, Gyr_Z"),
         ("PacketCounter,acc_x,acc_y,acc_z,gyr_x,gyr_y,gyr_z\n1,1,1,1,1,1,1\n", "a small TOML"),
         ("PacketCounter,ax,ay,az,gx,gy,gz\n1,1,1,1,1,1,1\n", "in a small TOML"),
         ("PacketCounter,Acc[X],Acc[Y],Acc[Z],Gyr[X]\n1,1,1,1,1\n", "in a small TOML"),
         (
             "// Update Rate: 9Hz\nPacketCounter,Acc_X,Acc_Y,Acc_Z,gyr_x,gyr_y,gyr_z\n1,1,1,1,1,1,1\n",
-            "'Gyr_X'.*gyr_x",
+            "export of Xsens without Gyr_X, Gyr_Y, Gyr_Z",
         ),
     ],
 )
@@ -272,7 +283,30 @@ def test_a_dot_of_xsens_has_degrees_per_second_and_a_counter_of_32_bits(tmp_path
     np.testing.assert_array_equal(read.specific_force, one.specific_force)
 
 
-@pytest.mark.parametrize("line", ["// Sample rate: 100.0Hz", "Acquisition frequency: 100 Hz"])
+@pytest.mark.parametrize("tag", ["DeviceTag", "Device Tag"])
+def test_an_export_with_quotes_and_units_in_its_names_is_read_in_these(tmp_path, tag):
+    one = still(count=60)
+    head = [f'"{tag}:","D1"', '"OutputRate:","100Hz"', '"PacketCounter","SampleTimeFine",'
+            '"Acc_X (g)","Acc_Y (g)","Acc_Z (g)","Gyr_X","Gyr_Y","Gyr_Z"']  # fmt: skip
+    rows = np.column_stack([one.specific_force / 9.80665, np.degrees(one.angular_velocity)])
+    lines = [",".join(f'"{v!r}"' for v in (k, 0, *row)) for k, row in enumerate(rows.tolist())]
+    path = tmp_path / "shank.csv"
+    path.write_text("\n".join([*head, *lines]) + "\n")
+    (read,) = load_recordings(path)
+    np.testing.assert_allclose(read.times, one.times, atol=1e-12)
+    np.testing.assert_allclose(read.angular_velocity, one.angular_velocity, rtol=1e-12)
+    np.testing.assert_allclose(read.specific_force, one.specific_force, rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "// Sample rate: 100.0Hz",
+        "Acquisition frequency: 100 Hz",
+        "// Start Time: Unknown // Sample rate: 100.0Hz // Scenario: 4.9",
+        "Update Rate:,100,,",
+    ],
+)
 def test_an_older_export_of_xsens_names_its_counter_and_rate_otherwise(tmp_path, line):
     one = still(count=60)
     path = xsens(tmp_path / "shank.txt", one, np.arange(60) + 37328)

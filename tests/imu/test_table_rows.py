@@ -35,6 +35,13 @@ def test_a_line_of_units_is_no_row(tmp_path):
     assert len(found.rows) == 2
 
 
+def test_a_line_that_calls_the_columns_calibrated_is_no_row(tmp_path):
+    path = table(tmp_path, "A\tA\nT\tA\nCAL\tCAL\nms\tm/(s^2)\n0\t1\n10\t3\n")
+    found = read_rows(path, ("T", "A"))
+    assert found.units == ("ms", "m/s2")
+    assert found.rows == ((5, ("0", "1")), (6, ("10", "3")))
+
+
 def test_other_text_below_the_names_stays_a_row(tmp_path):
     """It is refused where a number is wanted, not passed over."""
     path = table(tmp_path, "T,A\nlost,packet\n0,1\n")

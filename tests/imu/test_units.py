@@ -91,6 +91,8 @@ def test_a_unit_among_words_is_found(column, unit):
         ("gyr_y_dps", "deg/s"),
         ("shank_gz_rad_s", "rad/s"),
         ("Accel_X_g", "g"),
+        ("Shank RT-Accel Sensor X,mG", "mg"),
+        ("time,s", "s"),
         ("Time_ms", "ms"),
         ("unix_timestamp_microsec", "us"),
         ("Acc_X", None),
