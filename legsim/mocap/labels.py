@@ -49,6 +49,9 @@ SEGMENT_OF_PART = {
 _BETWEEN = "_.:- "
 """what stands between a marker's name and that of somebody or something else"""
 
+_NUMBERED = re.compile(r"\d+\s*[-.)]\s*(?=[^\W\d])")
+"""before all labels of a list that is counted, as "3 - R_Knee\""""
+
 _WORDS = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+")
 """of a label, as "R", "Knee" and "Lat" of RKneeLat"""
 
@@ -78,9 +81,9 @@ _JOINT = re.compile(
 )
 
 _NO_LANDMARKS = (
-    "hips, knees and ankles of a pose estimator or a body model are joint centers, no landmarks; "
-    "give the markers that OpenCap and Pose2Sim add to them (r.ASIS_study, ...), or joint angles "
-    "(.mot)"
+    "hips, knees and ankles alone are taken for the joint centers of a pose estimator or a body "
+    "model, no landmarks; give the markers that OpenCap and Pose2Sim add to them (r.ASIS_study, "
+    "...), joint angles (.mot), or markers on the pelvis with a marker map (TOML)"
 )
 
 _CLUSTER = re.compile(r"(thigh|shank|foot)_(\d|upper|front|rear)")
@@ -374,6 +377,8 @@ class _Finder:
         named = [name for name in marker_names if not name.startswith("*")]
         own = dict(zip(named, without_shared_ends(named), strict=True))
         bare = {name: name.rpartition(":")[2] for name in named}
+        if all(_NUMBERED.match(name) for name in named):
+            bare = {name: _NUMBERED.sub("", name) for name in named}
         texts = (bare, own)
         self._stages: list[tuple[Callable[[str], str], dict[str, str]]] = [
             (str, _unique({name: name for name in named})),

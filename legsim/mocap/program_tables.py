@@ -33,6 +33,9 @@ _TIME_DIGIT = 1.5e-6
 """s of Motive's last digit, and a half for its rounding"""
 
 
+_HEADER = 50
+"""lines among which Qualisys' keys and values are"""
+
 _SLOWEST, _FASTEST = 0.01, 1e6
 """Hz of cameras"""
 
@@ -188,11 +191,11 @@ def read_qualisys(path: Path | str) -> RawMarkers:
     """
     path = Path(path)
     rows = _cells(path, "\t")
-    last = _find(path, rows, lambda row: row[:1] == ["MARKER_NAMES"], "MARKER_NAMES")
-    said = {row[0]: row[1] for row in rows[:last] if len(row) > 1}
+    said = dict(row[:2] for row in rows[:_HEADER] if len(row) > 1)
     if said.get("DATA_INCLUDED", "3D") != "3D":
         problem = f"holds {said['DATA_INCLUDED']}, no markers"
         raise file_error(path, problem, "export 3D data", place="DATA_INCLUDED")
+    last = _find(path, rows, lambda row: row[:1] == ["MARKER_NAMES"], "MARKER_NAMES")
     names = [name for name in rows[last][1:] if name]
     start = next((k for k in range(last + 1, len(rows)) if _is_numbers(rows[k])), len(rows))
     table = _table(path, rows, start)

@@ -181,3 +181,11 @@ def test_what_only_some_names_begin_or_end_with_is_theirs():
     assert labels.without_shared_ends(["a_b_a", "a_a"]) == ["b", "a_a"]
     assert labels.without_shared_ends(["S_RASI"]) == ["S_RASI"]
     assert labels.without_shared_ends(["S_RASI", "*17", "S_C7"]) == ["RASI", "*17", "C7"]
+
+
+def test_numbers_before_all_labels_are_looked_through():
+    marker_map = MarkerMap.one_to_one("m", ["asis_r", "heel_l"], ["R_ASIS", "LHEE"])
+    found = marker_map.found_in(["1 - Head", "12 - R_ASIS", "13 - LHEE"])
+    assert found == {"asis_r": ("12 - R_ASIS",), "heel_l": ("13 - LHEE",)}
+    assert marker_map.found_in(["Head", "12 - R_ASIS"]) == {}
+    assert MarkerMap.one_to_one("m", ["meta5_r"], ["MT"]).found_in(["5MT", "1.2"]) == {}

@@ -185,7 +185,9 @@ def test_the_landmarks_of_mvn_are_known_and_its_joints_are_none():
     assert guessed.name == "xsens_mvn"
     assert guessed.found_in(labels)["epicondyle_lateral_r"] == ("pRightKneeLatEpicondyle",)
     joints = [f"j{s}{name}" for s in ("Right", "Left") for name in ("Hip", "Knee", "Ankle")]
-    with pytest.raises(LegsimError, match=r"joint centers, no landmarks; .*joint angles \(\.mot\)"):
+    with pytest.raises(
+        LegsimError, match=r"joint centers of a pose .*no landmarks; .*joint angles \(\.mot\)"
+    ):
         marker_sets.guess(joints)
 
 
@@ -201,7 +203,7 @@ def test_the_landmarks_of_mvn_are_known_and_its_joints_are_none():
 def test_joint_centers_of_a_pose_estimator_are_no_markers_and_what_lacks_is_named(labels):
     with pytest.raises(
         LegsimError,
-        match=r"finds no marker for sacrum, asis_r, asis_l among .*joint centers, no landmarks",
+        match=r"finds no marker for sacrum, asis_r, asis_l among .*joint centers of a pose .*no landmarks",
     ):
         marker_sets.guess(labels)
 

@@ -129,6 +129,13 @@ def broken(text: str, old: str, new: str) -> str:
             "one or two coordinates",
         ),
         ("q.tsv", lambda p: qualisys(p, included="6D"), "DATA_INCLUDED.: holds 6D, no markers"),
+        (
+            "force.tsv",
+            lambda p: (
+                "NO_OF_SAMPLES\t9\nFREQUENCY\t200\nDATA_INCLUDED\tForce\nSample\tTime\n1\t0\n"
+            ),
+            "DATA_INCLUDED.: holds Force, no markers; export 3D data",
+        ),
         ("q.tsv", lambda p: broken(qualisys(p), "RASI", "RASI\tC7"), "11 columns for 4 markers"),
         ("q.tsv", lambda p: broken(qualisys(p), "FREQUENCY\t120", "FREQUENCY\t0"), "no rate of a"),
         ("q.tsv", lambda p: broken(qualisys(p), "Y\t120", "Y\t1e-320"), "no rate of a camera"),
