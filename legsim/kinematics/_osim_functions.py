@@ -101,10 +101,12 @@ def is_identity(function: Function) -> bool:
 
 def is_linear(function: Function) -> bool:
     """Whether a function is its variable, forwards or backwards: OpenSim then calls the coordinate
-    rotational, else coupled.
+    rotational, else coupled. Old models write it as a spline through two points (Arnold 2010).
     """
+    if isinstance(function, SimmSpline | PiecewiseLinear):
+        return len(function.x) == 2 and bool(abs(np.diff(function.y)[0]) == np.diff(function.x)[0])
     return isinstance(function, Polynomial) and (
-        len(function.coefficients) == 2 and abs(function.coefficients[0]) == 1
+        len(function.coefficients) == 2 and bool(abs(function.coefficients[0]) == 1)
     )
 
 

@@ -133,7 +133,7 @@ def on_model(
 ) -> MovingLeg:
     """Coordinates of a file on the user's own model, as they are but for a low-pass."""
     loaded, read_notes = raw.to_plausible_motion(
-        in_degrees=in_degrees, unit=unit, rotations=leg.rotations(), lengths=leg.shifts
+        in_degrees=in_degrees, unit=unit, rotations=leg.rotations(raw.names), lengths=leg.shifts
     )
     leg, moved, said = named(path, lambda: on_osim_model.coordinates(leg, loaded))
     values = moved.values

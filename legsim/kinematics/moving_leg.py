@@ -160,6 +160,8 @@ class MovingLeg:
             *standing.small(self.leg),
             *pace.odd_steps(centers),
         ]
+        if self.fit is not None:
+            doubts += plausibility.untold(self.leg.coordinate_names, self.fit.spread)
         if self.fit is not None and len(self.fit.ik.frames_jumping):
             jumps = self.fit.ik.frames_jumping
             first = int(jumps[0])

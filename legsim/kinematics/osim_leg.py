@@ -1,6 +1,6 @@
 """A leg that moves as an OpenSim model says: the user's own, scaled or generic."""
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -23,6 +23,7 @@ from legsim.kinematics.skeleton import (
     SegmentPoses,
     segment_index,
 )
+from legsim.mocap.coordinates import is_rotation
 from legsim.mocap.trajectories import JointTrajectories
 
 _PATELLAE = tuple(segment_index(f"patella_{side}") for side in "rl")
@@ -313,16 +314,16 @@ class OsimLeg:
                     )
         return list(found.values())
 
-    def rotations(self) -> frozenset[str]:
+    def rotations(self, columns: Sequence[str] = ()) -> frozenset[str]:
         """Names of all coordinates of the model that a file in degrees has in degrees: those that
-        turn a joint by themselves, not through a function.
+        turn a joint by themselves, not through a function; and of its ``columns`` of another model,
+        which are left out but must not look like what no joint can be, those that are by name.
         """
+        joints = self.model.joints
+        known = {axis.coordinate for j in joints for axis in (*j.rotations, *j.translations)}
         return frozenset(
-            axis.coordinate
-            for joint in self.model.joints
-            for axis in joint.rotations
-            if is_linear(axis.function)
-        )
+            axis.coordinate for j in joints for axis in j.rotations if is_linear(axis.function)
+        ) | {name for name in columns if name not in known and is_rotation(name)}
 
     def bodies_left_out(self) -> tuple[str, ...]:
         """Names of the model's bodies that are no part of the legs."""

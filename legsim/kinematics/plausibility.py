@@ -2,6 +2,8 @@
 wrong somewhere.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from legsim.core.constants import STANDARD_GRAVITY
@@ -37,6 +39,9 @@ _PEOPLES_DEG = {
 
 _LONG_AT_LIMIT = 0.2
 """share of the frames"""
+
+_UNTOLD = np.radians(20.0)
+"""rad; seven markers tell hips and knees to 5 degrees, clusters without landmarks to 11"""
 
 _POOR_RMS, _POOR_MARKER, _POOR_WORST = 0.015, 0.03, 0.1
 """m of all markers, of one over the frames, in one frame
@@ -134,6 +139,20 @@ def poor_fit(ik: IkReport, times: FloatArray) -> tuple[str, ...]:
         f"good fit; worst is {ik.marker_names[worst]} in frame {frame} ({times[frame]:.2f} s): see "
         "whether labels are exchanged there, or a marker stands still",
     )
+
+
+def untold(names: Sequence[str], spread: FloatArray) -> list[str]:
+    """A sentence on the flexions of hips and knees that the markers do not tell, by one standard
+    deviation (c,) rad of each of the coordinates ``names``.
+    """
+    bent = [k for k, name in enumerate(names) if name.startswith(("hip_flex", "knee"))]
+    which = [f"{names[k]} ({np.degrees(spread[k]):.0f} deg)" for k in bent if spread[k] > _UNTOLD]
+    if not which:
+        return []
+    return [
+        "the markers do not tell, by one standard deviation, "
+        f"{', '.join(which)}: too few of them are on those thighs and shanks"
+    ]
 
 
 def _too_fast(leg: Leg, values: FloatArray, times: FloatArray) -> list[str]:

@@ -94,7 +94,7 @@ def _coordinates(
     leg = person.leg
     if isinstance(leg, OsimLeg):
         loaded, notes = raw.to_plausible_motion(
-            in_degrees=in_degrees, unit=unit, rotations=leg.rotations(), lengths=leg.shifts
+            in_degrees=in_degrees, unit=unit, rotations=leg.rotations(raw.names), lengths=leg.shifts
         )
         _, found, said = named(path, lambda: on_osim_model.coordinates(leg, loaded))
         return found, (*notes, *said)

@@ -318,7 +318,7 @@ def _even(
     if len(times) < 4:
         raise LegsimError(
             f"the recording holds {len(times)} sample{'s'[: len(times) - 1]}, but at least 4 are "
-            "needed; record for longer"
+            "needed; record for longer, or give a static trial as motion.scaling_file of a movement"
         )
     steps = np.diff(times)
     dt = float(np.median(steps))

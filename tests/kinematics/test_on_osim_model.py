@@ -70,6 +70,43 @@ def test_what_a_file_lacks_is_the_models_default_and_what_it_adds_is_left_out(tm
     assert "pelvis_ty" in person.leg.complete(person.trajectories).coordinate_names
 
 
+@pytest.mark.parametrize("identity", ["<LinearFunction/>", "spline"])
+def test_degrees_are_those_of_the_model_and_of_columns_that_it_lacks(
+    tmp_path, model, leg, identity
+):
+    """A file of a model with more joints: an angle of 50 degrees is none of 50 rad."""
+    text = model.read_text()
+    if identity == "spline":  # as old models write a hip
+        line = "<SimmSpline><x>-6.28318531 6.28318531</x><y>-6.28318531 6.28318531</y></SimmSpline>"
+        assert osim.LINEAR in text
+        model = osim.saved(tmp_path, text.replace(osim.LINEAR, line), "old.osim")
+    motion = squat(leg)
+    names = (*motion.coordinate_names, "lumbar_bending", "hip_adduction_r")
+    values = np.column_stack([motion.values, np.full((len(TIMES), 2), np.radians(50))])
+    opensim.save(tmp_path / "c.mot", JointTrajectories(TIMES, names, values), in_degrees=True)
+    person = from_recording.solve_kinematics(tmp_path / "c.mot", model=model)
+    np.testing.assert_allclose(person.trajectories.values, motion.values, atol=1e-12)
+    assert any(note.endswith("left out: lumbar_bending, hip_adduction_r") for note in person.notes)
+
+
+def test_flexions_that_too_few_markers_tell_are_warned_of(tmp_path, model, leg):
+    """The pelvis and one marker on each foot: the knee may be anywhere."""
+    few = recorded(
+        leg, tmp_path / "few.trc", name=lambda n: n if "pelvis" in n or "talus" in n else f"x{n}"
+    )
+    kept = trc.load(few)
+    names = [n for n in kept.marker_names if "pelvis" in n or n in ("talus_r_M0", "talus_l_M0")]
+    trc.save(
+        few,
+        MarkerTrajectories(TIMES, tuple(names), np.stack([kept.marker(n) for n in names], 1)),
+    )
+    said = from_recording.solve_kinematics(few, model=model).warnings
+    assert any(re.search(r"do not tell.*knee_angle_r \(\d+ deg\)", line) for line in said), said
+    whole = recorded(leg, tmp_path / "whole.trc")
+    said = from_recording.solve_kinematics(whole, model=model).warnings
+    assert not any("do not tell" in line for line in said)
+
+
 def test_a_knee_that_would_bend_forwards_is_refused(tmp_path, model, leg):
     motion = squat(leg)
     values = motion.values.copy()

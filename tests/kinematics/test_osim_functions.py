@@ -41,6 +41,21 @@ def test_values_are_the_formulas_and_slopes_their_differences(xml):
     np.testing.assert_allclose(second, bend, atol=1e-4)
 
 
+@pytest.mark.parametrize(
+    ("xml", "linear"),
+    [
+        ("<LinearFunction><coefficients>-1 0</coefficients></LinearFunction>", True),
+        ("<NaturalCubicSpline><x>-6.3 6.3</x><y>-6.3 6.3</y></NaturalCubicSpline>", True),
+        ("<SimmSpline><x>-6.3 6.3</x><y>6.3 -6.3</y></SimmSpline>", True),
+        ("<SimmSpline><x>0 2</x><y>1 2</y></SimmSpline>", False),
+        ("<SimmSpline><x>0 1 2</x><y>0 1 3</y></SimmSpline>", False),
+        ("<LinearFunction><coefficients>2 0</coefficients></LinearFunction>", False),
+    ],
+)
+def test_a_spline_through_two_points_of_the_variable_is_the_variable(xml, linear):
+    assert functions.is_linear(read(xml)) is linear
+
+
 def test_a_parabola_goes_through_three_knots():
     x = np.array([-1.0, 0.5, 2.0])
     text = "<SimmSpline><x>-1 0.5 2</x><y>1 0.25 4</y></SimmSpline>"

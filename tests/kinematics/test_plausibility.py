@@ -137,3 +137,10 @@ def test_a_knee_at_its_limit_is_implausible_and_printed():
     assert moving.implausible == moving.warnings
     assert "knee_angle_l is at its limit of 20 deg in 100 % of the frames" in moving.warnings[0]
     assert any(line.startswith("warning: knee_angle_l is at its limit") for line in moving.lines())
+
+
+def test_a_flexion_beyond_20_degrees_of_doubt_is_untold():
+    names = ("pelvis_tilt", "hip_flexion_r", "hip_rotation_r", "knee_angle_l")
+    assert plausibility.untold(names, np.radians([90.0, 19.0, 60.0, 12.0])) == []
+    (said,) = plausibility.untold(names, np.radians([0.0, 43.0, 60.0, 12.0]))
+    assert "hip_flexion_r (43 deg): too few of them" in said
