@@ -80,11 +80,12 @@ class Standing:
 
     def __call__(self, scan: Scan, /) -> Correction:
         state = sensor_state(scan, self.sensor, self.priors, clock=0.0)
+        foot = standing_foot(scan, self.sensor)
         try:
-            found = smooth(state, standing=_standing(scan, self.priors))
+            found = smooth(state, standing=_standing(scan, self.priors), foot=foot)
         except DivergedError as error:
             return left_as_it_is("standing", scan, error)
-        return _corrected("standing", scan, found, ())
+        return _corrected("standing", scan, found, foot_note(found))
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,7 +104,7 @@ class FusedBeads:
     def __call__(self, scan: Scan, /) -> Correction:
         beads = shadows_of(self.beads() if callable(self.beads) else self.beads)
         state = sensor_state(scan, self.sensor, self.priors, clock=self.priors.clock)
-        foot = _foot(scan, self.sensor)
+        foot = standing_foot(scan, self.sensor)
         try:
             found = smooth(
                 state,
@@ -120,7 +121,7 @@ class FusedBeads:
             f"{found.residual_px:.2f} px RMS from the sensor's path."
         )
         doubts = doubts_of_shadows("fused-beads", found, beads.error_px)
-        notes = (note, *doubts, *_foot_note(foot, found), *_clock_note(state, found))
+        notes = (note, *doubts, *foot_note(found), *_clock_note(state, found))
         return _corrected("fused-beads", scan, found, notes)
 
 
@@ -146,7 +147,7 @@ class FusedFiducials:
                 f"not {type(fiducials).__name__}"
             )
         state = sensor_state(scan, self.sensor, self.priors, clock=self.priors.clock)
-        foot = _foot(scan, self.sensor)
+        foot = standing_foot(scan, self.sensor)
         try:
             found = smooth(
                 state,
@@ -163,7 +164,7 @@ class FusedFiducials:
             f"shadows were found, {found.residual_px:.2f} px RMS from the sensor's path."
         )
         doubts = doubts_of_shadows("fused-fiducials", found, fiducials.error_px)
-        notes = (note, *doubts, *_foot_note(foot, found), *_clock_note(state, found))
+        notes = (note, *doubts, *foot_note(found), *_clock_note(state, found))
         return _corrected("fused-fiducials", scan, found, notes)
 
 
@@ -193,7 +194,7 @@ def _standing(scan: Scan, priors: SensorPriors) -> StandingPrior:
     return StandingPrior.at(scan.projections.geometry.rotation_center(), priors.spread)
 
 
-def _foot(scan: Scan, sensor: str) -> StandingFoot | None:
+def standing_foot(scan: Scan, sensor: str) -> StandingFoot | None:
     """The foot below the sensor that is followed; None where no ankle is known in that sensor."""
     name = scan.sensor(sensor)
     ankles = (leg[2] for leg in scan.joints if len(leg) > 2)
@@ -211,11 +212,11 @@ def doubts_of_shadows(method: str, found: SmoothedPath, error_px: float) -> tupl
     )
 
 
-def _foot_note(foot: StandingFoot | None, found: SmoothedPath) -> tuple[str, ...]:
+def foot_note(found: SmoothedPath) -> tuple[str, ...]:
     """How far the ankle was found to move; nothing where it is not known."""
-    if foot is None:
+    if found.foot is None:
         return ()
-    ankle = transforms.apply(found.path.poses, foot.ankle_sensor[None])[:, 0]
+    ankle = transforms.apply(found.path.poses, found.foot.ankle_sensor[None])[:, 0]
     moved = 1e3 * float(np.sqrt(np.square(ankle - ankle.mean(0)).sum(-1).mean()))
     does = "is taken to stand" if moved < _STILL_MM else "does not stand, and is not held"
     return (f"The foot {does}: its ankle is found to move by {moved:.2g} mm RMS.",)

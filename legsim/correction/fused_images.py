@@ -8,7 +8,12 @@ as it is.
 from dataclasses import dataclass, field
 
 from legsim.correction import image_motion
-from legsim.correction.fused import SensorPriors, left_as_it_is, sensor_state
+from legsim.correction.fused import (
+    SensorPriors,
+    left_as_it_is,
+    sensor_state,
+    standing_foot,
+)
 from legsim.correction.image_motion import FocusPlan
 from legsim.correction.method import Correction, Scan
 from legsim.correction.path_measurements import StandingPrior
@@ -38,16 +43,17 @@ class FusedImages:
         state = sensor_state(scan, name, self.priors, clock=0.0)
         standing = StandingPrior.at(knee, self.priors.spread)
         try:
-            begun = smooth(state, standing=standing).errors
+            begun = smooth(state, standing=standing, foot=standing_foot(scan, name))
         except DivergedError as error:
             return left_as_it_is("fused", scan, error)
         return image_motion.followed(
             "fused",
             scan,
             state,
-            begun,
+            begun.errors,
             standing,
             self.device or open_device(),
+            foot=begun.foot,
             # the part of the leg that carries the sensor
             below=bool(start.world_from_sensor[1, 3] < knee[1]),
             plan=self.plan,
