@@ -5,7 +5,7 @@ and sharpness the rest. Where the images do not show that what is found is right
 as it is.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from legsim.correction import image_motion
 from legsim.correction.fused import (
@@ -42,11 +42,12 @@ class FusedImages:
         # sharpness says too little of the clocks to find their offset
         state = sensor_state(scan, name, self.priors, clock=0.0)
         standing = StandingPrior.at(knee, self.priors.spread)
+        foot, doubted = standing_foot(scan, name)
         try:
-            begun = smooth(state, standing=standing, foot=standing_foot(scan, name))
+            begun = smooth(state, standing=standing, foot=foot)
         except DivergedError as error:
             return left_as_it_is("fused", scan, error)
-        return image_motion.followed(
+        found = image_motion.followed(
             "fused",
             scan,
             state,
@@ -58,3 +59,4 @@ class FusedImages:
             below=bool(start.world_from_sensor[1, 3] < knee[1]),
             plan=self.plan,
         )
+        return replace(found, notes=(*doubted, *found.notes))

@@ -171,6 +171,17 @@ def test_a_consumer_sensor_over_a_foot_that_stands_undoes_a_sway_that_nothing_sh
     assert any("foot is taken to stand" in note for note in held.notes)
 
 
+def test_an_ankle_where_no_shank_has_it_holds_nothing():
+    """Above the sensor, or in meters where millimeters were meant."""
+    scan, method = scanned(ON_FOOT, 0), Standing("shank_l", SensorPriors(BMI160))
+    for place in (-ON_FOOT.place(0.0), 1e-3 * ON_FOOT.place(0.0), 10 * ON_FOOT.place(0.0)):
+        found = method(replace(scan, ankles=(AttachedPoint("shank_l", place),)))
+        assert found.notes[0].startswith("In doubt: the ankle in sensor shank_l is ")
+        assert "the scan is left as it is" in found.notes[-1]
+    right = method(replace(scan, ankles=(AttachedPoint("shank_l", ON_FOOT.place(0.0)),)))
+    assert "foot is taken to stand" in right.notes[0]
+
+
 @dataclass(frozen=True)
 class Shifted:
     """A shank whose foot leaves its place in the middle of the scan: by value and derivatives of
@@ -250,7 +261,7 @@ def test_over_an_ankle_that_walks_errors_are_no_larger_than_stated():
         moving = Shifted(ON_FOOT, wandering(seed, 2e-4), axis)
         scan = with_ankle(scanned(moving, seed))
         state = sensor_state(scan, "shank_l", SensorPriors(BMI160), clock=0.0)
-        found = smooth(state, standing=StandingPrior.at(KNEE), foot=standing_foot(scan, "shank_l"))
+        found = smooth(state, standing=StandingPrior.at(KNEE), foot=standing_foot(scan, "shank_l")[0])
         off = (found.motion.carry(KNEE[None]) - motion_of(moving).carry(KNEE[None]))[-1, 0]
         missed += float(off @ np.linalg.solve(found.covariance_at(KNEE)[-1], off))
     assert missed < chi2.ppf(0.999, 3 * draws)
