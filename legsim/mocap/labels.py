@@ -58,8 +58,8 @@ _WORDS = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+")
 _SAME_WORDS = {
     word: short
     for short, words in {
-        "r": "right rt rechts rechte rechter dx destra destro droite droit derecha derecho",
-        "l": "left lt links linke linker sx sinistra sinistro gauche izquierda izquierdo",
+        "r": "right rt rechts dx destra destro droite droit derecha derecho",
+        "l": "left lt links sx sinistra sinistro gauche izquierda izquierdo",
         "lat": "lateral lateralis laterale out outer outside external externe ext",
         "med": "medial medialis mediale in inner inside internal interne int",
         "asis": "sias eias",

@@ -160,7 +160,7 @@ def test_words_that_leave_the_side_of_the_body_open_are_not_guessed():
         marker_sets.guess(labels)
 
 
-MOTIVE = both("Waist@Front Waist@Back @Thigh @KneeOut @Shin @AnkleOut @ToeIn @ToeOut @Heel")
+MOTIVE = both("Waist@Front Waist@Back @Thigh @KneeOut @Shin @AnkleOut @ToeOut @Heel")
 
 
 @pytest.mark.parametrize("prefix", ["", "Skeleton 001:", "Skeleton_001_"])
