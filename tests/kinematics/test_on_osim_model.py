@@ -74,7 +74,7 @@ def test_what_a_file_lacks_is_the_models_default_and_what_it_adds_is_left_out(tm
 def test_degrees_are_those_of_the_model_and_of_columns_that_it_lacks(
     tmp_path, model, leg, identity
 ):
-    """A file of a model with more joints: an angle of 50 degrees is none of 50 rad."""
+    """A file of a model with more joints: an angle of 8 degrees is none of 8 rad."""
     text = model.read_text()
     if identity == "spline":  # as old models write a hip
         line = "<SimmSpline><x>-6.28318531 6.28318531</x><y>-6.28318531 6.28318531</y></SimmSpline>"
@@ -82,7 +82,8 @@ def test_degrees_are_those_of_the_model_and_of_columns_that_it_lacks(
         model = osim.saved(tmp_path, text.replace(osim.LINEAR, line), "old.osim")
     motion = squat(leg)
     names = (*motion.coordinate_names, "lumbar_bending", "hip_adduction_r")
-    values = np.column_stack([motion.values, np.full((len(TIMES), 2), np.radians(50))])
+    more = np.radians(8 * np.sin(4 * TIMES)[:, None] + [0, -4])
+    values = np.column_stack([motion.values, more])
     opensim.save(tmp_path / "c.mot", JointTrajectories(TIMES, names, values), in_degrees=True)
     person = from_recording.solve_kinematics(tmp_path / "c.mot", model=model)
     np.testing.assert_allclose(person.trajectories.values, motion.values, atol=1e-12)
