@@ -97,9 +97,10 @@ def read_projections(path: Path) -> DicomViews:
     except Exception as error:
         # pydicom raises many kinds of errors on broken files and unknown compressions
         line = (str(error).strip().splitlines() or [type(error).__name__])[0]
-        raise file_error(
-            path, f"holds no image that can be read ({line})", "export it without compression"
-        ) from error
+        cure = "export it without compression"
+        if "no pixel data" in line.lower() or "no 'Pixel Data'" in line:
+            cure = "give the files of the images: this one is a report, a plan or the like"
+        raise file_error(path, f"holds no image that can be read ({line})", cure) from error
     try:
         _check_plain(path, data)
         return _views(data, values[None] if values.ndim == 2 else values)

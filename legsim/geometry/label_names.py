@@ -24,6 +24,9 @@ SUFFIXES = (".nii", ".nii.gz", ".hdr", ".hdr.gz", ".nrrd", ".nhdr")
 _LONGEST = 1 << 24
 """bytes of a header, beyond which no names are sought"""
 
+_EXTENSIONS = 352
+"""bytes before the first extension of NIfTI-1; the fourth last is 0 where there is none"""
+
 _SEGMENT = re.compile(r"^Segment(\d+)_(LabelValue|Name|Layer):=(.*)$", re.M)
 
 _GROUPS = re.compile(r"^org\.mitk\.multilabel\.segmentation\.labelgroups:=(.*)$", re.M)
@@ -108,18 +111,13 @@ def _of_nifti(path: Path) -> list[tuple[int, str]]:
     files.beginning(path, 2)  # refuses what may not be read
     try:
         with _whole_files.opened(path) as stream:
-            head = stream.read(544)
+            head = stream.read(_EXTENSIONS)
             order, second = _whole_files.nifti_layout(head)
-            size = 540 if second else 348
-            single = head[(4 if second else 344) :][:3] in (b"n+1", b"n+2")
-            offset = struct.unpack_from(
-                f"{order}{'q' if second else 'f'}", head, 168 if second else 108
-            )
-            end = min(int(offset[0]), _LONGEST) if single else _LONGEST
-            if head[size : size + 1] in (b"", b"\0"):
-                return []
-            stream.seek(size + 4)
-            extensions = stream.read(max(0, end - size - 4))
+            if second or head[_EXTENSIONS - 4 :][:1] in (b"", b"\0"):
+                return []  # ITK does not read NIfTI-2
+            single = head[344:347] == b"n+1"  # else the voxels are in another file
+            end = struct.unpack_from(f"{order}f", head, 108)[0] if single else _LONGEST
+            extensions = stream.read(max(0, min(int(end), _LONGEST) - _EXTENSIONS))
     except (EOFError, OSError, OverflowError, ValueError, zlib.error, struct.error):
         return []  # who reads the voxels says so
     found: list[tuple[int, str]] = []

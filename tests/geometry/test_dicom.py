@@ -90,6 +90,15 @@ def test_a_file_without_an_ending_is_known_by_its_mark(tmp_path, values):
     np.testing.assert_array_equal(projection_images.read_images(path).values, values)
 
 
+def test_a_file_without_an_image_is_said_to_be_a_report(tmp_path, values):
+    path = written(tmp_path / "x.dcm", values)
+    data = pydicom.dcmread(path)
+    del data.PixelData
+    data.save_as(path)
+    with pytest.raises(LegsimError, match="give the files of the images: this one is a report"):
+        projection_images.read_images(path)
+
+
 def test_a_broken_file_and_a_missing_package_are_reported(tmp_path, values, monkeypatch):
     path = written(tmp_path / "x.dcm", values)
     path.write_bytes(path.read_bytes()[:-50])
