@@ -80,7 +80,8 @@ def refuse_other_kinds(path: Path) -> None:
     name = path.name.lower()
     if name.endswith((".mgz", ".mgh")):
         raise file_error(path, "is FreeSurfer's", "write it as .nii.gz (mri_convert does)")
-    if not name.endswith((".nii.gz", ".hdr.gz", ".img.gz")):
+    unpacked_by_itk = name.endswith((".nii.gz", ".hdr.gz", ".img.gz"))
+    if not (unpacked_by_itk and files.beginning(path, 2) == b"\x1f\x8b"):
         files.refuse_packed(path)
     if name.removesuffix(".gz").endswith((".nii", ".hdr")):
         try:

@@ -268,6 +268,8 @@ def _read_file(path: Path, raw: RawLayout | None) -> ProjectionImages:
             "raw numbers have no header",
             "say their layout, as in --raw U16:620x480x248 (type:columns x rows x views)",
         )
+    if suffix == ".npy" or suffix in tiff.SUFFIXES or suffix in _DICOM:
+        files.refuse_packed(path)
     if suffix == ".npy":
         return ProjectionImages(_npy_values(path))
     if suffix in tiff.SUFFIXES:

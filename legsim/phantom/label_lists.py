@@ -37,12 +37,14 @@ _SAME = {
     "fibular": "fibula",
     "patellar": "patella",
     "menisci": "meniscus",
+    "bones": "bone",
+    "muscles": "muscle",
     "l": "left",
     "r": "right",
 }
 """words for what the maps call otherwise"""
 
-_IDLE = ("bone", "the", "of")
+_IDLE = ("bone", "the", "of", "distal", "proximal")
 
 _SIDES = {"left", "right"}
 
@@ -56,10 +58,11 @@ def read(path: Path) -> dict[int, str]:
     """
     if not is_file(path):
         raise file_error(path, "no such file", "check the name of the map")
+    if not path.name.lower().endswith(".gz"):
+        refuse_packed(path)
     if path.name.lower().endswith(label_names.SUFFIXES):
         found = list(label_names.read(path).items())
     else:
-        refuse_packed(path)
         found = _listed(path)
     named = named_structures(label_names.unique(path, found))
     if not named:
@@ -83,8 +86,9 @@ def words(name: str) -> tuple[str, ...]:
     """
     composed = unicodedata.normalize("NFC", name)
     apart = re.sub(r"([a-z])([A-Z])", r"\1 \2", composed).lower()
-    found: list[str] = re.findall(r"[^\W\d_]+|\d+", apart)
-    kept = [_SAME.get(word, word) for word in found if word not in _IDLE]
+    parts: list[str] = re.findall(r"[^\W\d_]+|\d+", apart)
+    found = [_SAME.get(word, word) for word in parts]
+    kept = [word for word in found if word not in _IDLE]
     if "bone" in found and _SIDES.issuperset(kept):
         kept.append("bone")
     return tuple(sorted(kept))

@@ -65,6 +65,9 @@ def test_the_header_of_a_segmentation_of_slicer_is_a_list(tmp_path):
         ("TibiaRight", ("tibia", "r", "bone")),
         ("femoral cartilage", ("femur_cartilage", None, "cartilage")),
         ("patella bone", ("patella", None, "bone")),
+        ("distal_femur_left", ("femur", "l", "bone")),
+        ("Bones", ("bone", None, "bone")),
+        ("Muscles", ("muscle", None, "muscle")),
         ("gluteus_maximus_left", ("gluteus_maximus", "l", "muscle")),
     ],
 )
