@@ -50,6 +50,8 @@ class DicomViews:
     no_counts: str = ""
     """what the file says against its values being proportional to intensity; empty: nothing"""
     notes: tuple[str, ...] = ()
+    detector_mm: float | None = None
+    """from the source to the detector"""
 
 
 def is_dicom(path: Path) -> bool:
@@ -156,6 +158,7 @@ def _views(data: "Dataset", values: NDArray) -> DicomViews:
         angles,
         _against_counts(data),
         (*notes, *how, *of_plane),
+        _detector_mm(data),
     )
 
 
@@ -274,6 +277,14 @@ def _pixel_mm(data: "Dataset") -> tuple[float, float] | None:
     if any(list(one) != list(stated) for one in grouped):
         raise ValueError("frames with pixels of several sizes")
     return _columns_first(stated)
+
+
+def _detector_mm(data: "Dataset") -> float | None:
+    """From the source to the detector, where all frames state one distance."""
+    stated = _of_frames(data, "XRayGeometrySequence", "DistanceSourceToDetector")
+    alone = data.get("DistanceSourceToDetector")
+    distances = {float(one) for one in [*stated, alone] if one not in (None, "")}
+    return distances.pop() if len(distances) == 1 and min(distances) > 0 else None
 
 
 def _plane_pixel_mm(data: "Dataset") -> tuple[tuple[float, float] | None, tuple[str, ...]]:
