@@ -130,10 +130,11 @@ def own_map(image: LabelImage) -> LabelMap:
             f"say what they are by --map ({', '.join(names())}, a .toml, or the list of names that "
             "its program wrote)",
         )
-    there = np.unique(image.labels).tolist()
-    listed = ", ".join(f"{n} {named[n]}" for n in there if n in named)
-    remark = f"{image.path}: numbers by the names {where}: {listed}"
-    return replace(_of_names(image.path, named), remarks=(remark,))
+    found, there = _of_names(image.path, named), np.unique(image.labels)
+    taken = sorted(entry.number for entry in found.entries if entry.number in there)
+    listed = ", ".join(f"{n} {named[n]}" for n in taken)
+    remark = f"{image.path}: numbers by the names {where}: {listed or 'none of a leg'}"
+    return replace(found, remarks=(remark,))
 
 
 def own_names(image: LabelImage) -> tuple[dict[int, str], str]:

@@ -189,7 +189,14 @@ def _sided(
         raise file_error(image.path, problem, "leave out --side")
     plane = None
     if side is None and (len(stated) == 2 or (open_sides and not stated)):
-        plane = _plane(image, codes, entries, world_from_index)
+        plane = _plane(codes, entries, world_from_index)
+        if plane is None and open_sides:
+            raise file_error(
+                image.path,
+                f"the map leaves the side of {entries[open_sides[0] - 1].name} open, and the bones "
+                "show no gap between two legs",
+                "say --side left or --side right, or give segments with _l and _r in the map",
+            )
     one = side or (next(iter(stated)) if len(stated) == 1 else None)
     right = None if plane is None else world_z(codes.shape, world_from_index) > plane
     pieces: list[tuple[Structure, int, str | None]] = []
@@ -221,12 +228,10 @@ def _sided(
 
 
 def _plane(
-    image: LabelImage, codes: np.ndarray, entries: list[LabelEntry], world_from_index: FloatArray
-) -> float:
-    """World z (m) of the plane between both legs: the middle of the widest gap of their bones.
-
-    Raises:
-        LegsimError: there is no gap, so that there may be one leg.
+    codes: np.ndarray, entries: list[LabelEntry], world_from_index: FloatArray
+) -> float | None:
+    """World z (m) of the plane between both legs: the middle of the widest gap of their bones; None
+    where there is none, so that there may be one leg.
     """
     bones = np.zeros(len(entries) + 1, bool)
     for k, entry in enumerate(entries, 1):
@@ -242,11 +247,7 @@ def _plane(
         if len(edges):
             widest = edges[np.argmax(values[edges + 1] - values[edges])]
             return float((values[widest] + values[widest + 1]) / 2)
-    raise file_error(
-        image.path,
-        "the map leaves the sides open, and the bones show no gap between two legs",
-        "say --side left or --side right, or give segments with _l and _r in the map",
-    )
+    return None
 
 
 def _without_islands(

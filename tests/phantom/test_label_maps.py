@@ -83,7 +83,8 @@ def image(name="a.nii.gz", numbers=(0, 5), **names: str) -> LabelImage:
 
 
 def test_a_segmentation_is_its_own_map_by_the_names_in_it():
-    read = own_map(image(n0="background", n5="femur_left", n6="liver", n7="screw"))
+    named = {"n0": "background", "n5": "femur_left", "n6": "liver", "n7": "screw"}
+    read = own_map(image(numbers=(0, 5, 6), **named))
     assert [(e.number, e.name, e.side) for e in read.entries] == [(5, "femur", "l")]
     assert (read.left_out, read.foreign) == ({6: "liver"}, {7: "screw"})
     assert read.remarks == ("a.nii.gz: numbers by the names in it: 5 femur_left",)

@@ -138,3 +138,18 @@ def test_a_mask_whose_file_name_contradicts_the_map_is_said():
 def test_numbers_that_no_map_knows_are_called_as_in_the_file():
     with pytest.raises(LegsimError, match=r"2 tibia \(\d+ voxels\); name them there"):
         structure_grid([image(two_legs(), n2="tibia")], [read(SKIN)], side=None)
+
+
+def test_both_sides_that_the_map_states_need_no_gap_between_them():
+    """As muscles of an abdomen, of which no leg is seen."""
+    labels = two_legs()
+    labels[labels == 2] = 3
+    labels[:, :, 10:][labels[:, :, 10:] == 3] = 4
+    sided = [entry(n, "psoas", "muscle", "soft", side) for n, side in ((3, "l"), (4, "r"))]
+    grid = structure_grid([image(labels)], [read(*sided, left_out={1: "body"})], side=None)
+    assert [s.name for s in grid.structures] == ["psoas_l", "psoas_r"]
+    assert grid.right_of is None
+    with pytest.raises(
+        LegsimError, match="leaves the side of skin open, and the bones show no gap"
+    ):
+        structure_grid([image(labels)], [read(SKIN, *sided)], side=None)
