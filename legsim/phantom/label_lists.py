@@ -23,6 +23,9 @@ SUFFIXES = (".json", ".ctbl", ".txt", ".label", ".csv", ".tsv", *label_names.SUF
 _COLUMNS = (("labelvalue", "index", "label", "value", "number", "id"), ("name", "label_name"))
 """of tables with a line of names: that of numbers and that of names, in small letters"""
 
+_SIDE_COLUMNS = ("side", "hemi", "hemisphere", "laterality")
+"""where a table says the side apart from the name"""
+
 _SNAP = re.compile(r'^\s*(\d+)\s+(?:[\d.]+\s+){4,6}"([^"]*)"\s*$')
 """number, color, opacity, visibility, visibility of the mesh, "name" """
 
@@ -111,14 +114,15 @@ def _table(lines: list[str]) -> list[tuple[int, str]]:
     divider = max(dividers, key=(lines or [""])[0].count)
     header, *rows = csv.reader(lines, delimiter=divider) if lines else [[]]
     titles = [title.strip().lower() for title in header]
-    places = [next((titles.index(c) for c in known if c in titles), None) for known in _COLUMNS]
-    number, name = places
+    known = (*_COLUMNS, _SIDE_COLUMNS)
+    number, name, side = (next((titles.index(c) for c in k if c in titles), None) for k in known)
     if number is None or name is None:
         return []
+    named = [name] if side is None else [name, side]
     return [
-        (int(row[number]), row[name].strip())
+        (int(row[number]), " ".join(row[place].strip() for place in named).strip())
         for row in rows
-        if len(row) > max(number, name) and row[number].strip().isdecimal()
+        if len(row) > max(number, *named) and row[number].strip().isdecimal()
     ]
 
 

@@ -50,6 +50,12 @@ def test_numbers_and_names_are_read_of_any_program(tmp_path, name):
     ]
 
 
+def test_a_table_may_say_the_side_apart(tmp_path):
+    (tmp_path / "lut.tsv").write_text("label\tname\themi\n1\tfemur\tL\n2\tfemur\tR\n3\ttibia\t\n")
+    found = label_maps.load_label_map(tmp_path / "lut.tsv").entries
+    assert [(e.name, e.side) for e in found] == [("femur", "l"), ("femur", "r"), ("tibia", None)]
+
+
 def test_the_header_of_a_segmentation_of_slicer_is_a_list(tmp_path):
     image = sitk.GetImageFromArray(np.ones((3, 3, 3), np.uint8))
     for key, value in (("Name", "left femur"), ("LabelValue", "4"), ("Layer", "0")):
