@@ -40,6 +40,11 @@ following it leaves m.
 _STILL_MM = 1.0
 """RMS by which an ankle of a person who stands moves in a scan: several times what is measured"""
 
+_SHANK, _UPRIGHT = (0.18, 0.65), 0.5
+"""m from a knee to its ankle, from a small child's to a very tall person's, and its share that
+is vertical in the deepest stance
+"""
+
 _FAR = 5.0
 """times its stated error that a shadow may be from the path before it is doubted"""
 
@@ -80,11 +85,12 @@ class Standing:
 
     def __call__(self, scan: Scan, /) -> Correction:
         state = sensor_state(scan, self.sensor, self.priors, clock=0.0)
+        foot, doubted = standing_foot(scan, self.sensor)
         try:
-            found = smooth(state, standing=_standing(scan, self.priors))
+            found = smooth(state, standing=_standing(scan, self.priors), foot=foot)
         except DivergedError as error:
             return left_as_it_is("standing", scan, error)
-        return _corrected("standing", scan, found, ())
+        return _corrected("standing", scan, found, (*doubted, *foot_note(found)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,7 +109,7 @@ class FusedBeads:
     def __call__(self, scan: Scan, /) -> Correction:
         beads = shadows_of(self.beads() if callable(self.beads) else self.beads)
         state = sensor_state(scan, self.sensor, self.priors, clock=self.priors.clock)
-        foot = _foot(scan, self.sensor)
+        foot, doubted = standing_foot(scan, self.sensor)
         try:
             found = smooth(
                 state,
@@ -120,7 +126,7 @@ class FusedBeads:
             f"{found.residual_px:.2f} px RMS from the sensor's path."
         )
         doubts = doubts_of_shadows("fused-beads", found, beads.error_px)
-        notes = (note, *doubts, *_foot_note(foot, found), *_clock_note(state, found))
+        notes = (note, *doubts, *doubted, *foot_note(found), *_clock_note(state, found))
         return _corrected("fused-beads", scan, found, notes)
 
 
@@ -146,7 +152,7 @@ class FusedFiducials:
                 f"not {type(fiducials).__name__}"
             )
         state = sensor_state(scan, self.sensor, self.priors, clock=self.priors.clock)
-        foot = _foot(scan, self.sensor)
+        foot, doubted = standing_foot(scan, self.sensor)
         try:
             found = smooth(
                 state,
@@ -163,7 +169,7 @@ class FusedFiducials:
             f"shadows were found, {found.residual_px:.2f} px RMS from the sensor's path."
         )
         doubts = doubts_of_shadows("fused-fiducials", found, fiducials.error_px)
-        notes = (note, *doubts, *_foot_note(foot, found), *_clock_note(state, found))
+        notes = (note, *doubts, *doubted, *foot_note(found), *_clock_note(state, found))
         return _corrected("fused-fiducials", scan, found, notes)
 
 
@@ -193,11 +199,26 @@ def _standing(scan: Scan, priors: SensorPriors) -> StandingPrior:
     return StandingPrior.at(scan.projections.geometry.rotation_center(), priors.spread)
 
 
-def _foot(scan: Scan, sensor: str) -> StandingFoot | None:
-    """The foot below the sensor that is followed; None where no ankle is known in that sensor."""
+def standing_foot(scan: Scan, sensor: str) -> tuple[StandingFoot | None, tuple[str, ...]]:
+    """The foot below the sensor that is followed, or why what is given cannot be one; None where no
+    ankle is known in that sensor.
+    """
     name = scan.sensor(sensor)
-    ankles = (leg[2] for leg in scan.joints if len(leg) > 2)
-    return next((StandingFoot(a.position_sensor) for a in ankles if a.sensor == name), None)
+    ankle = scan.ankle(name)
+    if ankle is None:
+        return None, ()
+    knee = scan.projections.geometry.rotation_center()
+    below = knee - transforms.apply(scan.start(name).world_from_sensor, ankle[None])[0]
+    far = float(np.linalg.norm(below))
+    if _SHANK[0] < far < _SHANK[1] and below[1] > _UPRIGHT * far:
+        return StandingFoot(ankle), ()
+    where = "below" if below[1] > 0 else "above"
+    return None, (
+        f"In doubt: the ankle in sensor {name} is {1e3 * far:.0f} mm from the rotation center at "
+        f"the first view, {1e3 * abs(below[1]):.0f} mm {where} it, where no shank has it: its foot "
+        "is not held. Check the place of the ankle (millimeters, in the sensor's own axes) and the "
+        "sensor's start.",
+    )
 
 
 def doubts_of_shadows(method: str, found: SmoothedPath, error_px: float) -> tuple[str, ...]:
@@ -211,11 +232,11 @@ def doubts_of_shadows(method: str, found: SmoothedPath, error_px: float) -> tupl
     )
 
 
-def _foot_note(foot: StandingFoot | None, found: SmoothedPath) -> tuple[str, ...]:
+def foot_note(found: SmoothedPath) -> tuple[str, ...]:
     """How far the ankle was found to move; nothing where it is not known."""
-    if foot is None:
+    if found.foot is None:
         return ()
-    ankle = transforms.apply(found.path.poses, foot.ankle_sensor[None])[:, 0]
+    ankle = transforms.apply(found.path.poses, found.foot.ankle_sensor[None])[:, 0]
     moved = 1e3 * float(np.sqrt(np.square(ankle - ankle.mean(0)).sum(-1).mean()))
     does = "is taken to stand" if moved < _STILL_MM else "does not stand, and is not held"
     return (f"The foot {does}: its ankle is found to move by {moved:.2g} mm RMS.",)

@@ -5,10 +5,15 @@ and sharpness the rest. Where the images do not show that what is found is right
 as it is.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from legsim.correction import image_motion
-from legsim.correction.fused import SensorPriors, left_as_it_is, sensor_state
+from legsim.correction.fused import (
+    SensorPriors,
+    left_as_it_is,
+    sensor_state,
+    standing_foot,
+)
 from legsim.correction.image_motion import FocusPlan
 from legsim.correction.method import Correction, Scan
 from legsim.correction.path_measurements import StandingPrior
@@ -37,18 +42,21 @@ class FusedImages:
         # sharpness says too little of the clocks to find their offset
         state = sensor_state(scan, name, self.priors, clock=0.0)
         standing = StandingPrior.at(knee, self.priors.spread)
+        foot, doubted = standing_foot(scan, name)
         try:
-            begun = smooth(state, standing=standing).errors
+            begun = smooth(state, standing=standing, foot=foot)
         except DivergedError as error:
             return left_as_it_is("fused", scan, error)
-        return image_motion.followed(
+        found = image_motion.followed(
             "fused",
             scan,
             state,
-            begun,
+            begun.errors,
             standing,
             self.device or open_device(),
+            foot=begun.foot,
             # the part of the leg that carries the sensor
             below=bool(start.world_from_sensor[1, 3] < knee[1]),
             plan=self.plan,
         )
+        return replace(found, notes=(*doubted, *found.notes))

@@ -2,7 +2,7 @@
 
 The cost of a vector of errors e, each counted in standard deviations of its prior, is
 
-    weight (H(M(e)) - <pull, M(e)>) + |e|^2 / 2 + standing
+    weight (H(M(e)) - <pull, M(e)>) + |e|^2 / 2 + standing + foot
 
 with H the entropy of :mod:`legsim.correction.image_criterion`. Its derivatives are exact; any
 number of errors costs two back-projections of a box. ``pull`` is what the criterion would pull a
@@ -22,7 +22,7 @@ from legsim.core.errors import LegsimError
 from legsim.core.values import FloatArray, whole_counts
 from legsim.correction.error_state import SensorPath
 from legsim.correction.image_criterion import Focus
-from legsim.correction.path_measurements import StandingPrior
+from legsim.correction.path_measurements import StandingFoot, StandingPrior
 from legsim.geometry.cone_beam import ConeBeamGeometry
 from legsim.reconstruction.field_of_view import pixel_at_isocenter
 
@@ -157,6 +157,8 @@ class ImageProblem:
     weight: float
     pull: FloatArray | None = None
     """(v, 4, 4) by M(i)"""
+    foot: StandingFoot | None = None
+    """below the sensor whose path it is"""
 
     def cost(self, errors: FloatArray) -> tuple[float, FloatArray, float]:
         """(cost, its derivatives (n,), entropy)."""
@@ -164,7 +166,7 @@ class ImageProblem:
         return total + 0.5 * float((errors**2).sum()), slopes + errors, entropy
 
     def of_path(self, path: SensorPath) -> tuple[float, FloatArray, float]:
-        """The same of a path alone: images and standing, by what its twists are of."""
+        """The same of a path alone: images, standing and foot, by what its twists are of."""
         motion = path.motion()
         entropy, by_motion = self.sharpness(motion)
         total = entropy
@@ -174,8 +176,10 @@ class ImageProblem:
         points, share = self.standing.points, self.standing.weight(len(motion)) ** 2
         moved = transforms.apply(motion, points) - points
         by_points = np.einsum("vpi,vpin->n", moved, path.of_points(points))
-        slopes = self.weight * by_errors(by_motion, path) + share * by_points
-        return self.weight * total + 0.5 * share * float((moved**2).sum()), slopes, entropy
+        steps, by_steps = self._ankle(path)
+        slopes = self.weight * by_errors(by_motion, path) + share * by_points + by_steps.T @ steps
+        priors = 0.5 * (share * float((moved**2).sum()) + float(steps @ steps))
+        return self.weight * total + priors, slopes, entropy
 
     def curvature(self, errors: FloatArray) -> FloatArray:
         """About the second derivatives (n, n) of the cost."""
@@ -197,7 +201,8 @@ class ImageProblem:
         across = np.einsum("vpki,vpin->vpkn", by_point, every).reshape(-1, self.model.size)
         basis, _ = np.linalg.qr((by_point @ similar).reshape(-1, 7))
         across = across - np.einsum("rk,kn->rn", basis, np.einsum("rk,rn->kn", basis, across))
-        return self._known(every), np.einsum("rn,rm->nm", across, across) / moved[..., 0].size
+        seen = np.einsum("rn,rm->nm", across, across) / moved[..., 0].size
+        return self._known(path, every), seen
 
     def _rows(self, path: SensorPath) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Of a few views: m at the isocenter by points (v, p, 2, 3), points, and both by errors."""
@@ -217,11 +222,18 @@ class ImageProblem:
         count = len(self.geometry)
         return count / views * self.standing.weight(count) ** 2
 
-    def _known(self, every: FloatArray) -> FloatArray:
-        flat = every.reshape(-1, self.model.size)
-        return np.eye(self.model.size) + self._share(len(every)) * np.einsum(
-            "rn,rm->nm", flat, flat
-        )
+    def _ankle(self, path: SensorPath) -> tuple[FloatArray, FloatArray]:
+        """Its steps (s,) in standard deviations, and their changes (s, n); none without a foot."""
+        count = path.twists.shape[-1]
+        if self.foot is None:
+            return np.zeros(0), np.zeros((0, count))
+        steps, by = self.foot.steps(path, self.geometry.times)
+        return steps.ravel(), by.reshape(-1, count)
+
+    def _known(self, path: SensorPath, every: FloatArray) -> FloatArray:
+        flat, (_, by_steps) = every.reshape(-1, self.model.size), self._ankle(path)
+        known = np.eye(self.model.size) + by_steps.T @ by_steps
+        return known + self._share(len(every)) * np.einsum("rn,rm->nm", flat, flat)
 
     def retracted(self, errors: FloatArray, motion: FloatArray) -> FloatArray:
         """The likeliest errors (n,) by which points are seen as along M(i) (v, 4, 4).
@@ -240,7 +252,9 @@ class ImageProblem:
             flat, standing = every.reshape(-1, self.model.size), self._share(len(moved))
             right = errors + share * np.einsum("rn,r->n", across, off)
             right = right + standing * np.einsum("rn,r->n", flat, (moved - points).ravel())
-            matrix = self._known(every) + share * np.einsum("rn,rm->nm", across, across)
+            steps, by_steps = self._ankle(path)
+            right = right + by_steps.T @ steps
+            matrix = self._known(path, every) + share * np.einsum("rn,rm->nm", across, across)
             step = np.linalg.solve(matrix, right)
             errors = errors - step
             if np.abs(step).max() < _STILL:

@@ -16,11 +16,11 @@ from scipy.linalg import cho_factor, cho_solve
 from legsim.core.errors import LegsimError
 from legsim.core.values import FloatArray
 from legsim.correction import image_criterion, reprojection
-from legsim.correction.fused import discerned
+from legsim.correction.fused import discerned, foot_note
 from legsim.correction.image_criterion import COARSE, FINE, FocusScale
 from legsim.correction.image_fit import ImageProblem, PathModel, fitted, sharpened, similarity_part
 from legsim.correction.method import Correction, Scan
-from legsim.correction.path_measurements import StandingPrior
+from legsim.correction.path_measurements import StandingFoot, StandingPrior
 from legsim.correction.smoother import SmoothedPath
 from legsim.deformation.models import RigidMotion
 from legsim.geometry.cone_beam import Projections
@@ -75,6 +75,7 @@ def followed(
     standing: StandingPrior,
     device: Device,
     *,
+    foot: StandingFoot | None = None,
     below: bool = True,
     plan: FocusPlan | None = None,
 ) -> Correction:
@@ -89,7 +90,9 @@ def followed(
     images = image_criterion.binned(scan.projections)
     problem = None
     for step in plan.rounds:
-        errors, problem = _descended(errors, problem, step, model, standing, images, device, below)
+        errors, problem = _descended(
+            errors, problem, step, model, standing, foot, images, device, below
+        )
     assert problem is not None
     return _judged(name, scan, plan, errors, problem)
 
@@ -100,6 +103,7 @@ def _descended(
     step: FocusRound,
     model: PathModel,
     standing: StandingPrior,
+    foot: StandingFoot | None,
     images: Projections,
     device: Device,
     below: bool,
@@ -115,7 +119,7 @@ def _descended(
     # what is left must not prefer one of the scenes that look the same
     rest = focus(motion)[1] - pull
     pull = pull + similarity_part(rest, motion, images.geometry, focus.middle)
-    problem = ImageProblem(model, focus, standing, images.geometry, step.weight, pull)
+    problem = ImageProblem(model, focus, standing, images.geometry, step.weight, pull, foot)
     descend = sharpened if step.newton else fitted
     return descend(problem, errors, step.steps).errors, problem
 
@@ -127,8 +131,9 @@ def _judged(
     path, geometry, focus = problem.model.path(errors), problem.geometry, problem.sharpness
     covariance = cho_solve(cho_factor(problem.curvature(errors)), np.eye(len(errors)))
     found = SmoothedPath(
-        geometry.times, path, errors, covariance, np.zeros((0, 3)), float("nan"), True
+        geometry.times, path, errors, covariance, np.zeros((0, 3)), float("nan"), True, problem.foot
     )
+    notes = foot_note(found)
     motion_px, spread_px = found.seen_motion(geometry, problem.standing.points)
     floor_px = max(plan.floor / pixel_at_isocenter(geometry), _FLOOR_PX)
     error_px = float(np.hypot(spread_px, floor_px))
@@ -140,6 +145,8 @@ def _judged(
         f"{error_px:.2g} px of its errors"
     )
     if discerned(motion_px, error_px) and after < before:
-        return Correction(name, scan.projections, found.motion, notes=(f"{said}.",))
+        return Correction(name, scan.projections, found.motion, notes=(*notes, f"{said}."))
     left = f"{said}: the data do not determine it, and the scan is left as it is."
-    return Correction(name, scan.projections, RigidMotion.identity(scan.times), notes=(left,))
+    return Correction(
+        name, scan.projections, RigidMotion.identity(scan.times), notes=(*notes, left)
+    )

@@ -35,10 +35,13 @@ class Scan:
 
     Their positions in the sensors are known; empty where they are not.
     """
+    ankles: tuple[AttachedPoint, ...] = ()
+    """of feet that may stand, on the shanks' sensors, where no leg of ``joints`` has them"""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "starts", tuple(self.starts))
         object.__setattr__(self, "joints", tuple(tuple(leg) for leg in self.joints))
+        object.__setattr__(self, "ankles", tuple(self.ankles))
         if len(self.starts) != len(self.signals.sensor_names):
             raise LegsimError(
                 f"Scan has {len(self.starts)} starts for {len(self.signals.sensor_names)} "
@@ -67,6 +70,11 @@ class Scan:
                 "the method follows a sensor, and the scan has none; take uncorrected or autofocus"
             )
         return wanted or self.signals.sensor_names[0]
+
+    def ankle(self, sensor: str) -> FloatArray | None:
+        """The ankle (3,) m in a shank's sensor; None where none is known in it."""
+        known = (*(leg[2] for leg in self.joints if len(leg) > 2), *self.ankles)
+        return next((at.position_sensor for at in known if at.sensor == sensor), None)
 
     def start(self, sensor: str) -> SensorStart:
         """Finds pose and velocity of one sensor at the first view."""

@@ -5,8 +5,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from legsim.core import transforms
 from legsim.core.errors import LegsimError
 from legsim.core.values import FloatArray, frozen, positive
+from legsim.correction.error_state import SensorPath
 
 SHADOW_ERROR_PX = 0.3
 """standard deviation along u and v of a shadow's place, where nothing else is known of it"""
@@ -62,11 +64,17 @@ class StandingFoot:
         )
         positive("StandingFoot.walk", self.walk)
 
-    def weights(self, views: FloatArray, apart: int = 1) -> FloatArray:
-        """Roots of the weights (v - apart,) of a coordinate's steps between views (v,) s that are
-        so many ``apart``.
+    def steps(
+        self, path: SensorPath, views: FloatArray, apart: int = 1
+    ) -> tuple[FloatArray, FloatArray]:
+        """The ankle's steps (v - apart, 3) between views (v,) s that are so many ``apart``, in
+        standard deviations, and their changes (v - apart, 3, n) with the path's errors.
         """
-        return 1 / (self.walk * np.sqrt(views[apart:] - views[:-apart]))
+        place = self.ankle_sensor[None]
+        firm = 1 / (self.walk * np.sqrt(views[apart:] - views[:-apart]))
+        at, by = transforms.apply(path.poses, place)[:, 0], path.of_attached(place)[:, 0]
+        steps, changes = at[apart:] - at[:-apart], by[apart:] - by[:-apart]
+        return firm[:, None] * steps, firm[:, None, None] * changes
 
 
 @dataclass(frozen=True, slots=True, eq=False)

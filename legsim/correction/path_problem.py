@@ -123,17 +123,6 @@ class PathProblem:
     foot: StandingFoot | None = None
     """below the sensor; None where none stands, or its ankle is not known"""
 
-    def ankle_steps(self, path: SensorPath, apart: int = 1) -> tuple[FloatArray, FloatArray] | None:
-        """The ankle's steps (v - apart, 3) between views that are so many ``apart``, in standard
-        deviations, and their changes (v - apart, 3, n).
-        """
-        if self.foot is None:
-            return None
-        place, firm = self.foot.ankle_sensor[None], self.foot.weights(self.state.views, apart)
-        at, by = transforms.apply(path.poses, place)[:, 0], path.of_attached(place)[:, 0]
-        steps, changes = at[apart:] - at[:-apart], by[apart:] - by[:-apart]
-        return firm[:, None] * steps, firm[:, None, None] * changes
-
     def shadows(
         self, poses: FloatArray, places: FloatArray
     ) -> tuple[_Shadows | None, _Shadows | None]:
@@ -159,9 +148,8 @@ class PathProblem:
             weight = self.standing.weight(len(path.poses))
             moved = weight * (transforms.apply(path.motion(), points) - points)
             add_measurements(matrix, right, moved, weight * path.of_points(points))
-        steps = self.ankle_steps(path)
-        if steps is not None:
-            add_measurements(matrix, right, *steps)
+        if self.foot is not None:
+            add_measurements(matrix, right, *self.foot.steps(path, self.state.views))
         if of_fiducials is not None and self.fiducials is not None:
             by = path.of_attached(self.fiducials.points_sensor)
             root = np.sqrt(of_fiducials.weights)[..., None]
@@ -344,8 +332,10 @@ def on_foot_as_found(problem: PathProblem, path: SensorPath) -> PathProblem:
     """The problem of a person whose ankle wanders by as much as is found; the same where that is
     as stated or less.
     """
-    steps = problem.ankle_steps(path)
-    return problem if steps is None else _wandering(problem, float(np.square(steps[0]).mean()))
+    if problem.foot is None:
+        return problem
+    steps, _ = problem.foot.steps(path, problem.state.views)
+    return _wandering(problem, problem.foot, float(np.square(steps).mean()))
 
 
 def on_foot_as_free(problem: PathProblem, path: SensorPath, covariance: FloatArray) -> PathProblem:
@@ -354,24 +344,26 @@ def on_foot_as_free(problem: PathProblem, path: SensorPath, covariance: FloatArr
     Its ankle also wanders by these, which is taken off with twice the chance that it has. Slow
     movements show in steps of longer times.
     """
+    if problem.foot is None:
+        return problem
     views, found = problem.state.views, [0.0]
     lasted = float(views[-1] - views[0])
     for seconds in _STEP_S:
         apart = max(1, round(seconds * (len(views) - 1) / lasted))
-        steps = problem.ankle_steps(path, apart) if apart < len(views) else None
-        if steps is None:
+        if apart >= len(views):
             continue
-        chance = float((steps[1] @ covariance * steps[1]).sum(-1).mean())
+        steps, by = problem.foot.steps(path, views, apart)
+        chance = float((by @ covariance * by).sum(-1).mean())
         samples = 3 * lasted / max(seconds, _STEP_S[0])
-        found.append(float(np.square(steps[0]).mean()) - chance * (1 + 2 * np.sqrt(2 / samples)))
-    return _wandering(problem, max(found))
+        found.append(float(np.square(steps).mean()) - chance * (1 + 2 * np.sqrt(2 / samples)))
+    return _wandering(problem, problem.foot, max(found))
 
 
-def _wandering(problem: PathProblem, squares: float) -> PathProblem:
+def _wandering(problem: PathProblem, foot: StandingFoot, squares: float) -> PathProblem:
     """The problem of an ankle with steps of these mean ``squares``, beyond chance."""
-    if problem.foot is None or squares <= _BEYOND_CHANCE**2:
+    if squares <= _BEYOND_CHANCE**2:
         return problem
-    return replace(problem, foot=replace(problem.foot, walk=np.sqrt(squares) * problem.foot.walk))
+    return replace(problem, foot=replace(foot, walk=np.sqrt(squares) * foot.walk))
 
 
 def _misfit(shadows: _Shadows) -> float:

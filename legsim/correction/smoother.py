@@ -28,6 +28,7 @@ from legsim.correction.path_problem import (
     PathProblem,
     believed,
     descended,
+    on_foot_as_found,
     on_foot_as_free,
     prepared,
     projected,
@@ -35,6 +36,9 @@ from legsim.correction.path_problem import (
 )
 from legsim.deformation.models import RigidMotion
 from legsim.geometry.cone_beam import ConeBeamGeometry
+
+_ROUNDS = 8
+"""estimates over a foot that stands less and less still, at most"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -54,6 +58,8 @@ class SmoothedPath:
     """RMS distance of the shadows that have weight; NaN without shadows"""
     settled: bool
     """whether the steps came to rest"""
+    foot: StandingFoot | None = None
+    """that the sensor's segment was found to stand on, as still as it was found to be"""
 
     @property
     def motion(self) -> RigidMotion:
@@ -132,6 +138,8 @@ def smooth(
         DivergedError: no path fits them.
     """
     problem, *begun = prepared(state, standing, geometry, beads, fiducials)
+    if foot is not None and beads is None and fiducials is None:
+        return _on_foot_alone(replace(problem, foot=foot), *begun)
     found = descended(problem, *begun)
     worse = believed(problem, state.path(found[0]), found[1])
     if worse is not problem:
@@ -144,6 +152,21 @@ def smooth(
     covariance = solved(matrix, np.eye(len(matrix)))
     on_foot = on_foot_as_free(replace(problem, foot=foot), path, covariance)
     return _result(on_foot, *descended(on_foot, *found[:2]))
+
+
+def _on_foot_alone(problem: PathProblem, errors: FloatArray, places: FloatArray) -> SmoothedPath:
+    """The path of a sensor of which nothing is seen, over an ankle that wanders by what is found;
+    not settled where that grew to the end.
+
+    Without a foot such a path is off by more than an ankle steps, and cannot tell.
+    """
+    for _ in range(_ROUNDS):
+        errors, places, settled = descended(problem, errors, places)
+        wider = on_foot_as_found(problem, problem.state.path(errors))
+        if wider is problem:
+            return _result(problem, errors, places, settled)
+        problem = wider
+    return _result(problem, errors, places, settled=False)
 
 
 def _reduced(
@@ -177,4 +200,4 @@ def smoothed(
     total = sum(weight for _, weight in sums)
     residual = float(np.sqrt(squares / total)) if total else float("nan")
     views = problem.state.views
-    return SmoothedPath(views, path, errors, covariance, places, residual, settled)
+    return SmoothedPath(views, path, errors, covariance, places, residual, settled, problem.foot)

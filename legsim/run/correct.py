@@ -261,12 +261,13 @@ def _key_of(scan: MeasuredScan) -> str:
     arrays = [seen.projections.line_integrals, geometry.matrices, geometry.times, signals.times]
     arrays += [signals.angular_velocity, signals.specific_force]
     arrays += [part for s in seen.starts for part in (s.world_from_sensor, s.velocity)]
-    arrays += [point.position_sensor for leg in seen.joints for point in leg]
+    attached = (*seen.joints, seen.ankles)
+    arrays += [point.position_sensor for points in attached for point in points]
     arrays += list(scan.knees_on_thighs.values())
     for array in arrays:
         digest.update(f"{array.shape}".encode())
         digest.update(array.data)
-    named = [signals.sensor_names, [[p.sensor for p in leg] for leg in seen.joints]]
+    named = [signals.sensor_names, [[p.sensor for p in points] for points in attached]]
     used = [settings.reconstruction.model_dump(), settings.methods.model_dump()]
     return key_of(__version__, digest.hexdigest(), named, used, astuple(scan.grid))
 

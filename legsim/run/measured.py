@@ -1,6 +1,5 @@
 """A measured scan from its SCAN.toml: the input of every method, without any truth."""
 
-from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -10,7 +9,6 @@ import numpy as np
 from legsim.config import measured_scan
 from legsim.config.imu_file import ImuFileConfig, StartConfig
 from legsim.config.measured_scan import (
-    JointConfig,
     MeasuredBeadsConfig,
     MeasuredGridConfig,
     MeasuredScanConfig,
@@ -20,7 +18,6 @@ from legsim.core.constants import STANDARD_GRAVITY
 from legsim.core.errors import LegsimError, file_error
 from legsim.core.values import FloatArray
 from legsim.correction import initialization
-from legsim.correction.control_points import AttachedPoint
 from legsim.correction.fiducials import Fiducials
 from legsim.correction.method import Scan
 from legsim.correction.standing_start import standing_start
@@ -32,11 +29,9 @@ from legsim.imu.gap_cost import gap_cost, longest_gap
 from legsim.imu.joining import JoinedSignals
 from legsim.imu.signals import ImuSignals, SensorStart
 from legsim.imu.strapdown import Scheme
-from legsim.run import imu_files, projection_files, shadow_files
+from legsim.run import imu_files, measured_joints, projection_files, shadow_files
 from legsim.run.grids import WantedGrid
 from legsim.run.imu_files import WornSensor
-
-_JOINTS = ("hip", "knee", "ankle")
 
 _METERS = 5.0
 """mm from the world's origin, within which a place was meant in meters"""
@@ -127,7 +122,7 @@ def assemble(
     starts = tuple(start for start, _ in found)
     costs = _costs(started, starts, joined.signals, geometry, settings.methods.scheme)
     _check_carriers(settings.beads, [s.recording.name for s in sensors], where)
-    joints, knees = _joints(settings.joints, joined.signals.sensor_names, where)
+    joints = measured_joints.on_sensors(settings.joints, joined.signals.sensor_names, where)
     grid, chosen = _wanted(settings.grid, folder, where).of(geometry)
     rested = settings.methods.sensor_errors.calibration != "none" and all(
         sensor.worn.start is not None and sensor.worn.start.is_given for sensor in started
@@ -135,7 +130,7 @@ def assemble(
     signals = _at_rest(joined.signals, starts) if rested else joined.signals
     return MeasuredScan(
         settings,
-        Scan(projections, signals, starts, joints),
+        Scan(projections, signals, starts, joints.legs, joints.ankles),
         grid,
         {s.recording.name: s.worn.segment for s in sensors},
         tuple(s.recording.name for s in sensors if s.worn.start is None),
@@ -154,7 +149,7 @@ def assemble(
             *costs,
         ),
         {s.recording.name: s.worn.start for s in started if s.worn.start is not None},
-        knees,
+        joints.knees,
         folder,
     )
 
@@ -424,50 +419,6 @@ def _check_carriers(
                 f"{where} (beads): {one.file} is on the segment of {one.sensor!r}, which is no "
                 f"sensor of this scan; there: {have}"
             )
-
-
-def _joints(
-    given: Sequence[JointConfig], sensors: Sequence[str], where: str
-) -> tuple[tuple[tuple[AttachedPoint, ...], ...], dict[str, FloatArray]]:
-    """Points of each leg, hip, knee and ankle first, as the non-rigid methods take them, and the
-    knees on the sensors of thighs, by these.
-    """
-    for joint in given:
-        if joint.sensor not in sensors:
-            have = ", ".join(sensors) or "none"
-            raise LegsimError(
-                f"{where} (joints): {joint.name} is on {joint.sensor!r}, which has no start; "
-                f"sensors with one: {have}"
-            )
-    named = Counter(joint.name for joint in given)
-    sides = dict.fromkeys(joint.name[-1:] for joint in given)
-    for own in ([f"{joint}_{side}" for joint in _JOINTS] for side in sides):
-        lacking = [name for name in own if name not in named]
-        if lacking:
-            raise LegsimError(
-                f"{where} (joints): {lacking[0]} is missing; a leg needs {', '.join(own)}"
-            )
-    thighs = {joint.name[-1:]: joint.sensor for joint in given if joint.name[:-2] == "hip"}
-    knees, once = {}, []
-    for joint in given:
-        on_thigh = joint.name[:-2] == "knee" and joint.sensor == thighs[joint.name[-1:]]
-        if on_thigh and named[joint.name] == 2:
-            knees[joint.sensor] = 1e-3 * np.array(joint.position_mm)
-        else:
-            once.append(joint)
-    known = {joint.name: joint for joint in once}
-    if len(known) < len(once) or len(once) + len(knees) < len(given):
-        raise LegsimError(
-            f"{where}: a joint is there twice; keep one of each name, and of a knee one on the "
-            "shank's sensor and one on the thigh's"
-        )
-    legs = []
-    for side in sides:
-        own = [f"{joint}_{side}" for joint in _JOINTS]
-        names = own + [n for n in known if n.endswith(f"_{side}") and n not in own]
-        points = [(known[n].sensor, 1e-3 * np.array(known[n].position_mm)) for n in names]
-        legs.append(tuple(AttachedPoint(sensor, place) for sensor, place in points))
-    return tuple(legs), knees
 
 
 def _wanted(given: MeasuredGridConfig, folder: Path, where: str) -> WantedGrid:

@@ -40,7 +40,7 @@ from legsim.run.stages import StageContext
 from legsim.run.store import StageCache
 from legsim.scene import build
 from legsim.scene.slices import VolumeSlices
-from legsim.simulation.setup import joints_on_sensors, knee_on_thigh
+from legsim.simulation.setup import ankles_on_sensors, joints_on_sensors, knee_on_thigh
 from legsim.simulation.simulated_scan import SimulatedScan
 
 
@@ -167,7 +167,8 @@ def _run(stage: StageContext, *, presented: bool) -> RunResult:
         volumes.followed_sides(settings),
         points_per_segment=settings.methods.points_per_segment,
     )
-    scan = SimulatedScan(setup, Scan(moving, signals, starts.starts, joints), at_rest, stage.device)
+    seen = Scan(moving, signals, starts.starts, joints, ankles_on_sensors(setup))
+    scan = SimulatedScan(setup, seen, at_rest, stage.device)
     scan_file.write(folder.path, settings, scan.seen, setup.sensors, knee_on_thigh(setup))
     grid = c_arm.volume_grid(settings.grid, setup.geometry.rotation_center())
     corrected = volumes.reconstruct_methods(stage, scan, grid)

@@ -68,7 +68,7 @@ def known_of(
         line_integrals=True,
         imu=(ImuFileConfig(file="imu.csv", sensors=worn),),
         joints=(
-            *_joints(scan.joints, placed),
+            *_joints(scan, placed),
             *_on_thigh(knee_on_thigh if scan.joints else None, placed),
         ),
         grid=MeasuredGridConfig(shape_zyx=(voxels, voxels, voxels), spacing_mm=(size, size, size)),
@@ -132,18 +132,18 @@ def _start(start: SensorStart, methods: MethodsConfig) -> StartConfig:
     )
 
 
-def _joints(
-    legs: Sequence[Sequence[AttachedPoint]], placed: Sequence[Sensor]
-) -> tuple[JointConfig, ...]:
-    """Hip, knee and ankle of each leg, then its further points by number."""
-    found = []
-    for points in legs:
+def _joints(scan: Scan, placed: Sequence[Sensor]) -> tuple[JointConfig, ...]:
+    """Hip, knee and ankle of each leg, then its further points by number; ankles of other legs."""
+    found, whole = [], set()
+    for points in scan.joints:
         side = _side(points[0], placed)
         names = ["hip", "knee", "ankle", *(f"point_{k}" for k in range(1, len(points) - 2))]
         found += [
             _joint(f"{name}_{side}", point) for name, point in zip(names, points, strict=True)
         ]
-    return tuple(found)
+        whole.add(side)
+    alone = [(ankle, _side(ankle, placed)) for ankle in scan.ankles]
+    return (*found, *(_joint(f"ankle_{side}", at) for at, side in alone if side not in whole))
 
 
 def _on_thigh(knee: AttachedPoint | None, placed: Sequence[Sensor]) -> tuple[JointConfig, ...]:

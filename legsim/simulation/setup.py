@@ -239,6 +239,17 @@ def joints_on_sensors(
     return tuple(legs)
 
 
+def ankles_on_sensors(setup: ScanSetup) -> tuple[AttachedPoint, ...]:
+    """The scanned ankle on the shank's sensor, if there is one, as :func:`joints_on_sensors` has it
+    where the thigh has a sensor, too.
+    """
+    name = sensor_on(setup.sensors, setup.named("tibia"))
+    if name is None:
+        return ()
+    ankle = setup.person.leg.joint_centers(setup.poses).of(setup.named("ankle"))[0]
+    return (_attached(name, _first_poses(setup), ankle),)
+
+
 def knee_on_thigh(setup: ScanSetup) -> AttachedPoint | None:
     """The scanned knee on the thigh's sensor, as :func:`joints_on_sensors` takes the joints; None
     without such a sensor.

@@ -29,6 +29,7 @@ from legsim.simulation.setup import (
     PhantomOptions,
     ScanSetup,
     Side,
+    ankles_on_sensors,
     joints_on_sensors,
     prepare_scan,
     scan_regions,
@@ -161,7 +162,7 @@ def simulate_scan(
         expose(setup, moving, opened, np.random.default_rng([seed, _PHOTONS, k]), progress)
         for k, moving in enumerate((True, False))
     )
-    seen = Scan(moving, signals, starts, joints_on_sensors(setup))
+    seen = Scan(moving, signals, starts, joints_on_sensors(setup), ankles_on_sensors(setup))
     return SimulatedScan(setup, seen, at_rest, opened)
 
 

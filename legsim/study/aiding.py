@@ -24,7 +24,7 @@ from legsim.geometry.cone_beam import Projections
 from legsim.run import c_arm as run_c_arm
 from legsim.run import motion as run_motion
 from legsim.run import scores, stages, volumes
-from legsim.simulation.setup import ScanSetup, joints_on_sensors
+from legsim.simulation.setup import ScanSetup, ankles_on_sensors, joints_on_sensors
 
 
 class Left(NamedTuple):
@@ -94,7 +94,13 @@ def sensed(settings: RunConfig, setup: ScanSetup) -> Scan:
     signals = stages.record(settings, setup.person, rest_at=float(setup.times[0]))
     starts = stages.starts(settings, setup, signals).starts
     empty = np.zeros((len(setup.geometry), *setup.geometry.shape_vu), np.float32)
-    return Scan(Projections(setup.geometry, empty), signals, starts, joints_on_sensors(setup))
+    return Scan(
+        Projections(setup.geometry, empty),
+        signals,
+        starts,
+        joints_on_sensors(setup),
+        ankles_on_sensors(setup),
+    )
 
 
 def method(aid: str, settings: RunConfig, setup: ScanSetup) -> CorrectionMethod:

@@ -7,6 +7,8 @@ from typing import Protocol
 
 import numpy as np
 import pytest
+from scipy.interpolate import make_interp_spline
+from scipy.stats import chi2
 
 from legsim.core import transforms
 from legsim.core.errors import LegsimError
@@ -15,9 +17,16 @@ from legsim.correction.bead_scan import BeadScan
 from legsim.correction.control_points import AttachedPoint
 from legsim.correction.error_state import error_state
 from legsim.correction.fiducials import Fiducials
-from legsim.correction.fused import FusedBeads, FusedFiducials, SensorPriors, Standing
+from legsim.correction.fused import (
+    FusedBeads,
+    FusedFiducials,
+    SensorPriors,
+    Standing,
+    sensor_state,
+    standing_foot,
+)
 from legsim.correction.method import Correction, Scan
-from legsim.correction.path_measurements import BeadShadows, FiducialShadows
+from legsim.correction.path_measurements import BeadShadows, FiducialShadows, StandingPrior
 from legsim.correction.rough_start import EXACT, StartErrors, rough
 from legsim.correction.smoother import smooth
 from legsim.deformation.models import RigidMotion
@@ -147,6 +156,32 @@ def test_a_foot_that_stands_helps_where_the_ankle_is_known_in_the_sensor(off_mm:
     np.testing.assert_array_equal(other.moved_from_reference, free.moved_from_reference)
 
 
+def with_ankle(scan: Scan) -> Scan:
+    ankle = AttachedPoint("shank_l", ON_FOOT.place(0.0))
+    return replace(scan, joints=((ankle,) * 3,))
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_consumer_sensor_over_a_foot_that_stands_undoes_a_sway_that_nothing_shows(seed: int):
+    """By its gyroscope alone, which the accelerometer keeps upright; without a foot, by nothing."""
+    scan, method = scanned(ON_FOOT, seed), Standing("shank_l", SensorPriors(BMI160))
+    free, held = method(scan), method(with_ankle(scan))
+    assert "the scan is left as it is" in free.notes[-1]
+    assert left_px(motion_found(held), ON_FOOT) < 0.5 * left_px(motion_found(free), ON_FOOT)
+    assert any("foot is taken to stand" in note for note in held.notes)
+
+
+def test_an_ankle_where_no_shank_has_it_holds_nothing():
+    """Above the sensor, or in meters where millimeters were meant."""
+    scan, method = scanned(ON_FOOT, 0), Standing("shank_l", SensorPriors(BMI160))
+    for place in (-ON_FOOT.place(0.0), 1e-3 * ON_FOOT.place(0.0), 10 * ON_FOOT.place(0.0)):
+        found = method(replace(scan, ankles=(AttachedPoint("shank_l", place),)))
+        assert found.notes[0].startswith("In doubt: the ankle in sensor shank_l is ")
+        assert "the scan is left as it is" in found.notes[-1]
+    right = method(replace(scan, ankles=(AttachedPoint("shank_l", ON_FOOT.place(0.0)),)))
+    assert "foot is taken to stand" in right.notes[0]
+
+
 @dataclass(frozen=True)
 class Shifted:
     """A shank whose foot leaves its place in the middle of the scan: by value and derivatives of
@@ -191,11 +226,45 @@ def steps(times: np.ndarray) -> Sequence[np.ndarray]:
 def test_a_foot_that_does_not_stand_is_not_held(by, shift: list[float]):
     moving = Shifted(ON_FOOT, by, np.array(shift))
     scan, method = scanned(moving, 0), FusedBeads(shadows(moving, 0), "shank_l")
-    ankle = AttachedPoint("shank_l", ON_FOOT.place(0.0))
-    free, held = (method(replace(scan, joints=j)) for j in ((), ((ankle,) * 3,)))
+    free, held = method(scan), method(with_ankle(scan))
     assert any("foot does not stand, and is not held" in note for note in held.notes)
     of_free, of_held = (left_px(motion_found(one), moving) for one in (free, held))
     assert of_held < 1.05 * of_free
+
+
+@pytest.mark.parametrize(("by", "shift"), [(lifts, [0, 0.015, 0]), (steps, [0, 0, 0.02])])
+def test_a_foot_that_does_not_stand_is_not_held_where_nothing_is_seen_either(
+    by, shift: list[float]
+):
+    """The accelerometer tells of quick steps: some of them is undone, and the note says so."""
+    moving = Shifted(ON_FOOT, by, np.array(shift))
+    found = Standing("shank_l", SensorPriors(BMI160))(with_ankle(scanned(moving, 0)))
+    assert any("foot does not stand, and is not held" in note for note in found.notes)
+    before = left_px(RigidMotion.identity(VIEWS), moving)
+    assert left_px(motion_found(found), moving) < 0.8 * before
+
+
+def wandering(seed: int, size: float) -> Callable[[np.ndarray], Sequence[np.ndarray]]:
+    """A walk of ``size`` m per root of a second, and its derivatives."""
+    knots = np.arange(-1.0, 6.0, 0.2)
+    walk = size * np.sqrt(0.2) * np.cumsum(np.random.default_rng(seed).standard_normal(len(knots)))
+    curve = make_interp_spline(knots, walk, k=5)
+    return lambda times: [curve.derivative(n)(times) if n else curve(times) for n in range(3)]
+
+
+def test_over_an_ankle_that_walks_errors_are_no_larger_than_stated():
+    """12 draws of the walk, the sensor and its start: chi-square of its motion within 99.9 %."""
+    draws, missed = 12, 0.0
+    for seed in range(draws):
+        axis = np.random.default_rng([seed, 3]).standard_normal(3)
+        axis *= np.sqrt(3) / np.linalg.norm(axis)
+        moving = Shifted(ON_FOOT, wandering(seed, 2e-4), axis)
+        scan = with_ankle(scanned(moving, seed))
+        state = sensor_state(scan, "shank_l", SensorPriors(BMI160), clock=0.0)
+        found = smooth(state, standing=StandingPrior.at(KNEE), foot=standing_foot(scan, "shank_l")[0])
+        off = (found.motion.carry(KNEE[None]) - motion_of(moving).carry(KNEE[None]))[-1, 0]
+        missed += float(off @ np.linalg.solve(found.covariance_at(KNEE)[-1], off))
+    assert missed < chi2.ppf(0.999, 3 * draws)
 
 
 @pytest.mark.parametrize("seed", range(2))

@@ -17,13 +17,15 @@ from legsim.correction.image_fit import (
     sharpened,
     similarity_part,
 )
-from legsim.correction.path_measurements import StandingPrior
+from legsim.correction.path_measurements import StandingFoot, StandingPrior
 from legsim.correction.smoother import SmoothedPath
 from legsim.reconstruction.field_of_view import pixel_at_isocenter
 from tests.examples.knee_scan import GEOMETRY, KNEE, VIEWS
 
 SPLINES = SplinePath(VIEWS, KNEE, 7)
 STANDING = StandingPrior.at(KNEE, 5e-3)
+FOOT = StandingFoot(KNEE - [0.0, 0.4, 0.0], 5e-3)
+ON_A_FOOT = pytest.mark.parametrize("foot", [None, FOOT], ids=["free", "on a foot"])
 
 
 @pytest.mark.parametrize("size", [3.0, 3e-3])
@@ -100,10 +102,13 @@ def problem(true: np.ndarray, pull: np.ndarray | None = None) -> ImageProblem:
     return ImageProblem(SPLINES, sharpness, STANDING, GEOMETRY, 1e5, pull)
 
 
-def test_slopes_of_the_cost_are_finite_differences(rng: np.random.Generator) -> None:
+@ON_A_FOOT
+def test_slopes_of_the_cost_are_finite_differences(
+    rng: np.random.Generator, foot: StandingFoot | None
+) -> None:
     true = SPLINES.path(0.3 * rng.normal(size=SPLINES.size)).motion()
     pull = 1e-3 * rng.normal(size=true.shape) * [[1], [1], [1], [0]]
-    asked, errors = problem(true, pull), 0.3 * rng.normal(size=SPLINES.size)
+    asked, errors = replace(problem(true, pull), foot=foot), 0.3 * rng.normal(size=SPLINES.size)
     _, slopes, _ = asked.cost(errors)
     for k in rng.integers(0, SPLINES.size, 12):
         step = np.zeros(SPLINES.size)
@@ -127,9 +132,11 @@ def test_what_images_see_of_errors_is_what_a_smoothed_path_says(rng: np.random.G
         assert np.sqrt(way @ seen @ way) / pixel == pytest.approx(expected, rel=0.15)
 
 
-def test_priors_curve_as_they_do(rng: np.random.Generator) -> None:
+@ON_A_FOOT
+def test_priors_curve_as_they_do(rng: np.random.Generator, foot: StandingFoot | None) -> None:
     """By differences of the slopes where the criterion has no weight."""
-    asked = replace(problem(SPLINES.path(np.zeros(SPLINES.size)).motion()), weight=0.0)
+    still = SPLINES.path(np.zeros(SPLINES.size)).motion()
+    asked = replace(problem(still), weight=0.0, foot=foot)
     errors = np.zeros(SPLINES.size)
     way = rng.normal(size=SPLINES.size)
     ends = [asked.cost(errors + k * 1e-3 * way)[1] for k in (1, -1)]
@@ -149,6 +156,19 @@ def test_a_motion_is_found_again_to_what_priors_leave(rng: np.random.Generator) 
     )
     assert np.abs(off).max() < 0.05 * np.abs(before).max()
     assert found.value < 0.01 * problem(true).cost(np.zeros(SPLINES.size))[2]
+
+
+def test_of_errors_that_images_do_not_tell_apart_those_over_a_still_ankle_are_likeliest() -> None:
+    """Back on the model's paths from a motion that the leg's turn or its shift explains."""
+    shift = np.zeros(SPLINES.size)
+    shift[3::6] = np.linspace(-1, 1, SPLINES.knots)
+    asked = problem(SPLINES.path(shift).motion())
+    moved = []
+    for foot in (None, replace(FOOT, walk=1e-4)):
+        back = replace(asked, foot=foot, weight=1e3).retracted(shift, SPLINES.path(shift).motion())
+        ankle = transforms.apply(SPLINES.path(back).poses, FOOT.ankle_sensor[None])[:, 0]
+        moved.append(float(np.ptp(ankle, axis=0).max()))
+    assert moved[1] < 0.1 * moved[0]
 
 
 def test_steps_of_measured_curvature_find_a_motion_that_few_of_descent_do_not(

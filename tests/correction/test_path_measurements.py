@@ -5,7 +5,9 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+from legsim.core import transforms
 from legsim.core.errors import LegsimError
+from legsim.correction.error_state import SensorPath
 from legsim.correction.path_measurements import (
     BeadShadows,
     FiducialShadows,
@@ -49,8 +51,11 @@ def test_an_ankle_that_walks_at_random_has_unit_weights(rng: np.random.Generator
     views = np.cumsum(rng.uniform(0.01, 0.1, 5000))
     foot = StandingFoot(np.zeros(3), 3e-4)
     walk = 3e-4 * np.cumsum(np.sqrt(np.diff(views)) * rng.standard_normal(len(views) - 1))
-    steps = foot.weights(views)[1:] * np.diff(walk)
-    assert np.mean(steps**2) == pytest.approx(1, abs=0.08)  # four standard deviations of the mean
+    poses = transforms.translation(np.append(0.0, walk)[:, None] * [1.0, 0.0, 0.0])
+    steps, _ = foot.steps(SensorPath(poses, np.zeros((len(views), 6, 1))), views)
+    assert np.mean(steps[:, 0] ** 2) == pytest.approx(
+        1, abs=0.08
+    )  # four standard deviations of the mean
     with pytest.raises(LegsimError, match=r"StandingFoot\.ankle_sensor has shape"):
         StandingFoot(np.zeros((1, 3)))
     with pytest.raises(LegsimError, match=r"walk is .* finite and positive"):
