@@ -17,16 +17,18 @@ def from_labels(
             help="Segmentations on one grid (.nii.gz, .nrrd, .mha); later ones displace earlier.",
         ),
     ],
+    out: Annotated[Path, typer.Option("--out", help="Folder of PHANTOM.toml and its meshes.")],
     maps: Annotated[
-        list[str],
+        list[str] | None,
         typer.Option(
             "--map",
             metavar="MAP",
             help="What the numbers are: a .toml, totalsegmentator_total and the like, or a list of "
-            "names (.json, .ctbl, ITK-SNAP's .txt, .seg.nrrd); one per segmentation.",
+            "names (.json, .ctbl, ITK-SNAP's .txt, dseg.tsv); one per segmentation. Default: the "
+            "names in the segmentation itself (TotalSegmentator, 3D Slicer, MITK), or a mask's "
+            "file name.",
         ),
-    ],
-    out: Annotated[Path, typer.Option("--out", help="Folder of PHANTOM.toml and its meshes.")],
+    ] = None,
     side: Annotated[
         Literal["left", "right"] | None,
         typer.Option(help="Of a single leg, where the map leaves it open."),
@@ -51,16 +53,13 @@ def from_labels(
     """Smooth closed meshes of a segmentation, as a phantom that moves with the leg model."""
     from legsim.geometry.label_images import load_label_image
     from legsim.phantom import from_labels as meshing
-    from legsim.phantom.label_maps import load_label_map
+    from legsim.phantom.label_maps import load_label_map, own_map
     from legsim.phantom.label_structures import structure_grid
 
-    read = [load_label_map(name) for name in maps]
-    grid = structure_grid(
-        [load_label_image(path, axes=axes) for path in labels],
-        read,
-        side=side and side[0],
-        ignore=_numbers(ignore),
-    )
+    given = [load_label_map(name) for name in maps or ()]
+    images = [load_label_image(path, axes=axes) for path in labels]
+    read = given or [own_map(image) for image in images]
+    grid = structure_grid(images, read, side=side and side[0], ignore=_numbers(ignore))
     meshed = meshing.mesh_labels(grid, meshing.Layers(1e-3 * cortex_mm, 1e-3 * cartilage_mm))
     path = meshing.save(out, meshed)
     print_table(

@@ -21,6 +21,11 @@ _PACKED = (
     (b"Rar!\x1a", "is a packed archive (RAR)", _UNPACK),
     (b"\x28\xb5\x2f\xfd", "is packed (zstd)", _UNPACK),
     (b"PK\x03\x04", "is a packed archive (zip)", _UNPACK),
+    (
+        b"version https://git-lfs",
+        "is a pointer of Git LFS, without the content",
+        "fetch it by git lfs pull",
+    ),
 )
 
 _BEGINS = (

@@ -70,10 +70,28 @@ def _is_text(path: Path) -> bool:
         return b"\nASCII" in stream.read(512)
 
 
-def refuse_packed(path: Path) -> None:
-    """As :func:`legsim.core.files.refuse_packed`, but for NIfTI, which ITK unpacks."""
-    if not path.name.lower().endswith((".nii.gz", ".hdr.gz", ".img.gz")):
+def refuse_other_kinds(path: Path) -> None:
+    """Refuses, by its kind, a file that ITK did not read: FreeSurfer's, packed ones (but for NIfTI,
+    which ITK unpacks) and NIfTI-2.
+
+    Raises:
+        LegsimError: says the kind, and what to do.
+    """
+    name = path.name.lower()
+    if name.endswith((".mgz", ".mgh")):
+        raise file_error(path, "is FreeSurfer's", "write it as .nii.gz (mri_convert does)")
+    unpacked_by_itk = name.endswith((".nii.gz", ".hdr.gz", ".img.gz"))
+    if not (unpacked_by_itk and files.beginning(path, 2) == b"\x1f\x8b"):
         files.refuse_packed(path)
+    if name.removesuffix(".gz").endswith((".nii", ".hdr")):
+        try:
+            with opened(path) as stream:
+                second = nifti_layout(stream.read(4))[1]
+        except (EOFError, OSError, zlib.error, struct.error):
+            return
+        if second:
+            cure = "write it as NIfTI-1 (nibabel's Nifti1Image) or .nrrd"
+            raise file_error(path, "is NIfTI-2, which ITK does not read", cure)
 
 
 def opened(path: Path) -> gzip.GzipFile | BinaryIO:

@@ -50,6 +50,8 @@ class DicomViews:
     no_counts: str = ""
     """what the file says against its values being proportional to intensity; empty: nothing"""
     notes: tuple[str, ...] = ()
+    detector_mm: float | None = None
+    """from the source to the detector"""
 
 
 def is_dicom(path: Path) -> bool:
@@ -97,9 +99,10 @@ def read_projections(path: Path) -> DicomViews:
     except Exception as error:
         # pydicom raises many kinds of errors on broken files and unknown compressions
         line = (str(error).strip().splitlines() or [type(error).__name__])[0]
-        raise file_error(
-            path, f"holds no image that can be read ({line})", "export it without compression"
-        ) from error
+        cure = "export it without compression"
+        if "no pixel data" in line.lower() or "no 'Pixel Data'" in line:
+            cure = "give the files of the images: this one is a report, a plan or the like"
+        raise file_error(path, f"holds no image that can be read ({line})", cure) from error
     try:
         _check_plain(path, data)
         return _views(data, values[None] if values.ndim == 2 else values)
@@ -155,6 +158,7 @@ def _views(data: "Dataset", values: NDArray) -> DicomViews:
         angles,
         _against_counts(data),
         (*notes, *how, *of_plane),
+        _detector_mm(data),
     )
 
 
@@ -273,6 +277,14 @@ def _pixel_mm(data: "Dataset") -> tuple[float, float] | None:
     if any(list(one) != list(stated) for one in grouped):
         raise ValueError("frames with pixels of several sizes")
     return _columns_first(stated)
+
+
+def _detector_mm(data: "Dataset") -> float | None:
+    """From the source to the detector, where all frames state one distance."""
+    stated = _of_frames(data, "XRayGeometrySequence", "DistanceSourceToDetector")
+    alone = data.get("DistanceSourceToDetector")
+    distances = {float(one) for one in [*stated, alone] if one not in (None, "")}
+    return distances.pop() if len(distances) == 1 and min(distances) > 0 else None
 
 
 def _plane_pixel_mm(data: "Dataset") -> tuple[tuple[float, float] | None, tuple[str, ...]]:

@@ -17,6 +17,7 @@ from legsim.geometry import (
     _legsim_json,
     astra,
     conrad_xml,
+    leap,
     matrix_tables,
     projtable,
     rtk_xml,
@@ -38,7 +39,15 @@ FORMATS = {
 
 _READ = (".json", ".xml", *matrix_tables.SUFFIXES)
 
-_OF_SCANNERS = (".xtekct", ".xtekvolume", ".ang", ".log", ".ini", ".rcd", ".pca", ".vgi", ".cfg")
+_OF_SCANNERS = {
+    **dict.fromkeys((".xtekct", ".xtekvolume", ".ang"), "Nikon's"),
+    **dict.fromkeys((".log",), "Bruker's or another scanner's"),
+    **dict.fromkeys((".txrm", ".txm"), "Zeiss'"),
+    **dict.fromkeys((".pca", ".pcp"), "phoenix'"),
+    **dict.fromkeys((".vgi",), "Volume Graphics'"),
+    **dict.fromkeys((".ini", ".rcd", ".cfg"), "a scanner's"),
+}
+"""whose own description of a scan a file is, by its ending"""
 
 _OLD_FROM_NEW = {
     "x": [[0, 1, 0], [-1, 0, 0], [0, 0, 1]],
@@ -54,7 +63,7 @@ class GeometryFile:
 
     geometry: ConeBeamGeometry
     format: str
-    """one of :data:`FORMATS`"""
+    """one of :data:`FORMATS`, or "leap", which is only read"""
     notes: tuple[str, ...] = ()
     """what a user may not expect"""
 
@@ -79,7 +88,7 @@ def read_geometry(
 
     Args:
         path: .json (legsim, TIGRE), .xml (RTK, CONRAD), .txt, .csv, .ompl, .npy or .mat (matrices,
-            ASTRA's vectors, projtable.txt).
+            ASTRA's vectors, projtable.txt, LEAP's parameters).
         columns: pixels in a row of the detector, for files that do not say; RTK's XML then has
             its detector centered.
         rows: rows of the detector, with ``columns``.
@@ -199,8 +208,8 @@ def _text(path: Path, geometry: ConeBeamGeometry, format: str) -> str:
 
 
 def _unknown_ending(path: Path) -> LegsimError:
-    if path.suffix.lower() in _OF_SCANNERS:
-        return file_error(path, "is a scanner's own description, which is not read", BY_NUMBERS)
+    if maker := _OF_SCANNERS.get(path.suffix.lower()):
+        return file_error(path, f"is {maker} own description, which is not read", BY_NUMBERS)
     return file_error(
         path, f"unknown kind of geometry {path.suffix!r}", f"name it with one of {', '.join(_READ)}"
     )
@@ -211,7 +220,8 @@ def _read(path: Path, given: Given, format: str | None) -> GeometryFile:
     if suffix == ".json":
         content = _legsim_json.parsed(path)
         if tigre.is_tigre(content):
-            return GeometryFile(tigre.geometry(path, content, given), "tigre")
+            ordered, notes = tigre.in_python_order(path, content, given)
+            return GeometryFile(tigre.geometry(path, ordered, given), "tigre", notes)
         return GeometryFile(_legsim_json.geometry(path, content, given), "legsim")
     if suffix == ".xml":
         root = _xml_root(path)
@@ -224,6 +234,8 @@ def _read(path: Path, given: Given, format: str | None) -> GeometryFile:
             matrices = projtable.matrices(path, text)
             geometry = geometry_of_matrices(path, matrices, given)
             return GeometryFile(geometry, "projtable", _unknown_pixel(given))
+        if leap.is_leap(text):
+            return GeometryFile(leap.geometry(path, text, given), "leap")
     return _of_rows(path, matrix_tables.load(path), given, format)
 
 

@@ -364,7 +364,7 @@ def _open(path: Path, dimensions: tuple[int, ...] = (3,)) -> sitk.ImageFileReade
         with _quiet():
             reader.ReadImageInformation()
     except RuntimeError as error:
-        _whole_files.refuse_packed(path)
+        _whole_files.refuse_other_kinds(path)
         if "orthonormal" in str(error):
             raise file_error(
                 path,

@@ -8,14 +8,16 @@ from __future__ import annotations
 
 import re
 import struct
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
 from legsim.core.errors import file_error
+from legsim.core.files import is_file
 from legsim.core.values import FloatArray, frozen, frozen_owned
-from legsim.geometry import _whole_files, image_files
+from legsim.geometry import _whole_files, image_files, label_names
 from legsim.geometry.image_files import LPS_FROM_WORLD, Axes
 
 _SPACING_MM = (0.02, 20.0)
@@ -47,6 +49,8 @@ class LabelImage:
     world_from_index: FloatArray
     """(4, 4): indices (i, j, k, 1) to world, m"""
     remarks: tuple[str, ...] = ()
+    names: Mapping[int, str] = field(default_factory=dict)
+    """by number, as far as the file has its own"""
 
     def __post_init__(self) -> None:
         frozen_owned(self.labels)
@@ -83,9 +87,14 @@ def load_label_image(path: Path | str, *, axes: Axes = "lps") -> LabelImage:
 
     Raises:
         LegsimError: no image, not three-dimensional, more than one channel, values that are no
-            whole numbers or are below 0, an implausible spacing, or nothing but 0.
+            whole numbers or are below 0, an implausible spacing, nothing but 0, or segments of
+            several layers.
     """
     path = Path(path)
+    if path.is_dir():
+        cure = "give the segmentations in it, as in femur_left.nii.gz tibia.nii.gz"
+        raise file_error(path, "is a folder", cure)
+    names = label_names.read(path) if is_file(path) else {}
     samples, spacing_mm, origin_mm, direction = image_files.read_samples(path)
     if not _SPACING_MM[0] <= min(spacing_mm) <= max(spacing_mm) <= _SPACING_MM[1]:
         raise file_error(
@@ -113,7 +122,7 @@ def load_label_image(path: Path | str, *, axes: Axes = "lps") -> LabelImage:
     remarks = _unstated(path, spacing_mm, axes)
     if off > 0:
         remarks = (*remarks, f"{path}: values up to {off:.1g} off whole numbers were rounded")
-    return LabelImage(path, whole, matrix, remarks)
+    return LabelImage(path, whole, matrix, remarks, names)
 
 
 def _whole_numbers(samples: np.ndarray) -> tuple[np.ndarray, float]:

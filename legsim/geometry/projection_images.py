@@ -56,6 +56,8 @@ class ProjectionImages:
     no_counts: str = ""
     """what the file says against its values being counts; empty: nothing"""
     notes: tuple[str, ...] = ()
+    detector_mm: float | None = None
+    """from the source to the detector, where the file says it"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -268,6 +270,8 @@ def _read_file(path: Path, raw: RawLayout | None) -> ProjectionImages:
             "raw numbers have no header",
             "say their layout, as in --raw U16:620x480x248 (type:columns x rows x views)",
         )
+    if suffix == ".npy" or suffix in tiff.SUFFIXES or suffix in _DICOM:
+        files.refuse_packed(path)
     if suffix == ".npy":
         return ProjectionImages(_npy_values(path))
     if suffix in tiff.SUFFIXES:
@@ -276,7 +280,13 @@ def _read_file(path: Path, raw: RawLayout | None) -> ProjectionImages:
     if _is_dicom(path):
         found = dicom.read_projections(path)
         return ProjectionImages(
-            found.values, found.pixel_mm, None, found.angles_deg, found.no_counts, found.notes
+            found.values,
+            found.pixel_mm,
+            None,
+            found.angles_deg,
+            found.no_counts,
+            found.notes,
+            found.detector_mm,
         )
     values, pixel_mm, origin_mm = image_files.read_stored(path)
     return ProjectionImages(values, pixel_mm, origin_mm)
@@ -312,6 +322,7 @@ def _read_series(place: Path, raw: RawLayout | None) -> ProjectionImages:
         np.unwrap(np.concatenate(known), period=360) if len(known) == len(angles) else None,
         first.no_counts,
         (*notes, *_few(dict.fromkeys(note for part in parts for note in part.notes))),
+        first.detector_mm if len({part.detector_mm for part in parts}) == 1 else None,
     )
 
 

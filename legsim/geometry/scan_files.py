@@ -14,6 +14,9 @@ from legsim.geometry.projection_images import ProjectionImages, RawLayout
 _OTHER_PIXEL = 0.01
 """share by which pixels of two files differ that are not the same"""
 
+_OTHER_DISTANCE = 0.05
+"""share by which a calibrated distance is off the nominal one of the images at most"""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ScanFiles:
@@ -97,6 +100,7 @@ def read_scan(
     doubts += () if counts is None else odd_views.coarse(images.values)
     known = pixel_mm is not None or images.pixel_mm is not None or not described.pixel_open
     wrong = plausibility.objections(placed, pixel_known=known)
+    wrong += _other_distance(placed, images) if known else ()
     # where the geometry itself is doubted, that its rays do not fit is no news
     doubts += wrong or tuple(line for line in [opposite_rays.objection(made)] if line)
     said = (*notes, *more, *(f"In doubt: {line}" for line in doubts))
@@ -112,10 +116,28 @@ def _other_pixel(geometry: ConeBeamGeometry, images: ProjectionImages) -> list[s
     used = 1e3 * geometry.pixel_pitch, 1e3 * geometry.row_pitch()
     if stated is None or stated == (1.0, 1.0) or np.allclose(stated, used, rtol=_OTHER_PIXEL):
         return []
+    if np.allclose(stated[::-1], used, rtol=_OTHER_PIXEL):
+        return [
+            f"In doubt: the images state pixels of {stated[0]:g} mm between columns and "
+            f"{stated[1]:g} mm between rows, the geometry the other way around, which is used: "
+            "exchange the two in one of them"
+        ]
     return [
         f"the images state pixels of {stated[0]:g} x {stated[1]:g} mm, the geometry "
         f"{used[0]:.6g} x {used[1]:.6g} mm: the geometry's are used"
     ]
+
+
+def _other_distance(geometry: ConeBeamGeometry, images: ProjectionImages) -> tuple[str, ...]:
+    """A line where the images state the detector at another distance than the geometry."""
+    used = 1e3 * float(np.median(geometry.focal_lengths())) * geometry.pixel_pitch
+    stated = images.detector_mm
+    if stated is None or abs(used - stated) <= _OTHER_DISTANCE * stated:
+        return ()
+    return (
+        f"the images state {stated:.4g} mm from source to detector, the geometry has {used:.4g} "
+        "mm, which is used: check its distances and the pixel size",
+    )
 
 
 def _placed(

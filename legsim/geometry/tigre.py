@@ -7,6 +7,9 @@ angles (alpha, theta, psi) turn source and detector by Rz(alpha) Ry(theta) Rz(ps
 shifts both by COR (-sin alpha, cos alpha, 0). Lengths are in mm, angles in rad. ``nDetector`` and
 ``dDetector`` are (rows, columns) and (between rows, between columns).
 
+MATLAB's struct says the same columns first: ``nDetector``, ``dDetector`` and ``offDetector`` are
+(u, v) there, and what differs by view has a column, not a row, for each.
+
 ``offOrigin`` moves the volume, not the scanner, and is not used here.
 """
 
@@ -28,6 +31,9 @@ from legsim.geometry._file_parts import (
     refuse_other_pixels,
 )
 from legsim.geometry.cone_beam import ConeBeamGeometry
+
+_PAIRS, _TRIPLES = ("nDetector", "dDetector", "offDetector"), ("rotDetector", "angles")
+"""parameters of two and of three numbers, for all views or for each"""
 
 _NEEDED = ("DSD", "DSO", "nDetector", "dDetector", "angles")
 
@@ -53,15 +59,52 @@ def from_object(geo: Any, angles: ArrayLike | None = None) -> ConeBeamGeometry:
     return geometry("TIGRE's geometry", content, Given())
 
 
+def in_python_order(
+    path: Path, content: Mapping[str, Any], given: Given
+) -> tuple[Mapping[str, Any], tuple[str, ...]]:
+    """(parameters in the order of TIGRE's Python, notes) of a file that Python or MATLAB wrote.
+
+    MATLAB's are told by a column for each view, or by the images' columns and rows; where nothing
+    tells and the order matters, it is taken as Python's, with a note.
+    """
+    values = {
+        name: _numbers(path, content[name], name)
+        for name in (*_PAIRS, *_TRIPLES)
+        if name in content
+    }
+    tables = {name: value.shape for name, value in values.items() if value.ndim == 2}
+    across = any(
+        rows == (2 if name in _PAIRS else 3) and columns > 3
+        for name, (rows, columns) in tables.items()
+    )
+    along = any(rows > 3 for rows, _ in tables.values())
+    detector = tuple(values["nDetector"].ravel().tolist()) if "nDetector" in values else ()
+    by_images = given.shape_vu not in (None, detector) and given.shape_vu == detector[::-1]
+    if not along and (across or by_images):
+        turned = {name: value.T if value.ndim == 2 else value for name, value in values.items()}
+        turned |= {name: turned[name][..., ::-1] for name in _PAIRS if name in turned}
+        return {**content, **turned}, (
+            f"{path.name}: read as TIGRE's MATLAB struct, whose detector is (columns, rows)",
+        )
+    told = along or (given.shape_vu is not None and given.shape_vu != given.shape_vu[::-1])
+    if told or all(np.ptp(values[name]) == 0 for name in _PAIRS if name in values):
+        return content, ()
+    return content, (
+        f"{path.name}: nDetector, dDetector and offDetector are taken as (rows, columns), as of "
+        "TIGRE's Python; if MATLAB wrote them, exchange the two numbers of each",
+    )
+
+
 def geometry(path: Path | str, content: Mapping[str, Any], given: Given) -> ConeBeamGeometry:
     """The geometry of TIGRE's parameters that were read from ``path``; errors as
     :func:`from_object`.
     """
     missing = [name for name in _NEEDED if name not in content]
     if missing:
-        raise file_error(
-            path, f"lacks {', '.join(missing)}", f"TIGRE's geometry has {', '.join(_NEEDED)}"
-        )
+        cure = f"TIGRE's geometry has {', '.join(_NEEDED)}"
+        if missing == ["angles"]:
+            cure = "add them, in radians: geo.angles = angles before it is written"
+        raise file_error(path, f"lacks {', '.join(missing)}", cure)
     if str(content.get("mode", "cone")) not in ("cone", "None"):
         raise file_error(
             path, f"the beam is {content['mode']!r}", "only cone beams are known", place="mode"

@@ -1,10 +1,12 @@
 """Lists of numbers and names, as segmentation programs write them beside their files.
 
-JSON (TotalSegmentator's and nnU-Net's, either way around), color tables of 3D Slicer (.ctbl, .txt),
-label descriptions of ITK-SNAP (.txt, .label) and the header of 3D Slicer's .seg.nrrd. They do not
-say tissues: names that the maps of legsim know have theirs.
+JSON (TotalSegmentator's and nnU-Net's, either way around, MITK's), color tables of 3D Slicer
+(.ctbl, .txt, .csv), label descriptions of ITK-SNAP (.txt, .label), BIDS' dseg.tsv, and
+segmentations whose header has names (:mod:`legsim.geometry.label_names`). They do not say tissues:
+names that the maps of legsim know have theirs.
 """
 
+import csv
 import json
 import re
 import unicodedata
@@ -14,16 +16,21 @@ from typing import Any
 
 from legsim.core.errors import file_error
 from legsim.core.files import is_file, refuse_packed
+from legsim.geometry import label_names
 
-SUFFIXES = (".json", ".ctbl", ".txt", ".label", ".nrrd")
+SUFFIXES = (".json", ".ctbl", ".txt", ".label", ".csv", ".tsv", *label_names.SUFFIXES)
+
+_COLUMNS = (("labelvalue", "index", "label", "value", "number", "id"), ("name", "label_name"))
+"""of tables with a line of names: that of numbers and that of names, in small letters"""
+
+_SIDE_COLUMNS = ("side", "hemi", "hemisphere", "laterality")
+"""where a table says the side apart from the name"""
 
 _SNAP = re.compile(r'^\s*(\d+)\s+(?:[\d.]+\s+){4,6}"([^"]*)"\s*$')
 """number, color, opacity, visibility, visibility of the mesh, "name" """
 
 _SLICER = re.compile(r'^\s*(\d+)\s+"?(\S.*?)"?(?:\s+\d+){4}\s*$')
 """number, name, color and opacity"""
-
-_SEGMENT = re.compile(r"^Segment(\d+)_(LabelValue|Name|Layer):=(.*)$", re.M)
 
 _NOTHING = ("background", "clear label", "clear_label", "none", "unknown", "")
 
@@ -33,12 +40,14 @@ _SAME = {
     "fibular": "fibula",
     "patellar": "patella",
     "menisci": "meniscus",
+    "bones": "bone",
+    "muscles": "muscle",
     "l": "left",
     "r": "right",
 }
 """words for what the maps call otherwise"""
 
-_IDLE = ("bone", "the", "of")
+_IDLE = ("bone", "the", "of", "distal", "proximal")
 
 _SIDES = {"left", "right"}
 
@@ -52,17 +61,13 @@ def read(path: Path) -> dict[int, str]:
     """
     if not is_file(path):
         raise file_error(path, "no such file", "check the name of the map")
-    refuse_packed(path)
-    if path.suffix.lower() == ".nrrd":
-        found = _segments(path)
-    elif path.suffix.lower() == ".json":
-        found = _json(path)
+    if not path.name.lower().endswith(".gz"):
+        refuse_packed(path)
+    if path.name.lower().endswith(label_names.SUFFIXES):
+        found = list(label_names.read(path).items())
     else:
-        text = path.read_text("utf-8", "replace")
-        lines = [_SNAP.match(line) or _SLICER.match(line) for line in text.splitlines()]
-        found = [(int(match[1]), match[2]) for match in lines if match]
-    named = _unique(path, found)
-    named = {n: name for n, name in named.items() if name.lower() not in _NOTHING}
+        found = _listed(path)
+    named = named_structures(label_names.unique(path, found))
     if not named:
         raise file_error(
             path,
@@ -72,6 +77,11 @@ def read(path: Path) -> dict[int, str]:
     return named
 
 
+def named_structures(named: Mapping[int, str]) -> dict[int, str]:
+    """Names by number, without those that say that nothing is there."""
+    return {n: name for n, name in named.items() if name.lower() not in _NOTHING}
+
+
 def words(name: str) -> tuple[str, ...]:
     """What a name is compared by: its words in small letters, sorted; none of a name without any.
 
@@ -79,21 +89,41 @@ def words(name: str) -> tuple[str, ...]:
     """
     composed = unicodedata.normalize("NFC", name)
     apart = re.sub(r"([a-z])([A-Z])", r"\1 \2", composed).lower()
-    found: list[str] = re.findall(r"[^\W\d_]+|\d+", apart)
-    kept = [_SAME.get(word, word) for word in found if word not in _IDLE]
+    parts: list[str] = re.findall(r"[^\W\d_]+|\d+", apart)
+    found = [_SAME.get(word, word) for word in parts]
+    kept = [word for word in found if word not in _IDLE]
     if "bone" in found and _SIDES.issuperset(kept):
         kept.append("bone")
     return tuple(sorted(kept))
 
 
-def _unique(path: Path, pairs: list[tuple[int, str]]) -> dict[int, str]:
-    """Names by number, above 0, of which each has one."""
-    found: dict[int, str] = {}
-    for number, name in pairs:
-        if number > 0 and found.setdefault(number, name) != name:
-            problem = f"number {number} has two names, {found[number]} and {name}"
-            raise file_error(path, problem, "give each structure its own number")
-    return found
+def _listed(path: Path) -> list[tuple[int, str]]:
+    """Numbers and names of a list that is no segmentation."""
+    if path.suffix.lower() == ".json":
+        return _json(path)
+    lines = path.read_text("utf-8-sig", "replace").splitlines()
+    if path.suffix.lower() in (".csv", ".tsv"):
+        return _table(lines)
+    matches = [_SNAP.match(line) or _SLICER.match(line) for line in lines]
+    return [(int(match[1]), match[2]) for match in matches if match]
+
+
+def _table(lines: list[str]) -> list[tuple[int, str]]:
+    """Of a table of tabs, commas or semicolons, whose columns have names."""
+    dividers = "\t;,"
+    divider = max(dividers, key=(lines or [""])[0].count)
+    header, *rows = csv.reader(lines, delimiter=divider) if lines else [[]]
+    titles = [title.strip().lower() for title in header]
+    known = (*_COLUMNS, _SIDE_COLUMNS)
+    number, name, side = (next((titles.index(c) for c in k if c in titles), None) for k in known)
+    if number is None or name is None:
+        return []
+    named = [name] if side is None else [name, side]
+    return [
+        (int(row[number]), " ".join(row[place].strip() for place in named).strip())
+        for row in rows
+        if len(row) > max(number, *named) and row[number].strip().isdecimal()
+    ]
 
 
 def _json(path: Path) -> list[tuple[int, str]]:
@@ -101,7 +131,12 @@ def _json(path: Path) -> list[tuple[int, str]]:
         content = json.loads(path.read_text("utf-8-sig"), object_pairs_hook=_object)
     except ValueError as error:  # also of what is no UTF-8
         raise file_error(path, f"is not JSON ({error})", "correct it there") from error
-    return _pairs(content.get("labels", content)) if isinstance(content, dict) else []
+    if not isinstance(content, dict):
+        return []
+    listed = next(
+        (content[k] for k in ("labels", "groups", "segmentAttributes") if k in content), 0
+    )
+    return label_names.records(listed) or _pairs(content.get("labels", content))
 
 
 def _object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
@@ -123,23 +158,3 @@ def _pairs(content: Any) -> list[tuple[int, str]]:
         elif isinstance(value, int) and not isinstance(value, bool):
             found.append((value, str(key)))
     return found
-
-
-def _segments(path: Path) -> list[tuple[int, str]]:
-    with path.open("rb") as stream:
-        header = stream.read(1 << 20).partition(b"\n\n")[0].decode("utf-8", "replace")
-    fields: dict[str, dict[str, str]] = {}
-    for number, key, value in _SEGMENT.findall(header.replace("\r", "")):
-        fields.setdefault(number, {})[key] = value.strip()
-    layers = {one["Layer"] for one in fields.values() if "Layer" in one}
-    if len(layers) > 1:
-        raise file_error(
-            path,
-            f"holds segments of {len(layers)} layers, which overlap",
-            "export it from 3D Slicer as a labelmap, with its color table",
-        )
-    return [
-        (int(one["LabelValue"]), one["Name"])
-        for one in fields.values()
-        if one.get("LabelValue", "").isdecimal() and "Name" in one
-    ]

@@ -1,12 +1,17 @@
 """LABELS.toml: what the numbers of a segmentation are, for :mod:`legsim.phantom.from_labels`."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from functools import cache
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from legsim.core import files as core_files
 from legsim.core import resources
 from legsim.core.errors import LegsimError, file_error
+from legsim.geometry.label_images import LabelImage
 from legsim.kinematics.skeleton import SEGMENTS
 from legsim.phantom import label_lists, materials
 
@@ -19,6 +24,8 @@ _KEYS = {"number": int, "name": str, "tissue": str, "segment": str, "envelope": 
 
 _PAIRED = (*sorted({name[:-2] for name in SEGMENTS if name[-2:] in ("_l", "_r")}), "soft")
 """segments of which each leg has one"""
+
+_SIDES = frozenset(("left", "right"))
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,6 +68,8 @@ class LabelMap:
     """names by number: known, but no part of a leg"""
     foreign: dict[int, str] = field(default_factory=dict)
     """names by number of a list that no map of legsim has: their tissues are not known"""
+    remarks: tuple[str, ...] = ()
+    """what a user may not expect of it"""
 
 
 def names() -> tuple[str, ...]:
@@ -80,8 +89,8 @@ def load_label_map(name_or_path: Path | str) -> LabelMap:
             name that occurs twice.
     """
     path = Path(name_or_path)
-    if path.suffix.lower() in label_lists.SUFFIXES:
-        return _of_list(path)
+    if path.name.lower().endswith(label_lists.SUFFIXES):
+        return _of_names(path, label_lists.read(path))
     if path.suffix != ".toml":
         if str(name_or_path) not in names():
             raise LegsimError(
@@ -107,20 +116,93 @@ def load_label_map(name_or_path: Path | str) -> LabelMap:
     return LabelMap(path, entries, left_out)
 
 
-def _of_list(path: Path) -> LabelMap:
-    """The structures of a list whose names a shipped map has, with its tissue and segment."""
-    known: dict[tuple[str, ...], LabelEntry] = {}
+def own_map(image: LabelImage) -> LabelMap:
+    """The map of a segmentation by :func:`own_names`.
+
+    Raises:
+        LegsimError: it has no names, or no structure that a shipped map has.
+    """
+    named, where = own_names(image)
+    if not named:
+        raise file_error(
+            image.path,
+            "does not name its numbers",
+            f"say what they are by --map ({', '.join(names())}, a .toml, or the list of names that "
+            "its program wrote)",
+        )
+    found, there = _of_names(image.path, named), np.unique(image.labels)
+    taken = sorted(entry.number for entry in found.entries if entry.number in there)
+    listed = ", ".join(f"{n} {named[n]}" for n in taken)
+    remark = f"{image.path}: numbers by the names {where}: {listed or 'none of a leg'}"
+    return replace(found, remarks=(remark,))
+
+
+def own_names(image: LabelImage) -> tuple[dict[int, str], str]:
+    """(names by number that are in a segmentation's file, "in it"); of a mask of one number without
+    any, its file's name where a shipped map has it, and "of the file".
+    """
+    named = label_lists.named_structures(image.names)
+    stem = image.path.name.partition(".")[0]
+    numbers = [int(n) for n in np.unique(image.labels) if n > 0]
+    if not named and len(numbers) == 1 and known().of(stem) is not None:
+        return {numbers[0]: stem}, "of the file"
+    return named, "in it"
+
+
+@dataclass(frozen=True, slots=True)
+class KnownNames:
+    """What the shipped maps know, by the words of its name (:func:`label_lists.words`)."""
+
+    entries: Mapping[tuple[str, ...], LabelEntry]
+    outside: frozenset[tuple[str, ...]]
+    """names that they leave out"""
+
+    def of(self, name: str) -> LabelEntry | None:
+        """The entry of a name; of a side, also where the map leaves sides open."""
+        words = label_lists.words(name)
+        if words in self.entries:
+            return self.entries[words]
+        sides = set(words) & _SIDES
+        found = self.entries.get(tuple(word for word in words if word not in sides))
+        if found is None or len(sides) != 1 or not found.paired or found.side is not None:
+            return None
+        return replace(found, side=sides.pop()[0])
+
+    def leaves_out(self, name: str) -> bool:
+        """Whether the name is left out, with its side or, of both sides, without."""
+        words = label_lists.words(name)
+        without = tuple(word for word in words if word not in _SIDES)
+        return bool({words, without} & self.outside)
+
+    def differ(self, one: str, other: str) -> bool:
+        """Whether two names that are both known are of different structures or sides."""
+        found = [self.of(one), self.of(other)]
+        if None in found:
+            return any(found) and (self.leaves_out(one) or self.leaves_out(other))
+        first, second = (entry for entry in found if entry is not None)
+        sides = {first.side, second.side} - {None}
+        return first.name != second.name or len(sides) > 1
+
+
+@cache
+def known() -> KnownNames:
+    """Of all maps that ship with legsim."""
+    entries: dict[tuple[str, ...], LabelEntry] = {}
     outside: set[tuple[str, ...]] = set()
     for name in names():
         shipped = load_label_map(name)
         outside |= {label_lists.words(left) for left in shipped.left_out.values()}
         for entry in shipped.entries:
-            known.setdefault(label_lists.words(f"{entry.name} {entry.side or ''}"), entry)
-    listed = label_lists.read(path)
+            entries.setdefault(label_lists.words(f"{entry.name} {entry.side or ''}"), entry)
+    return KnownNames(entries, frozenset(outside))
+
+
+def _of_names(path: Path, listed: Mapping[int, str]) -> LabelMap:
+    """The structures of a list whose names a shipped map has, with its tissue and segment."""
     entries = [
         replace(found, number=number)
         for number, name in listed.items()
-        if (found := _sided(known, label_lists.words(name))) is not None
+        if (found := known().of(name)) is not None
     ]
     if not entries:
         some = ", ".join(list(listed.values())[:8])
@@ -130,26 +212,9 @@ def _of_list(path: Path) -> LabelMap:
             "it says no tissues: write a .toml like models/label_maps/leg.toml",
         )
     others = {n: name for n, name in listed.items() if n not in {e.number for e in entries}}
-    left_out = {n: name for n, name in others.items() if _is_outside(outside, name)}
+    left_out = {n: name for n, name in others.items() if known().leaves_out(name)}
     foreign = {n: name for n, name in others.items() if n not in left_out}
     return LabelMap(path, _unlike(path, entries), left_out, foreign)
-
-
-def _is_outside(outside: set[tuple[str, ...]], name: str) -> bool:
-    """Whether shipped maps leave the name out, with its side or, of both sides, without."""
-    words = label_lists.words(name)
-    return bool({words, tuple(word for word in words if word not in ("left", "right"))} & outside)
-
-
-def _sided(known: dict[tuple[str, ...], LabelEntry], words: tuple[str, ...]) -> LabelEntry | None:
-    """The entry of these words; of a side, also where the map leaves sides open."""
-    if words in known:
-        return known[words]
-    sides = {"left", "right"} & set(words)
-    found = known.get(tuple(word for word in words if word not in sides))
-    if found is None or len(sides) != 1 or not found.paired or found.side is not None:
-        return None
-    return replace(found, side=sides.pop()[0])
 
 
 def _unlike(path: Path, entries: list[LabelEntry]) -> tuple[LabelEntry, ...]:

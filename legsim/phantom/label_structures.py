@@ -9,7 +9,7 @@ from scipy import ndimage
 from legsim.core.errors import LegsimError, file_error
 from legsim.core.values import FloatArray
 from legsim.geometry.label_images import LabelImage
-from legsim.phantom.label_maps import LabelEntry, LabelMap
+from legsim.phantom.label_maps import LabelEntry, LabelMap, known, own_names
 
 _ISLAND = 0.01
 """of a structure's largest piece: pieces smaller than that are removed"""
@@ -92,6 +92,7 @@ def structure_grid(
     codes, entries = np.zeros(images[0].labels.shape, np.uint16), list[LabelEntry]()
     remarks = [remark for image in images for remark in image.remarks]
     for image, read in zip(images, maps, strict=True):
+        remarks += [*read.remarks, *_contradictions(image, read)]
         _enter(codes, entries, image, read, ignore, remarks)
     if not entries:
         known = ", ".join(f"{e.number} {e.name}" for read in maps for e in read.entries)
@@ -114,10 +115,12 @@ def _enter(
     known = {entry.number: entry for entry in read.entries}
     there = [int(n) for n in np.flatnonzero(counts) if n > 0]
     unknown = [n for n in there if n not in known and n not in read.left_out and n not in ignore]
+    named_here = {**image.names, **read.foreign}
     if unknown:
-        named = (f"{n} {read.foreign.get(n, '')}".strip() for n in unknown[:20])
+        named = (f"{n} {named_here.get(n, '')}".strip() for n in unknown[:20])
         listed = ", ".join(f"{n} ({counts[int(n.split()[0])]} voxels)" for n in named)
-        cure = "give their tissues in a .toml" if read.foreign else "name them there"
+        by_names = read.foreign or read.path == image.path
+        cure = "give their tissues in a .toml" if by_names else "name them there"
         raise file_error(
             image.path,
             f"{read.path.name} does not know the numbers {listed}",
@@ -130,10 +133,33 @@ def _enter(
             table[n] = len(entries)
     found = table[image.labels]
     codes[found > 0] = found[found > 0]
-    called = {n: entry.name for n, entry in known.items()} | read.foreign | read.left_out
+    called = named_here | {n: entry.name for n, entry in known.items()} | read.left_out
     left = [f"{called.get(n, 'unnamed')} ({n})" for n in there if table[n] == 0]
     if left:
         remarks.append(f"{image.path}: left out: {', '.join(left)}")
+
+
+def _contradictions(image: LabelImage, read: LabelMap) -> list[str]:
+    """A line on numbers that the file itself names otherwise than its map."""
+    named, where = own_names(image)
+    by_map = {
+        e.number: f"{e.name} {_SIDE_NAMES.get(e.side or '', '')}".strip() for e in read.entries
+    }
+    by_map |= read.left_out
+    there = set(np.unique(image.labels).tolist())
+    other = [
+        f"{n} is {own} there, {by_map[n]} in the map"
+        for n, own in named.items()
+        if n in there and n in by_map and known().differ(own, by_map[n])
+    ]
+    if not other:
+        return []
+    more = f" and {len(other) - 5} more" if len(other) > 5 else ""
+    return [
+        f"In doubt: {image.path}: by the names {where} numbers are others than by "
+        f"{read.path.name}: "
+        f"{'; '.join(other[:5])}{more}; the map is followed: leave it out to follow the file"
+    ]
 
 
 def world_z(shape: tuple[int, ...], world_from_index: FloatArray) -> FloatArray:
@@ -163,7 +189,14 @@ def _sided(
         raise file_error(image.path, problem, "leave out --side")
     plane = None
     if side is None and (len(stated) == 2 or (open_sides and not stated)):
-        plane = _plane(image, codes, entries, world_from_index)
+        plane = _plane(codes, entries, world_from_index)
+        if plane is None and open_sides:
+            raise file_error(
+                image.path,
+                f"the map leaves the side of {entries[open_sides[0] - 1].name} open, and the bones "
+                "show no gap between two legs",
+                "say --side left or --side right, or give segments with _l and _r in the map",
+            )
     one = side or (next(iter(stated)) if len(stated) == 1 else None)
     right = None if plane is None else world_z(codes.shape, world_from_index) > plane
     pieces: list[tuple[Structure, int, str | None]] = []
@@ -195,12 +228,10 @@ def _sided(
 
 
 def _plane(
-    image: LabelImage, codes: np.ndarray, entries: list[LabelEntry], world_from_index: FloatArray
-) -> float:
-    """World z (m) of the plane between both legs: the middle of the widest gap of their bones.
-
-    Raises:
-        LegsimError: there is no gap, so that there may be one leg.
+    codes: np.ndarray, entries: list[LabelEntry], world_from_index: FloatArray
+) -> float | None:
+    """World z (m) of the plane between both legs: the middle of the widest gap of their bones; None
+    where there is none, so that there may be one leg.
     """
     bones = np.zeros(len(entries) + 1, bool)
     for k, entry in enumerate(entries, 1):
@@ -216,11 +247,7 @@ def _plane(
         if len(edges):
             widest = edges[np.argmax(values[edges + 1] - values[edges])]
             return float((values[widest] + values[widest + 1]) / 2)
-    raise file_error(
-        image.path,
-        "the map leaves the sides open, and the bones show no gap between two legs",
-        "say --side left or --side right, or give segments with _l and _r in the map",
-    )
+    return None
 
 
 def _without_islands(

@@ -73,3 +73,14 @@ def test_what_is_not_a_list_of_numbers_is_refused(ball, tmp_path, capsys):
         code=1,
     )
     assert "--ignore liver: expected whole numbers" in shown
+
+
+def test_a_mask_that_its_file_names_needs_no_map(ball, tmp_path, capsys):
+    refused = run(capsys, "phantom", "from-labels", ball, "--out", tmp_path / "made", code=1)
+    assert "does not name its numbers; say what they are by --map" in refused
+    x, y, z = GRID.axes()
+    labels = (z[:, None, None] ** 2 + y[None, :, None] ** 2 + x**2 < 0.02**2).astype(np.uint8)
+    mask = segmentations.write(tmp_path / "femur_left.nii.gz", labels, GRID)
+    shown = run(capsys, "phantom", "from-labels", mask, "--out", tmp_path / "made")
+    assert "numbers by the names of the file: 1 femur_left" in shown
+    assert list((tmp_path / "made").glob("femur_*l.ply"))

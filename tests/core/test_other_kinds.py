@@ -19,11 +19,15 @@ def zipped(name: str) -> bytes:
     return stream.getvalue()
 
 
+LFS = "is a pointer of Git LFS, without the content; fetch it by git lfs pull"
+
+
 @pytest.mark.parametrize(
     ("content", "said"),
     [
         (gzip.compress(TEXT.encode(), mtime=0), r"is packed \(gzip\); unpack it"),
         (zipped("walk.trc"), r"is a packed archive \(zip\); unpack it"),
+        (b"version https://git-lfs.github.com/spec/v1\noid sha256:4d7a2\nsize 12345\n", LFS),
         (zipped("xl/workbook.xml"), "is a spreadsheet; save its table as text or CSV"),
         (b"MATLAB 5.0 MAT-file", "is MATLAB's; save"),
         (b"\x89HDF\r\n\x1a\n", "is HDF5; save"),

@@ -261,7 +261,9 @@ def test_over_an_ankle_that_walks_errors_are_no_larger_than_stated():
         moving = Shifted(ON_FOOT, wandering(seed, 2e-4), axis)
         scan = with_ankle(scanned(moving, seed))
         state = sensor_state(scan, "shank_l", SensorPriors(BMI160), clock=0.0)
-        found = smooth(state, standing=StandingPrior.at(KNEE), foot=standing_foot(scan, "shank_l")[0])
+        found = smooth(
+            state, standing=StandingPrior.at(KNEE), foot=standing_foot(scan, "shank_l")[0]
+        )
         off = (found.motion.carry(KNEE[None]) - motion_of(moving).carry(KNEE[None]))[-1, 0]
         missed += float(off @ np.linalg.solve(found.covariance_at(KNEE)[-1], off))
     assert missed < chi2.ppf(0.999, 3 * draws)

@@ -54,6 +54,25 @@ def test_frames_pixels_and_angles_are_read(tmp_path, values):
     np.testing.assert_allclose(found.angles_deg, -100 + 1.5 * np.arange(6))
 
 
+@pytest.mark.parametrize(("stated", "read"), [(1198.0, 1198.0), (None, None), (0.0, None)])
+def test_the_distance_to_the_detector_is_read(tmp_path, values, stated, read):
+    path = written(tmp_path / "x.dcm", values, DistanceSourceToDetector=stated)
+    assert dicom.read_projections(path).detector_mm == read
+
+
+def test_distances_that_differ_by_frame_are_none(tmp_path, values):
+    def of_frame(distance):
+        inner, group = pydicom.Dataset(), pydicom.Dataset()
+        inner.DistanceSourceToDetector = distance
+        group.XRayGeometrySequence = [inner]
+        return group
+
+    for distances, read in (([1100.0] * 6, 1100.0), ([1100.0, 1150.0] * 3, None)):
+        groups = [of_frame(distance) for distance in distances]
+        path = written(tmp_path / "x.dcm", values, PerFrameFunctionalGroupsSequence=groups)
+        assert dicom.read_projections(path).detector_mm == read
+
+
 def test_equal_increments_are_steps_from_frame_to_frame(tmp_path, values):
     path = written(
         tmp_path / "x.dcm",
@@ -88,6 +107,15 @@ def test_values_are_rescaled_as_the_file_says(tmp_path, values):
 def test_a_file_without_an_ending_is_known_by_its_mark(tmp_path, values):
     path = written(tmp_path / "IM0001", values)
     np.testing.assert_array_equal(projection_images.read_images(path).values, values)
+
+
+def test_a_file_without_an_image_is_said_to_be_a_report(tmp_path, values):
+    path = written(tmp_path / "x.dcm", values)
+    data = pydicom.dcmread(path)
+    del data.PixelData
+    data.save_as(path)
+    with pytest.raises(LegsimError, match="give the files of the images: this one is a report"):
+        projection_images.read_images(path)
 
 
 def test_a_broken_file_and_a_missing_package_are_reported(tmp_path, values, monkeypatch):

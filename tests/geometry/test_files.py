@@ -432,7 +432,7 @@ def test_sizes_and_rates_that_are_none_are_refused(tmp_path, format, given):
 @pytest.mark.parametrize(
     ("name", "text", "said"),
     [
-        ("scan.xtekct", "[XTekCT]\nSrcToObject=700", "scanner's own description"),
+        ("scan.xtekct", "[XTekCT]\nSrcToObject=700", "is Nikon's own description"),
         ("bruker.txt", "[System]\nScanner=SkyScan", "'System' is not a number"),
         ("scan.xml", "<Scan><SAD>1000</SAD></Scan>", "begins with <Scan.*rtkvarianobigeometry"),
         ("gvxr.json", '{"Source": {}, "Detector": {}}', 'expected the keys "unit"'),

@@ -203,3 +203,8 @@ def test_a_dicom_file_is_no_volume(tmp_path):
     sitk.WriteImage(sitk.GetImageFromArray(np.ones((3, 4, 5), np.uint8)), str(path))
     with pytest.raises(LegsimError, match=r"one DICOM file.*segmentation as NRRD or NIfTI"):
         load_label_image(path)
+
+
+def test_a_folder_of_masks_is_refused_as_one(tmp_path):
+    with pytest.raises(LegsimError, match="is a folder; give the segmentations in it"):
+        load_label_image(tmp_path)

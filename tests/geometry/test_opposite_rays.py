@@ -122,6 +122,26 @@ def test_a_geometry_of_another_scan_is_doubted_with_its_cure(stated, said):
     assert said in str(objection(Projections(stated, images)))
 
 
+OR_MOTION = "unless somebody moved by several millimeters"
+
+
+@pytest.mark.parametrize(("sway", "sure"), [(0.0, True), (2e-3, False)])
+def test_another_size_of_pixels_that_leaves_much_may_be_motion(sway, sure):
+    images = scanned(geometry(), sway=sway)
+    line = str(objection(Projections(geometry(pixel=2e-3), images)))
+    assert "pixels are twice as large" in line
+    assert (OR_MOTION not in line) is sure
+
+
+def test_a_difference_that_motion_can_make_is_said_to_be_perhaps_motion():
+    views = geometry(turn_deg=200.0)
+    line = str(objection(Projections(views, scanned(views, sway=20e-3))))
+    assert "check the order of the views" in line
+    assert line.endswith(OR_MOTION + " during the scan")
+    images = np.roll(scanned(geometry()), 29, axis=0)
+    assert OR_MOTION not in str(objection(Projections(geometry(), images)))
+
+
 def test_an_offset_of_the_wrong_sign_is_doubted():
     images = scanned(geometry(offset=7.0))
     line = str(objection(Projections(geometry(offset=-7.0), images)))

@@ -263,3 +263,11 @@ def test_packed_views_are_to_be_unpacked_and_those_of_nifti_are_read(tmp_path):
     # two bytes of a reading are no mark
     (tmp_path / "a.raw").write_bytes(b"\x1f\x8b\x08\0" + values.tobytes()[4:])
     assert read_images(tmp_path / "a.raw", raw=layout).values.shape == values.shape
+
+
+@pytest.mark.parametrize("ending", [".tif", ".dcm", ".npy", ".mha", ".nrrd", ".nii.gz"])
+def test_a_pointer_of_git_lfs_is_refused_as_one(tmp_path, ending):
+    path = tmp_path / f"p{ending}"
+    path.write_text("version https://git-lfs.github.com/spec/v1\noid sha256:4d7a2\nsize 12345\n")
+    with pytest.raises(LegsimError, match=r"is a pointer of Git LFS, .* git lfs pull"):
+        projection_images.read_images(path)

@@ -1,11 +1,13 @@
 """A scan from two files: whose pixel size counts, and where RTK's geometry puts the pixels."""
 
+import json
+
 import numpy as np
 import pytest
 import SimpleITK as sitk
 
 from legsim.core.errors import LegsimError
-from legsim.geometry import files
+from legsim.geometry import files, projection_images
 from legsim.geometry.scan_files import read_scan
 from tests.geometry.test_files import circular
 
@@ -91,6 +93,30 @@ def test_pixels_that_images_state_otherwise_are_noted(tmp_path, rng):
         notes = read_scan(tmp_path / "p.mha", tmp_path / "g.json").notes
         said = "the images state pixels of 0.308 x 0.308 mm, the geometry 0.616 x 0.616 mm"
         assert any(said in note for note in notes) == noted
+
+
+def test_pixels_that_are_exchanged_are_doubted(tmp_path, rng):
+    turned = {"nDetector": [48, 62], "dDetector": [0.616, 0.308], "angles": [0, 1, 2, 3, 4]}
+    (tmp_path / "g.json").write_text(json.dumps({"DSD": 1198, "DSO": 780, **turned}))
+    image = sitk.GetImageFromArray(rng.uniform(0, 3, (5, 48, 62)).astype(np.float32))
+    for pixel, doubted in ((0.308, 0.616), False), ((0.616, 0.308), True), ((0.5, 0.5), False):
+        image.SetSpacing([*pixel, 1.0])
+        sitk.WriteImage(image, str(tmp_path / "p.mha"))
+        notes = read_scan(tmp_path / "p.mha", tmp_path / "g.json", up="z").notes
+        assert any("the other way around" in note for note in notes) == doubted
+
+
+@pytest.mark.parametrize(("stated", "doubted"), [(1198, False), (1250, False), (1080, True)])
+def test_another_distance_than_the_images_state_is_doubted(
+    tmp_path, rng, monkeypatch, stated, doubted
+):
+    files.save_geometry(tmp_path / "g.json", circular())
+    values = rng.uniform(0, 3, (5, 48, 62)).astype(np.float32)
+    read = projection_images.ProjectionImages(values, detector_mm=stated)
+    monkeypatch.setattr(projection_images, "read_images", lambda *_, **__: read)
+    notes = read_scan("p.dcm", tmp_path / "g.json").notes
+    said = f"In doubt: the images state {stated} mm from source to detector, the geometry has 1198"
+    assert any(note.startswith(said) for note in notes) == doubted
 
 
 @pytest.mark.parametrize("size", [0.616, np.float32(0.616), [0.616, 0.616], np.full(2, 0.616)])

@@ -73,6 +73,71 @@ def test_json_of_the_objects_attributes_is_read(tmp_path):
     np.testing.assert_allclose(found.geometry.matrices, expected.matrices, rtol=1e-12)
 
 
+def matlab(geo):
+    """As MATLAB's jsonencode writes the struct: columns first, a column for each view."""
+    written = {k: np.asarray(v).T.tolist() for k, v in geo.items()}
+    for name in ("nDetector", "dDetector", "offDetector"):
+        written[name] = written[name][::-1]
+    return written
+
+
+def test_matlabs_struct_is_read_by_its_columns_for_each_view(tmp_path):
+    (tmp_path / "geo.json").write_text(json.dumps(matlab(parameters(views=5))))
+    found = files.read_geometry(tmp_path / "geo.json")
+    expected = tigre.from_object(SimpleNamespace(**parameters(views=5)))
+    np.testing.assert_allclose(found.geometry.matrices, expected.matrices, rtol=1e-12)
+    assert found.geometry.shape_vu == (40, 60)
+    assert "MATLAB struct, whose detector is (columns, rows)" in found.notes[0]
+
+
+PLAIN = {
+    "mode": "cone",
+    "DSD": 1536,
+    "DSO": 1000,
+    "COR": 0,
+    "angles": [0, 0.1, 0.2, 0.3],
+    "nDetector": [60, 40],
+    "dDetector": [0.6, 0.8],
+    "offDetector": [12, 3],
+}
+
+
+def test_the_images_tell_the_order_of_rows_and_columns(tmp_path):
+    (tmp_path / "geo.json").write_text(json.dumps(PLAIN))
+    found = files.read_geometry(tmp_path / "geo.json", columns=60, rows=40, up="z")
+    assert found.geometry.shape_vu == (40, 60)
+    assert found.geometry.pixel_pitch == pytest.approx(0.6e-3)
+    ordered = PLAIN | {k: PLAIN[k][::-1] for k in ("nDetector", "dDetector", "offDetector")}
+    (tmp_path / "python.json").write_text(json.dumps(ordered))
+    again = files.read_geometry(tmp_path / "python.json", columns=60, rows=40, up="z")
+    np.testing.assert_array_equal(found.geometry.matrices, again.geometry.matrices)
+    assert ("MATLAB" in found.notes[0], again.notes) == (True, ())
+    with pytest.raises(LegsimError, match="says 60 columns and 41 rows"):
+        (tmp_path / "geo.json").write_text(json.dumps(PLAIN | {"nDetector": [41, 60]}))
+        files.read_geometry(tmp_path / "geo.json", columns=60, rows=40)
+
+
+@pytest.mark.parametrize(
+    ("pairs", "asked"),
+    [
+        ({"nDetector": [50, 50]}, True),
+        ({"nDetector": [50, 50], "dDetector": [0.5, 0.5]}, True),
+        ({"nDetector": [50, 50], "dDetector": [0.5, 0.5], "offDetector": [0, 0]}, False),
+        ({"nDetector": [50, 50], "offDetector": [[1, 2]] * 4}, False),
+    ],
+)
+def test_an_order_that_nothing_tells_is_said_where_it_matters(tmp_path, pairs, asked):
+    (tmp_path / "geo.json").write_text(json.dumps(PLAIN | pairs))
+    notes = files.read_geometry(tmp_path / "geo.json", columns=50, rows=50, up="z").notes
+    assert [("exchange the two numbers" in note) for note in notes] == [True] * asked
+
+
+def test_a_struct_without_angles_says_how_to_add_them(tmp_path):
+    (tmp_path / "geo.json").write_text(json.dumps({k: PLAIN[k] for k in PLAIN if k != "angles"}))
+    with pytest.raises(LegsimError, match=r"lacks angles; .*geo.angles = angles"):
+        files.read_geometry(tmp_path / "geo.json")
+
+
 @pytest.mark.parametrize("geometry", [circular(), corrected()], ids=["circular", "corrected"])
 def test_round_trip(geometry):
     content = tigre.parameters_of("g.json", geometry)

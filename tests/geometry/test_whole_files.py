@@ -1,6 +1,8 @@
 """Image files that break off are refused, whatever their format; whole ones are read."""
 
+import gzip
 import locale
+import struct
 from pathlib import Path
 
 import numpy as np
@@ -87,3 +89,19 @@ def test_an_offset_that_is_no_number_is_refused(tmp_path, values, offset):
     with pytest.raises(LegsimError) as error:
         image_files.read_stored(path)
     assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize("name", ["a.nii", "a.nii.gz"])
+def test_nifti_2_is_refused_as_such(tmp_path, name):
+    content = struct.pack("<i8s", 540, b"n+2\0\r\n\x1a\n") + bytes(600)
+    (tmp_path / name).write_bytes(gzip.compress(content) if name.endswith("gz") else content)
+    with pytest.raises(
+        LegsimError, match="is NIfTI-2, which ITK does not read; write it as NIfTI-1"
+    ):
+        image_files.load_volume(tmp_path / name)
+
+
+def test_freesurfers_volumes_are_refused_as_such(tmp_path):
+    (tmp_path / "aseg.mgz").write_bytes(gzip.compress(bytes(300)))
+    with pytest.raises(LegsimError, match=r"is FreeSurfer's; write it as \.nii\.gz"):
+        image_files.load_volume(tmp_path / "aseg.mgz")

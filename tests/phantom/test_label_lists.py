@@ -11,12 +11,28 @@ from legsim.phantom import label_lists, label_maps
 
 NNUNET = {"channel_names": {"0": "CT"}, "labels": {"background": 0, "Femur": 1, "tibia": 2}}
 
+LABELED = [{"name": "femur", "value": 1}, {"name": "tibia", "value": 2, "opacity": 0.6}]
+
 LISTS = {
     "total.json": json.dumps({"1": "femur", "2": "tibia"}),
     "dataset.json": json.dumps(NNUNET),
     "old.json": json.dumps({"labels": {"0": "background", "1": "femur", "2": "tibia"}}),
     "colors.ctbl": "# Color table\n0 background 0 0 0 0\n1 femur 255 0 0 255\n2 tibia 0 9 0 255\n",
     "blanks.CTBL": '0 "no bone" 0 0 0 0\n1 the femur 255 0 0 255\n2 "tibia bone" 0 9 0 255\n',
+    "slicer.csv": "LabelValue,Name,Color_R,Color_G,Color_B,Color_A\n1,femur,1,1,1,255\n2,Tibia,1,1,1,9\n",
+    "a_dseg.tsv": "index\tname\tcolor\n0\tbackground\t\n1\tfemur\t#fff\n2\ttibia\t#000\n",
+    "rows.csv": "\ufeffname;value\nfemur;1\ntibia;2\n",
+    "mitk.mitklabel.json": json.dumps(
+        {"groups": [{"labels": LABELED[:1]}, {"labels": LABELED[1:]}]}
+    ),
+    "list.json": json.dumps({"labels": LABELED}),
+    "dcmqi.json": json.dumps(
+        {
+            "segmentAttributes": [
+                [{"labelID": 1, "SegmentLabel": "femur"}, {"labelID": 2, "SegmentLabel": "tibia"}]
+            ]
+        }
+    ),
     "snap.txt": "# ITK-SnAP\n"
     '    0     0    0    0        0  0  0    "Clear Label"\n'
     '    1   255    0    0        1  1  1    "Femur"\n'
@@ -26,12 +42,18 @@ LISTS = {
 
 @pytest.mark.parametrize("name", LISTS)
 def test_numbers_and_names_are_read_of_any_program(tmp_path, name):
-    (tmp_path / name).write_text(LISTS[name])
+    (tmp_path / name).write_text(LISTS[name], "utf-8")
     found = label_maps.load_label_map(tmp_path / name)
     assert [(e.number, e.name, e.tissue, e.segment) for e in found.entries] == [
         (1, "femur", "bone", "femur"),
         (2, "tibia", "bone", "tibia"),
     ]
+
+
+def test_a_table_may_say_the_side_apart(tmp_path):
+    (tmp_path / "lut.tsv").write_text("label\tname\themi\n1\tfemur\tL\n2\tfemur\tR\n3\ttibia\t\n")
+    found = label_maps.load_label_map(tmp_path / "lut.tsv").entries
+    assert [(e.name, e.side) for e in found] == [("femur", "l"), ("femur", "r"), ("tibia", None)]
 
 
 def test_the_header_of_a_segmentation_of_slicer_is_a_list(tmp_path):
@@ -49,6 +71,9 @@ def test_the_header_of_a_segmentation_of_slicer_is_a_list(tmp_path):
         ("TibiaRight", ("tibia", "r", "bone")),
         ("femoral cartilage", ("femur_cartilage", None, "cartilage")),
         ("patella bone", ("patella", None, "bone")),
+        ("distal_femur_left", ("femur", "l", "bone")),
+        ("Bones", ("bone", None, "bone")),
+        ("Muscles", ("muscle", None, "muscle")),
         ("gluteus_maximus_left", ("gluteus_maximus", "l", "muscle")),
     ],
 )
@@ -89,25 +114,6 @@ def test_names_that_shipped_maps_leave_out_are_left_out(tmp_path):
     assert not found.foreign
 
 
-def segments(path, *layers):
-    """A segmentation of 3D Slicer with one segment of the number 1 per layer."""
-    image = sitk.GetImageFromArray(np.ones((3, 3, 3), np.uint8))
-    for k, (name, layer) in enumerate(layers):
-        for key, value in (("Name", name), ("LabelValue", "1"), ("Layer", layer)):
-            image.SetMetaData(f"Segment{k}_{key}", value)
-    sitk.WriteImage(image, str(path))
-
-
-@pytest.mark.parametrize(
-    ("layers", "said"),
-    [("01", "segments of 2 layers"), ("00", "number 1 has two names, femur and tibia")],
-)
-def test_segments_that_overlap_are_refused(tmp_path, layers, said):
-    segments(tmp_path / "a.seg.nrrd", *zip(("femur", "tibia"), layers, strict=True))
-    with pytest.raises(LegsimError, match=said):
-        label_lists.read(tmp_path / "a.seg.nrrd")
-
-
 @pytest.mark.parametrize(
     ("name", "text", "said"),
     [
@@ -119,6 +125,8 @@ def test_segments_that_overlap_are_refused(tmp_path, layers, said):
         ("a.json", '{"femur": 1, "tibia": 1}', "number 1 has two names, femur and tibia"),
         ("a.json", '{"1": "femur", "1": "tibia"}', "the key '1' occurs twice"),
         ("a.ctbl", "1 femur 0 0 0 0\n1 tibia 0 0 0 0\n", "number 1 has two names"),
+        ("a.csv", "a,b\n1,femur\n", "no numbers with names"),
+        ("a.csv", "", "no numbers with names"),
     ],
 )
 def test_what_is_no_list_is_refused(tmp_path, name, text, said):

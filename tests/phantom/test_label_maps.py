@@ -1,10 +1,14 @@
 """LABELS.toml: the shipped maps load, and each fault names its place."""
 
+from pathlib import Path
+
+import numpy as np
 import pytest
 
 from legsim.core.errors import LegsimError
+from legsim.geometry.label_images import LabelImage
 from legsim.phantom import label_maps
-from legsim.phantom.label_maps import load_label_map
+from legsim.phantom.label_maps import known, load_label_map, own_map
 
 GOOD = '[[label]]\nnumber = 1\nname = "femur"\ntissue = "bone"\nsegment = "femur_l"\n'
 
@@ -70,3 +74,54 @@ def test_an_unknown_map_lists_those_that_ship():
         load_label_map("total")
     with pytest.raises(LegsimError, match="no such file"):
         load_label_map("total.toml")
+
+
+def image(name="a.nii.gz", numbers=(0, 5), **names: str) -> LabelImage:
+    labels = np.resize(np.array(numbers, np.int32), (3, 3, 3))
+    named = {int(number[1:]): called for number, called in names.items()}
+    return LabelImage(Path(name), labels, np.eye(4), names=named)
+
+
+def test_a_segmentation_is_its_own_map_by_the_names_in_it():
+    named = {"n0": "background", "n5": "femur_left", "n6": "liver", "n7": "screw"}
+    read = own_map(image(numbers=(0, 5, 6), **named))
+    assert [(e.number, e.name, e.side) for e in read.entries] == [(5, "femur", "l")]
+    assert (read.left_out, read.foreign) == ({6: "liver"}, {7: "screw"})
+    assert read.remarks == ("a.nii.gz: numbers by the names in it: 5 femur_left",)
+
+
+def test_a_mask_is_named_by_its_file():
+    read = own_map(image("there/tibia_right.nii.gz"))
+    assert [(e.number, e.name, e.side) for e in read.entries] == [(5, "tibia", "r")]
+    assert "by the names of the file: 5 tibia_right" in read.remarks[0]
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        (image("mask.nii.gz"), r"does not name its numbers; say what they are by --map \(leg, "),
+        (image("femur.nii.gz", (0, 1, 2)), "does not name its numbers"),
+        (image("femur.nii.gz", n5="screw"), r"names no structure that legsim knows \(screw\)"),
+    ],
+)
+def test_a_segmentation_without_known_names_needs_a_map(given, said):
+    with pytest.raises(LegsimError, match=said):
+        own_map(given)
+
+
+@pytest.mark.parametrize(
+    ("one", "other", "differ"),
+    [
+        ("femur_left", "left femur", False),
+        ("femur_left", "femur", False),
+        ("femur_left", "femur_right", True),
+        ("tibia", "fibula right", True),
+        ("femur", "liver", True),
+        ("liver", "spleen", False),
+        ("femur", "Segment_1", False),
+        ("my femur", "tibia", False),
+    ],
+)
+def test_names_differ_where_both_are_known(one, other, differ):
+    assert known().differ(one, other) is differ
+    assert known().differ(other, one) is differ

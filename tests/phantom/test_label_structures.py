@@ -21,8 +21,9 @@ def entry(number, name, tissue="bone", segment=None, side=None, envelope=False) 
 TIBIA, SKIN = entry(2, "tibia", segment="tibia"), entry(1, "skin", "skin", "soft", envelope=True)
 
 
-def image(labels: np.ndarray, name="labels.nii.gz") -> LabelImage:
-    return LabelImage(Path(name), np.array(labels, np.int32), PLACED)
+def image(labels: np.ndarray, name="labels.nii.gz", **named: str) -> LabelImage:
+    names = {int(number[1:]): called for number, called in named.items()}
+    return LabelImage(Path(name), np.array(labels, np.int32), PLACED, names=names)
 
 
 def read(*entries: LabelEntry, left_out: dict[int, str] | None = None) -> LabelMap:
@@ -112,3 +113,43 @@ def test_a_segmentation_without_any_structure_of_the_map_is_refused():
     labels = np.full((4, 4, 4), 9)
     with pytest.raises(LegsimError, match="no structure of its map"):
         structure_grid([image(labels)], [read(TIBIA, left_out={9: "liver"})], side="l")
+
+
+def test_names_in_the_file_that_contradict_the_map_are_said():
+    stated = entry(2, "tibia", segment="tibia")
+    agrees = image(two_legs(), n1="skin", n2="Tibia bone", n3="patella")
+    assert structure_grid([agrees], [read(SKIN, stated)], side=None).remarks == ()
+    other = image(two_legs(), n1="skin", n2="fibula_left", n3="patella")
+    grid = structure_grid([other], [read(SKIN, stated, left_out={3: "liver"})], side=None)
+    (line,) = grid.remarks
+    begin = "In doubt: labels.nii.gz: by the names in it numbers are others than by map.toml: 2"
+    assert line.startswith(begin)
+    assert "2 is fibula_left there, tibia in the map; the map is followed" in line
+
+
+def test_a_mask_whose_file_name_contradicts_the_map_is_said():
+    mask = image(two_legs() // 2, "fibula.nii.gz")
+    named = entry(1, "tibia", segment="tibia")
+    (line,) = structure_grid([mask], [read(named)], side=None).remarks
+    assert "by the names of the file" in line
+    assert structure_grid([image(two_legs() // 2)], [read(named)], side=None).remarks == ()
+
+
+def test_numbers_that_no_map_knows_are_called_as_in_the_file():
+    with pytest.raises(LegsimError, match=r"2 tibia \(\d+ voxels\); name them there"):
+        structure_grid([image(two_legs(), n2="tibia")], [read(SKIN)], side=None)
+
+
+def test_both_sides_that_the_map_states_need_no_gap_between_them():
+    """As muscles of an abdomen, of which no leg is seen."""
+    labels = two_legs()
+    labels[labels == 2] = 3
+    labels[:, :, 10:][labels[:, :, 10:] == 3] = 4
+    sided = [entry(n, "psoas", "muscle", "soft", side) for n, side in ((3, "l"), (4, "r"))]
+    grid = structure_grid([image(labels)], [read(*sided, left_out={1: "body"})], side=None)
+    assert [s.name for s in grid.structures] == ["psoas_l", "psoas_r"]
+    assert grid.right_of is None
+    with pytest.raises(
+        LegsimError, match="leaves the side of skin open, and the bones show no gap"
+    ):
+        structure_grid([image(labels)], [read(SKIN, *sided)], side=None)
