@@ -6,7 +6,7 @@ motion that the images would see, they say so and leave the scan as it is.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
