@@ -66,10 +66,11 @@ def read(path: Path) -> dict[int, str]:
     if not path.name.lower().endswith(".gz"):
         refuse_packed(path)
     if path.name.lower().endswith(label_names.SUFFIXES):
-        found = list(label_names.read(path).items())
+        found = label_names.read(path)
     else:
-        found = _listed(path)
-    named = named_structures(label_names.unique(path, found))
+        found = label_names.by_number(_listed(path))
+    cure = "give each structure its own number"
+    named = named_structures(label_names.unique(path, found, cure))
     if not named:
         raise file_error(
             path,

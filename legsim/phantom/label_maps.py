@@ -1,16 +1,16 @@
 """LABELS.toml: what the numbers of a segmentation are, for :mod:`legsim.phantom.from_labels`."""
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cache
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from legsim.core import files as core_files
 from legsim.core import resources
 from legsim.core.errors import LegsimError, file_error
+from legsim.geometry import label_names
 from legsim.geometry.label_images import LabelImage
 from legsim.kinematics.skeleton import SEGMENTS
 from legsim.phantom import label_lists, materials
@@ -120,33 +120,41 @@ def own_map(image: LabelImage) -> LabelMap:
     """The map of a segmentation by :func:`own_names`.
 
     Raises:
-        LegsimError: it has no names, or no structure that a shipped map has.
+        LegsimError: it has no names, two for a number, or no structure that a shipped map has.
     """
+    cure = (
+        f"say what they are by --map ({', '.join(names())}, a .toml, or the list of names that "
+        "its program wrote)"
+    )
+    here = {n: called for n, called in image.names.items() if n in image.numbers}
+    label_names.unique(image.path, here, cure)
     named, where = own_names(image)
     if not named:
-        raise file_error(
-            image.path,
-            "does not name its numbers",
-            f"say what they are by --map ({', '.join(names())}, a .toml, or the list of names that "
-            "its program wrote)",
-        )
-    found, there = _of_names(image.path, named), np.unique(image.labels)
-    taken = sorted(entry.number for entry in found.entries if entry.number in there)
+        raise file_error(image.path, "does not name its numbers", cure)
+    found = _of_names(image.path, named)
+    taken = sorted(entry.number for entry in found.entries if entry.number in image.numbers)
     listed = ", ".join(f"{n} {named[n]}" for n in taken)
     remark = f"{image.path}: numbers by the names {where}: {listed or 'none of a leg'}"
     return replace(found, remarks=(remark,))
 
 
 def own_names(image: LabelImage) -> tuple[dict[int, str], str]:
-    """(names by number that are in a segmentation's file, "in it"); of a mask of one number without
-    any, its file's name where a shipped map has it, and "of the file".
+    """(names by number that are in a segmentation's file, without those of which a number has two,
+    "in it"); of a mask of one number without any, its file's name where a shipped map has it, and
+    "of the file".
     """
-    named = label_lists.named_structures(image.names)
-    stem = image.path.name.partition(".")[0]
-    numbers = [int(n) for n in np.unique(image.labels) if n > 0]
-    if not named and len(numbers) == 1 and known().of(stem) is not None:
-        return {numbers[0]: stem}, "of the file"
+    one_each = {n: called[0] for n, called in image.names.items() if len(called) == 1}
+    named = label_lists.named_structures(one_each)
+    stem = _stem(image.path)
+    if not named and len(image.numbers) == 1 and known().of(stem) is not None:
+        return {image.numbers[0]: stem}, "of the file"
     return named, "in it"
+
+
+def _stem(path: Path) -> str:
+    """A file's name without its ending; points within it stay: tibia.cartilage is no tibia."""
+    packed = re.sub(r"\.gz$", "", path.name, flags=re.I)
+    return re.sub(r"\.seg$", "", Path(packed).stem, flags=re.I)
 
 
 @dataclass(frozen=True, slots=True)

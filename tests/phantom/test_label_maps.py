@@ -78,7 +78,7 @@ def test_an_unknown_map_lists_those_that_ship():
 
 def image(name="a.nii.gz", numbers=(0, 5), **names: str) -> LabelImage:
     labels = np.resize(np.array(numbers, np.int32), (3, 3, 3))
-    named = {int(number[1:]): called for number, called in names.items()}
+    named = {int(number[1:]): tuple(called.split("|")) for number, called in names.items()}
     return LabelImage(Path(name), labels, np.eye(4), names=named)
 
 
@@ -94,6 +94,33 @@ def test_a_mask_is_named_by_its_file():
     read = own_map(image("there/tibia_right.nii.gz"))
     assert [(e.number, e.name, e.side) for e in read.entries] == [(5, "tibia", "r")]
     assert "by the names of the file: 5 tibia_right" in read.remarks[0]
+
+
+@pytest.mark.parametrize(
+    ("name", "entry"),
+    [
+        ("tibia.cartilage.nii.gz", ("tibia_cartilage", None, "cartilage")),
+        ("femur.left.nii.gz", ("femur", "l", "bone")),
+        ("femur.R.nrrd", ("femur", "r", "bone")),
+        ("Patella.seg.nrrd", ("patella", None, "bone")),
+        ("patella.NII.GZ", ("patella", None, "bone")),
+    ],
+)
+def test_points_divide_the_words_of_a_files_name(name, entry):
+    (found,) = own_map(image(name)).entries
+    assert (found.name, found.side, found.tissue) == entry
+
+
+@pytest.mark.parametrize("other", ["muscle", "artery", "implant", "v2"])
+def test_a_word_behind_a_point_counts(other):
+    with pytest.raises(LegsimError, match="does not name its numbers"):
+        own_map(image(f"femur.{other}.nii.gz"))
+
+
+def test_a_number_with_two_names_needs_a_map_where_it_is_there():
+    assert own_map(image(n5="femur_left", n6="tibia|fibula")).entries[0].name == "femur"
+    with pytest.raises(LegsimError, match=r"5 has two names, femur and tibia; say .* by --map"):
+        own_map(image(n5="femur|tibia"))
 
 
 @pytest.mark.parametrize(

@@ -22,7 +22,7 @@ TIBIA, SKIN = entry(2, "tibia", segment="tibia"), entry(1, "skin", "skin", "soft
 
 
 def image(labels: np.ndarray, name="labels.nii.gz", **named: str) -> LabelImage:
-    names = {int(number[1:]): called for number, called in named.items()}
+    names = {int(number[1:]): tuple(called.split("|")) for number, called in named.items()}
     return LabelImage(Path(name), np.array(labels, np.int32), PLACED, names=names)
 
 
