@@ -27,6 +27,18 @@ _PAIRED = (*sorted({name[:-2] for name in SEGMENTS if name[-2:] in ("_l", "_r")}
 
 _SIDES = frozenset(("left", "right"))
 
+_SEVERAL = {"tarsal": frozenset(("talus", "calcn"))}
+"""segments of names that hold bones of more than one"""
+
+_APART = (
+    (("skin", "fat"), ("muscle",), ("cartilage", "meniscus")),
+    (("skin",), ("muscle", "blood", "water", "tendon")),
+)
+"""in each line, groups of tissues of which one is never meant by another's name
+
+Soft tissue may hold all of them; vessels and tendons are often counted with muscle or fat.
+"""
+
 
 @dataclass(frozen=True, slots=True)
 class LabelEntry:
@@ -50,12 +62,23 @@ class LabelEntry:
         return self.segment in _PAIRED
 
     @property
+    def bony(self) -> bool:
+        """Whether it is of bone."""
+        return self.tissue in (BONE, "cortical_bone", "cancellous_bone")
+
+    @property
+    def bodies(self) -> frozenset[str]:
+        """Segments with bones that it moves with; none of what is soft or at rest."""
+        if self.segment is None or self.segment == "soft":
+            return frozenset()
+        return _SEVERAL.get(self.name, frozenset((self.segment,)))
+
+    @property
     def rank(self) -> int:
         """Place among the others, outermost first."""
         if self.envelope:
             return 0
-        soft = self.segment is None or self.segment == "soft"
-        return 3 if self.tissue in (BONE, "cortical_bone", "cancellous_bone") else 1 if soft else 2
+        return 3 if self.bony else 2 if self.bodies else 1
 
 
 @dataclass(frozen=True, slots=True)
@@ -170,26 +193,63 @@ class KnownNames:
         words = label_lists.words(name)
         if words in self.entries:
             return self.entries[words]
-        sides = set(words) & _SIDES
-        found = self.entries.get(tuple(word for word in words if word not in sides))
+        sides, found = _sides(name), self.entries.get(_sideless(name))
         if found is None or len(sides) != 1 or not found.paired or found.side is not None:
             return None
-        return replace(found, side=sides.pop()[0])
+        return replace(found, side=sides.pop())
 
     def leaves_out(self, name: str) -> bool:
         """Whether the name is left out, with its side or, of both sides, without."""
-        words = label_lists.words(name)
-        without = tuple(word for word in words if word not in _SIDES)
-        return bool({words, without} & self.outside)
+        return bool({label_lists.words(name), _sideless(name)} & self.outside)
 
-    def differ(self, one: str, other: str) -> bool:
-        """Whether two names that are both known are of different structures or sides."""
-        found = [self.of(one), self.of(other)]
-        if None in found:
-            return any(found) and (self.leaves_out(one) or self.leaves_out(other))
-        first, second = (entry for entry in found if entry is not None)
-        sides = {first.side, second.side} - {None}
-        return first.name != second.name or len(sides) > 1
+    def differ(self, own: str, called: str, mapped: LabelEntry | None) -> bool:
+        """Whether a number's own name is of something else than a map makes of it.
+
+        Names of the same may be coarser or finer (fat, subcutaneous fat; bone, femur), so that what
+        they become counts: sides, segments with bones, bone or not, tissues. A name that the
+        shipped maps leave out may have any tissue, but is no bone that moves.
+
+        Args:
+            own: the name that is not the map's.
+            called: the map's.
+            mapped: what the map makes of it; None where it leaves it out.
+        """
+        first, second = self.of(own), mapped or self.of(called)
+        if first is not None and second is not None:
+            sides = [_sides(own) or {first.side}, _sides(called) or {second.side}]
+            if len(set[str | None]().union(*sides) - {None}) > 1:
+                return True
+        if _sideless(own) == _sideless(called):
+            return False
+        if first is not None and second is not None:
+            return _differ(first, second)
+        one, other = (first, called) if second is None else (second, own)
+        return one is not None and one.bony and bool(one.bodies) and self.leaves_out(other)
+
+
+def _differ(first: LabelEntry, second: LabelEntry) -> bool:
+    """Whether two entries cannot be of the same structure."""
+    if first.bony != second.bony:
+        return True
+    if first.bodies and second.bodies and first.bodies.isdisjoint(second.bodies):
+        return True
+    if {_sideless(first.name), _sideless(second.name)} == {("tibia",), ("fibula",)}:
+        return True  # the two whole bones of one segment
+    return any(
+        first.tissue in group and any(second.tissue in other for other in line if other != group)
+        for line in _APART
+        for group in line
+    )
+
+
+def _sideless(name: str) -> tuple[str, ...]:
+    """Its words (:func:`label_lists.words`) without sides."""
+    return tuple(word for word in label_lists.words(name) if word not in _SIDES)
+
+
+def _sides(name: str) -> set[str]:
+    """The sides among its words, "l" or "r"."""
+    return {word[0] for word in label_lists.words(name) if word in _SIDES}
 
 
 @cache

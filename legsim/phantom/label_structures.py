@@ -141,15 +141,14 @@ def _enter(
 def _contradictions(image: LabelImage, read: LabelMap) -> list[str]:
     """A line on numbers that the file itself names otherwise than its map."""
     named, where = own_names(image)
-    by_map = {
-        e.number: f"{e.name} {_SIDE_NAMES.get(e.side or '', '')}".strip() for e in read.entries
+    mapped = {entry.number: entry for entry in read.entries}
+    called = read.left_out | {
+        n: f"{e.name} {_SIDE_NAMES.get(e.side or '', '')}".strip() for n, e in mapped.items()
     }
-    by_map |= read.left_out
-    there = set(np.unique(image.labels).tolist())
     other = [
-        f"{n} is {own} there, {by_map[n]} in the map"
-        for n, own in named.items()
-        if n in there and n in by_map and known().differ(own, by_map[n])
+        f"{n} is {named[n]} there, {called[n]} in the map"
+        for n in image.numbers
+        if n in named and n in called and known().differ(named[n], called[n], mapped.get(n))
     ]
     if not other:
         return []

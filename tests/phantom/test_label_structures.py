@@ -127,6 +127,23 @@ def test_names_in_the_file_that_contradict_the_map_are_said():
     assert "2 is fibula_left there, tibia in the map; the map is followed" in line
 
 
+def test_a_map_decides_where_the_file_names_a_number_twice():
+    twice = image(two_legs(), n1="skin", n2="fibula|tibia")
+    assert structure_grid([twice], [read(SKIN, TIBIA)], side=None).remarks == ()
+    with pytest.raises(LegsimError, match=r"2 fibula or tibia \(\d+ voxels\)"):
+        structure_grid([twice], [read(SKIN)], side=None)
+
+
+def test_what_the_map_leaves_out_is_doubted_where_the_file_has_a_bone():
+    seen, other = (image(two_legs(), n1=name) for name in ("femur", "muscle"))
+    doubted, not_doubted = (
+        structure_grid([one], [read(TIBIA, left_out={1: "liver"})], side=None).remarks
+        for one in (seen, other)
+    )
+    assert "1 is femur there, liver in the map" in doubted[0]
+    assert not_doubted == ("labels.nii.gz: left out: liver (1)",)
+
+
 def test_a_mask_whose_file_name_contradicts_the_map_is_said():
     mask = image(two_legs() // 2, "fibula.nii.gz")
     named = entry(1, "tibia", segment="tibia")
