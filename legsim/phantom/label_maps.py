@@ -282,17 +282,22 @@ def _of_names(path: Path, listed: Mapping[int, str]) -> LabelMap:
     others = {n: name for n, name in listed.items() if n not in {e.number for e in entries}}
     left_out = {n: name for n, name in others.items() if known().leaves_out(name)}
     foreign = {n: name for n, name in others.items() if n not in left_out}
-    return LabelMap(path, _unlike(path, entries), left_out, foreign)
+    _refuse_twice(path, entries, listed)
+    return LabelMap(path, tuple(entries), left_out, foreign)
 
 
-def _unlike(path: Path, entries: list[LabelEntry]) -> tuple[LabelEntry, ...]:
-    """The entries, whose names must differ."""
-    named = [(entry.name, entry.side) for entry in entries]
-    twice = [entry for entry in entries if named.count((entry.name, entry.side)) > 1]
-    if twice:
-        problem = f"names {twice[0].name} twice, {' and '.join(str(e.number) for e in twice[:2])}"
-        raise file_error(path, problem, "write a .toml like models/label_maps/leg.toml")
-    return tuple(entries)
+def _refuse_twice(path: Path, entries: list[LabelEntry], listed: Mapping[int, str]) -> None:
+    first: dict[tuple[str, str | None], LabelEntry] = {}
+    for entry in entries:
+        same = first.setdefault((entry.name, entry.side), entry)
+        if same is not entry:
+            both = " and ".join(f"{e.number} {listed[e.number]}" for e in (same, entry))
+            raise file_error(
+                path,
+                f"names {entry.name} twice, {both}",
+                "give them one number if they are pieces of one, or two names in a .toml like "
+                "models/label_maps/leg.toml",
+            )
 
 
 def _content(path: Path) -> dict[str, Any]:
@@ -316,9 +321,9 @@ def _entry(path: Path, k: int, table: Any) -> LabelEntry:
     if not isinstance(table, dict):
         raise file_error(path, "is no table", "write [[label]]", place=place)
     for key, value in table.items():
-        known = f"known: {', '.join(_KEYS)}"
         if key not in _KEYS:
-            raise file_error(path, f"unknown key {key!r}", known, place=place)
+            cure = f"known: {', '.join(_KEYS)}"
+            raise file_error(path, f"unknown key {key!r}", cure, place=place)
         if not isinstance(value, _KEYS[key]) or (isinstance(value, bool) and _KEYS[key] is int):
             problem = f"{key} = {value!r} is of the wrong type"
             raise file_error(path, problem, f"expected {_KEYS[key].__name__}", place=place)
@@ -349,5 +354,5 @@ def _segment(path: Path, place: str, text: str | None) -> tuple[str | None, str 
     base, side = (text[:-2], text[-1]) if text[-2:] in ("_l", "_r") else (text, None)
     if base in _PAIRED or (text in SEGMENTS and side is None):
         return base, side
-    known = f"known: pelvis, {', '.join(_PAIRED)}, each of the latter also with _l or _r"
-    raise file_error(path, f"unknown segment {text!r}", known, place=place)
+    cure = f"known: pelvis, {', '.join(_PAIRED)}, each of the latter also with _l or _r"
+    raise file_error(path, f"unknown segment {text!r}", cure, place=place)

@@ -141,7 +141,11 @@ def test_names_that_shipped_maps_leave_out_are_left_out(tmp_path):
         ("a.json", "{", "is not JSON"),
         ("a.txt", "1 2 3\n", "no numbers with names"),
         ("a.json", '{"1": "screw"}', r"knows \(screw\); it says no tissues"),
-        ("a.json", '{"1": "femur", "2": "Femur bone"}', "names femur twice, 1 and 2"),
+        (
+            "a.json",
+            '{"1": "femur", "2": "Femur bone"}',
+            "twice, 1 femur and 2 Femur bone; give them one",
+        ),
         ("a.json", '{"femur": 1, "tibia": 1}', "number 1 has two names, femur and tibia"),
         ("a.json", '{"1": "femur", "1": "tibia"}', "the key '1' occurs twice"),
         ("a.ctbl", "1 femur 0 0 0 0\n1 tibia 0 0 0 0\n", "number 1 has two names"),
