@@ -6,7 +6,7 @@ motion that the images would see, they say so and leave the scan as it is.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -37,8 +37,14 @@ following it leaves m.
 """
 
 
-_STILL_MM = 1.0
-"""RMS by which an ankle of a person who stands moves in a scan: several times what is measured"""
+_OVER_FOOT, _TURN_ARM = 2.0, 0.1
+"""times the spread of a knee over a foot that stands, and m beside it at which this is its turn: 4
+mm and 2.3 deg. A knee that was to stay within 2 mm was pressed there when it swayed by more, and
+the stated error did not say so.
+"""
+
+_UNLIKELY = 5.0
+"""standard deviations of an error of which nothing seen says that it is there"""
 
 _SHANK, _UPRIGHT = (0.18, 0.65), 0.5
 """m from a knee to its ankle, from a small child's to a very tall person's, and its share that
@@ -84,13 +90,38 @@ class Standing:
     priors: SensorPriors = field(default_factory=SensorPriors)
 
     def __call__(self, scan: Scan, /) -> Correction:
-        state = sensor_state(scan, self.sensor, self.priors, clock=0.0)
         foot, doubted = standing_foot(scan, self.sensor)
         try:
-            found = smooth(state, standing=_standing(scan, self.priors), foot=foot)
+            found = self.path(scan)
         except DivergedError as error:
             return left_as_it_is("standing", scan, error)
-        return _corrected("standing", scan, found, (*doubted, *foot_note(found)))
+        notes = (*doubted, *foot_note(foot, found))
+        worst = float(np.abs(found.errors).max())
+        if worst < _UNLIKELY:
+            return _corrected("standing", scan, found, notes)
+        said = (
+            f"In doubt: standing: an error of the sensor or of its start is {worst:.1f} times what "
+            "its data sheet and the start allow: the signals do not fit a person who stands. The "
+            "scan is left as it is. Check the sensor's start and axes, its model, and the place of "
+            "the ankle."
+        )
+        still = RigidMotion.identity(scan.times)
+        return Correction("standing", scan.projections, still, notes=(*notes, said))
+
+    def path(self, scan: Scan) -> SmoothedPath:
+        """The sensor's path with its covariance, whether it will be followed or not.
+
+        Raises:
+            DivergedError: no path fits the signals and the start.
+        """
+        foot, _ = standing_foot(scan, self.sensor)
+        stands = _standing(scan, self.priors)
+        if foot is not None:
+            # the foot holds the place, and the knee's prior the turn about the vertical
+            knee = scan.projections.geometry.rotation_center()
+            stands = StandingPrior.at(knee, _OVER_FOOT * self.priors.spread, _TURN_ARM)
+        state = sensor_state(scan, self.sensor, self.priors, clock=0.0)
+        return smooth(state, standing=stands, foot=foot)
 
 
 @dataclass(frozen=True, slots=True)
@@ -126,7 +157,7 @@ class FusedBeads:
             f"{found.residual_px:.2f} px RMS from the sensor's path."
         )
         doubts = doubts_of_shadows("fused-beads", found, beads.error_px)
-        notes = (note, *doubts, *doubted, *foot_note(found), *_clock_note(state, found))
+        notes = (note, *doubts, *doubted, *foot_note(foot, found), *_clock_note(state, found))
         return _corrected("fused-beads", scan, found, notes)
 
 
@@ -169,7 +200,7 @@ class FusedFiducials:
             f"shadows were found, {found.residual_px:.2f} px RMS from the sensor's path."
         )
         doubts = doubts_of_shadows("fused-fiducials", found, fiducials.error_px)
-        notes = (note, *doubts, *doubted, *foot_note(found), *_clock_note(state, found))
+        notes = (note, *doubts, *doubted, *foot_note(foot, found), *_clock_note(state, found))
         return _corrected("fused-fiducials", scan, found, notes)
 
 
@@ -232,14 +263,16 @@ def doubts_of_shadows(method: str, found: SmoothedPath, error_px: float) -> tupl
     )
 
 
-def foot_note(found: SmoothedPath) -> tuple[str, ...]:
-    """How far the ankle was found to move; nothing where it is not known."""
-    if found.foot is None:
+def foot_note(given: StandingFoot | None, found: SmoothedPath) -> tuple[str, ...]:
+    """How still the foot was taken to stand; nothing where its ankle is not known."""
+    if given is None or found.foot is None:
         return ()
-    ankle = transforms.apply(found.path.poses, found.foot.ankle_sensor[None])[:, 0]
+    ankle = transforms.apply(found.path.poses, given.ankle_sensor[None])[:, 0]
     moved = 1e3 * float(np.sqrt(np.square(ankle - ankle.mean(0)).sum(-1).mean()))
-    does = "is taken to stand" if moved < _STILL_MM else "does not stand, and is not held"
-    return (f"The foot {does}: its ankle is found to move by {moved:.2g} mm RMS.",)
+    walk = f"its ankle wanders by {1e3 * found.foot.walk:.2g} mm per root of a second"
+    if found.foot.walk > given.walk:
+        return (f"The foot does not stand still: {walk}, {moved:.2g} mm RMS in this scan.",)
+    return (f"The foot is taken to stand: {walk}, {moved:.2g} mm RMS in this scan.",)
 
 
 def _clock_note(state: ErrorState, found: SmoothedPath) -> tuple[str, ...]:

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field, replace
 from legsim.correction import image_motion
 from legsim.correction.fused import (
     SensorPriors,
+    foot_note,
     left_as_it_is,
     sensor_state,
     standing_foot,
@@ -52,11 +53,11 @@ class FusedImages:
             scan,
             state,
             begun.errors,
-            standing,
+            begun.standing or standing,
             self.device or open_device(),
             foot=begun.foot,
             # the part of the leg that carries the sensor
             below=bool(start.world_from_sensor[1, 3] < knee[1]),
             plan=self.plan,
         )
-        return replace(found, notes=(*doubted, *found.notes))
+        return replace(found, notes=(*doubted, *foot_note(foot, begun), *found.notes))

@@ -16,7 +16,7 @@ from scipy.linalg import cho_factor, cho_solve
 from legsim.core.errors import LegsimError
 from legsim.core.values import FloatArray
 from legsim.correction import image_criterion, reprojection
-from legsim.correction.fused import discerned, foot_note
+from legsim.correction.fused import discerned
 from legsim.correction.image_criterion import COARSE, FINE, FocusScale
 from legsim.correction.image_fit import ImageProblem, PathModel, fitted, sharpened, similarity_part
 from legsim.correction.method import Correction, Scan
@@ -131,9 +131,8 @@ def _judged(
     path, geometry, focus = problem.model.path(errors), problem.geometry, problem.sharpness
     covariance = cho_solve(cho_factor(problem.curvature(errors)), np.eye(len(errors)))
     found = SmoothedPath(
-        geometry.times, path, errors, covariance, np.zeros((0, 3)), float("nan"), True, problem.foot
+        geometry.times, path, errors, covariance, np.zeros((0, 3)), float("nan"), True
     )
-    notes = foot_note(found)
     motion_px, spread_px = found.seen_motion(geometry, problem.standing.points)
     floor_px = max(plan.floor / pixel_at_isocenter(geometry), _FLOOR_PX)
     error_px = float(np.hypot(spread_px, floor_px))
@@ -145,8 +144,6 @@ def _judged(
         f"{error_px:.2g} px of its errors"
     )
     if discerned(motion_px, error_px) and after < before:
-        return Correction(name, scan.projections, found.motion, notes=(*notes, f"{said}."))
+        return Correction(name, scan.projections, found.motion, notes=(f"{said}.",))
     left = f"{said}: the data do not determine it, and the scan is left as it is."
-    return Correction(
-        name, scan.projections, RigidMotion.identity(scan.times), notes=(*notes, left)
-    )
+    return Correction(name, scan.projections, RigidMotion.identity(scan.times), notes=(left,))

@@ -38,10 +38,12 @@ class StandingPrior:
         return float(np.sqrt(self.samples / (views * len(self.points)))) / self.spread
 
     @classmethod
-    def at(cls, knee: FloatArray, spread: float = 2e-3) -> "StandingPrior":
-        """Four points of a lower leg around and below a knee."""
-        arms = [[0.0, -20.0, 0.0], [0.0, -80.0, 0.0], [30.0, -40.0, 0.0], [0.0, -40.0, 30.0]]
-        return cls(np.asarray(knee) + 1e-3 * np.array(arms), spread)
+    def at(cls, knee: FloatArray, spread: float = 2e-3, arm: float = 0.03) -> "StandingPrior":
+        """Four points of a lower leg around and below a knee; two of them ``arm`` m beside it, so
+        that the spread there is what the leg turns by about the vertical.
+        """
+        places = [[0.0, -0.02, 0.0], [0.0, -0.08, 0.0], [arm, -0.04, 0.0], [0.0, -0.04, arm]]
+        return cls(np.asarray(knee) + np.array(places), spread)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -359,6 +359,39 @@ def on_foot_as_free(problem: PathProblem, path: SensorPath, covariance: FloatArr
     return _wandering(problem, problem.foot, max(found))
 
 
+def standing_as_expected(
+    problem: PathProblem, path: SensorPath, covariance: FloatArray
+) -> PathProblem:
+    """The problem of a person whose ankle and knee move by as much as they are found to, and by
+    what the errors with their covariance (n, n) may hide; the same where that is as stated or less.
+    """
+    if problem.foot is not None:
+        largest = max(
+            _mean_square(*problem.foot.steps(path, problem.state.views, apart), covariance)
+            for apart in (1, *_apart(problem.state.views))
+        )
+        problem = _wandering(problem, problem.foot, largest)
+    standing = problem.standing
+    if standing is None:
+        return problem
+    moved = transforms.apply(path.motion(), standing.points) - standing.points
+    found = _mean_square(moved, path.of_points(standing.points), covariance)
+    if found <= (_BEYOND_CHANCE * standing.spread) ** 2:
+        return problem
+    return replace(problem, standing=replace(standing, spread=float(np.sqrt(found))))
+
+
+def _mean_square(found: FloatArray, by: FloatArray, covariance: FloatArray) -> float:
+    """Of coordinates (..., 3) with changes (..., 3, n), their errors' variance included."""
+    return float(np.square(found).mean() + ((by @ covariance) * by).sum(-1).mean())
+
+
+def _apart(views: FloatArray) -> list[int]:
+    """Numbers of views between those whose steps tell how an ankle wanders."""
+    rate = (len(views) - 1) / float(views[-1] - views[0])
+    return [k for k in (max(1, round(s * rate)) for s in _STEP_S) if k < len(views)]
+
+
 def _wandering(problem: PathProblem, foot: StandingFoot, squares: float) -> PathProblem:
     """The problem of an ankle with steps of these mean ``squares``, beyond chance."""
     if squares <= _BEYOND_CHANCE**2:

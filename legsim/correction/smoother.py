@@ -28,16 +28,16 @@ from legsim.correction.path_problem import (
     PathProblem,
     believed,
     descended,
-    on_foot_as_found,
     on_foot_as_free,
     prepared,
     projected,
     solved,
+    standing_as_expected,
 )
 from legsim.deformation.models import RigidMotion
 from legsim.geometry.cone_beam import ConeBeamGeometry
 
-_ROUNDS = 8
+_ROUNDS = 12
 """estimates over a foot that stands less and less still, at most"""
 
 
@@ -60,6 +60,8 @@ class SmoothedPath:
     """whether the steps came to rest"""
     foot: StandingFoot | None = None
     """that the sensor's segment was found to stand on, as still as it was found to be"""
+    standing: StandingPrior | None = None
+    """as wide as the person was found to move"""
 
     @property
     def motion(self) -> RigidMotion:
@@ -155,18 +157,21 @@ def smooth(
 
 
 def _on_foot_alone(problem: PathProblem, errors: FloatArray, places: FloatArray) -> SmoothedPath:
-    """The path of a sensor of which nothing is seen, over an ankle that wanders by what is found;
-    not settled where that grew to the end.
+    """The path of a sensor of which nothing is seen, of a person who moves by what is found; not
+    settled where that grew to the end.
 
-    Without a foot such a path is off by more than an ankle steps, and cannot tell.
+    Without a foot such a path is off by more than an ankle steps, and cannot tell. What is found is
+    small where the priors say so: the errors that it may still have count as well (expectation
+    maximization of their widths).
     """
     for _ in range(_ROUNDS):
         errors, places, settled = descended(problem, errors, places)
-        wider = on_foot_as_found(problem, problem.state.path(errors))
-        if wider is problem:
-            return _result(problem, errors, places, settled)
-        problem = wider
-    return _result(problem, errors, places, settled=False)
+        found = _result(problem, errors, places, settled)
+        freer = standing_as_expected(problem, found.path, found.covariance)
+        if freer is problem:
+            return found
+        problem = freer
+    return replace(found, settled=False)
 
 
 def _reduced(
@@ -200,4 +205,5 @@ def smoothed(
     total = sum(weight for _, weight in sums)
     residual = float(np.sqrt(squares / total)) if total else float("nan")
     views = problem.state.views
-    return SmoothedPath(views, path, errors, covariance, places, residual, settled, problem.foot)
+    stood = problem.foot, problem.standing
+    return SmoothedPath(views, path, errors, covariance, places, residual, settled, *stood)

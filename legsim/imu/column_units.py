@@ -33,17 +33,24 @@ sensor that is called so
 """
 
 
-_FREE = re.compile(r"(free|user)[ _.]?acc|acc.*\b(without|w/?o|no|minus)[ _.]*g(ravity)?\b|"
-                   r"gravity[ _-]?(free|removed|compensated)", re.I)  # fmt: skip
-"""in names of accelerations without gravity: Xsens' FreeAcc_X, Apple's userAcceleration"""
+_FREE = re.compile(
+    r"(?<!bias.)(?<!drift.)(?<!noise.)(?<!offset.)free[ _.]?acc|user[ _.]?acc|without g\b|"
+    r"(without|w/?o|no|minus|excluding)[ _-]?gravity(?![ _-]*(comp|corr|remov|subtr))|"
+    r"gravity[ _-]?(free|removed|compensated)", re.I)  # fmt: skip
+"""in names of accelerations without gravity: Xsens' FreeAcc_X, Apple's userAcceleration, phyphox'
+"without g"
+"""
 
 _LINEAR = re.compile(r"lin(ear)?[ _.]?acc", re.I)
 """in names of these (Android, phyphox), and of specific force (ROS)"""
 
 _WITH_GRAVITY = "give the columns of the accelerometer's own readings, or export these"
 
-_LEAST = 3.0
-"""m/s^2 that is left of gravity in the mean over a leg's movements, at least"""
+_LEFT = 0.3
+"""of the median magnitude: what gravity leaves in the mean over a leg's movements, at least"""
+
+_ALIKE, _MOST = 0.1, 0.5
+"""of the median magnitude, by which most samples of a sensor that is turned about differ at most"""
 
 
 def check_names(
@@ -83,17 +90,23 @@ def check_gravity(
     columns: Sequence[Column], names: Mapping[Column, str], force: FloatArray
 ) -> None:
     """Refuses accelerations (n, 3) in m/s^2 that are called linear and hold no gravity: their mean
-    is near nothing, whatever their magnitude.
+    is near nothing beside their magnitudes, and these are not alike, as those of a sensor are that
+    is turned about. In another unit both hold too, which is not judged here.
 
     Raises:
         LegsimError: names the first of the ``columns``.
     """
     called = [column for column in columns if _LINEAR.search(names.get(column, ""))]
-    mean = np.nanmean(force, 0) if called and np.isfinite(force).any() else np.full(3, np.inf)
-    if np.linalg.norm(mean) < _LEAST:
+    seen = force[np.isfinite(force).all(-1)]
+    if not called or not len(seen):
+        return
+    sizes = np.linalg.norm(seen, axis=-1)
+    usual, left = np.median(sizes), np.linalg.norm(seen.mean(0))
+    alike = (np.abs(sizes - usual) <= _ALIKE * usual).mean()
+    if left < _LEFT * usual and alike < _MOST:
         raise LegsimError(
             f"column {called[0]!r} is an acceleration without gravity: its sensor reads "
-            f"{np.linalg.norm(mean):.2g} m/s2 in the mean; {_WITH_GRAVITY}"
+            f"{left:.2g} m/s2 in the mean, and {usual:.2g} m/s2 in the median; {_WITH_GRAVITY}"
         )
 
 

@@ -32,11 +32,17 @@ _XSENS_COUNTERS = ("PacketCounter", "Counter")
 
 _XSENS_CLOCK = re.compile(r"\b(PacketCounter|Counter|SampleTimeFine)\b")
 
-_XSENS_RATE = re.compile(
-    r"(?im)(?:^|//)\W*(?:update|output|sampl(?:e|ing)|acquisition) ?(?:rate|frequency)\W*"
-    r"(\d+(?:[.,]\d+)?)(?:\s*hz\b|\W*$)"
+_XSENS_ALONE = re.compile(
+    r"\b(PacketCounter|SampleTimeFine)\b|"
+    r"\bCounter\b.*\b(Gyr_X|Mag_X|FreeAcc_X|Euler_X|Quat_\w|Mat\[1\])"
 )
-"""the rate in a header"""
+"""in its names where no acceleration is; others count too"""
+
+_XSENS_RATE = re.compile(
+    r"(?im)(?:^|//)[^\w\n]*(?:update|output|sampl(?:e|ing)|acquisition) ?(?:rate|frequency)"
+    r"[^\w\n]*(\d+(?:[.,]\d+)?)(?:[ \t]*hz\b|[^\w\n]*$)"
+)
+"""the rate in a line of a header"""
 
 _FORCES = re.compile(r"(?i)(?<!free)acc|\ba[xyz]\b")
 """in names of columns, however an export spells them"""
@@ -272,7 +278,7 @@ def _unknown(path: Path, lines: Sequence[str]) -> LegsimError:
             f"holds no signals of sensors, but a recording ({motion})",
             "give it as the motion, and the sensors' own file here",
         )
-    named = next((line for line in lines[:50] if _XSENS_CLOCK.search(line)), None)
+    named = next((line for line in lines[:50] if _XSENS_ALONE.search(line)), None)
     if named is not None and not _FORCES.search(named):
         turned = "" if _RATES.search(named) else " and angular velocities (Gyr_X, …)"
         return file_error(

@@ -3,6 +3,7 @@ prefixes and spelling.
 """
 
 import re
+import unicodedata
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 from itertools import combinations
@@ -49,19 +50,21 @@ SEGMENT_OF_PART = {
 _BETWEEN = "_.:- "
 """what stands between a marker's name and that of somebody or something else"""
 
-_NUMBERED = re.compile(r"\d+\s*[-.)]\s*(?=[^\W\d])")
+_NUMBERED = re.compile(r"\A\d+\s*[-.)]\s*(?=[^\W\d])")
 """before all labels of a list that is counted, as "3 - R_Knee\""""
 
-_WORDS = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+")
-"""of a label, as "R", "Knee" and "Lat" of RKneeLat"""
+_WORDS = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+|[^\W\d_a-zA-Z]+")
+"""of a label, as "R", "Knee" and "Lat" of RKneeLat; letters of another alphabet are one too"""
 
 _SAME_WORDS = {
     word: short
     for short, words in {
         "r": "right rt rechts dx destra destro droite droit derecha derecho",
         "l": "left lt links sx sinistra sinistro gauche izquierda izquierdo",
-        "lat": "lateral lateralis laterale out outer outside external externe ext",
-        "med": "medial medialis mediale in inner inside internal interne int",
+        "lat": "lateral lateralis laterale out outer outside external externe externo externa ext "
+        "esterno esterna aussen aussere ausserer",
+        "med": "medial medialis mediale in inner inside internal interne interno interna int "
+        "innen innere innerer",
         "asis": "sias eias",
         "psis": "sips eips",
         "epi": "epicondyle epicond",
@@ -69,12 +72,12 @@ _SAME_WORDS = {
         "femoral": "fem femur",
         "mal": "mall malleolus malleole malleolo maleolo",
         "knee": "knie genou ginocchio rodilla",
-        "ankle": "ank cheville caviglia tobillo",
+        "ankle": "ank knochel knoechel cheville caviglia tobillo",
         "heel": "hee calc calcaneus ferse talon tallone",
     }.items()
     for word in words.split()
 }
-"""words that mean one, in the languages that laboratories label in"""
+"""words that mean one, in the languages that laboratories label in, without accents"""
 
 _JOINT = re.compile(
     r"j?(?:r|l|right|left)?(hip|knee|ankle)(?:r|l|right|left)?(?:jc|cent(?:er|re))?"
@@ -377,9 +380,9 @@ class _Finder:
         named = [name for name in marker_names if not name.startswith("*")]
         own = dict(zip(named, without_shared_ends(named), strict=True))
         bare = {name: name.rpartition(":")[2] for name in named}
-        if all(_NUMBERED.match(name) for name in named):
-            bare = {name: _NUMBERED.sub("", name) for name in named}
-        texts = (bare, own)
+        texts = [bare, own]
+        if all(_NUMBERED.match(text) for text in bare.values()):
+            texts.append({name: _NUMBERED.sub("", text) for name, text in bare.items()})
         self._stages: list[tuple[Callable[[str], str], dict[str, str]]] = [
             (str, _unique({name: name for name in named})),
             *((str, _unique(text)) for text in texts),
@@ -395,15 +398,28 @@ class _Finder:
 
 
 def _plain(label: str) -> str:
-    return re.sub(r"[^a-z0-9]", "", label.lower())
+    return re.sub(r"[\W_]", "", _unaccented(label).lower())
+
+
+def _unaccented(label: str) -> str:
+    """The same text with o for ö, e for é and ss for ß."""
+    parts = unicodedata.normalize("NFKD", label.replace("ß", "ss"))
+    return "".join(c for c in parts if not unicodedata.combining(c))
 
 
 def _words(label: str) -> str:
-    """The words of a label in order of the alphabet, each in its shortest form; empty for one word,
-    which says no more than :func:`_plain`.
+    """The words of a label in order of the alphabet, each in its shortest form.
+
+    Empty where they leave open what is meant: one word says no more than :func:`_plain`; a number
+    belongs to the word before it (SH1_R is at the shoulder, R_SH_1 on the shank); an epicondyle
+    that is not the knee's or the femur's is the elbow's as well.
     """
-    words: list[str] = [word.lower() for word in _WORDS.findall(label)]
-    return " ".join(sorted(_SAME_WORDS.get(w, w) for w in words)) if len(words) > 1 else ""
+    found: list[str] = [word.lower() for word in _WORDS.findall(_unaccented(label))]
+    words = sorted(_SAME_WORDS.get(word, word) for word in found)
+    elbow = "epi" in words and not {"knee", "femoral"} & {*words}
+    if len(words) < 2 or elbow or any(word.isdigit() for word in words):
+        return ""
+    return " ".join(words)
 
 
 def _unique(key_of: dict[str, str]) -> dict[str, str]:

@@ -88,12 +88,21 @@ def test_two_accelerometers_are_no_gyroscope(other):
 @pytest.mark.parametrize(
     "name",
     ["FreeAcc_X", "Free Acc. x", "userAcceleration.x", "Acceleration without g x (m/s^2)", "Acc x (gravity removed)",
-     "Acceleration x (without gravity)"],
+     "Acceleration x (without gravity)", "acc_x_no_gravity", "accelerationWithoutGravityX", "accNoGravity_x", "acc w/o gravity",
+     "Shank_FreeAcceleration_X", "no_gravity_acc_x", "gravity-free accel x"],
 )  # fmt: skip
 def test_accelerations_that_are_called_free_of_gravity_are_refused(name):
     with pytest.raises(LegsimError, match="column 0 is an acceleration without gravity"):
         check_names([0, 1, 2], [3], {0: name})
-    check_names([0], [1], {0: "Acc_X in free space, user 3", 1: "gyr"})
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["Acc_X in free space, user 3", "bias-free accel x", "drift-free accel x", "noise_free_acc_x", "acc x no. g", "acc no 3 g",
+     "acc_x with gravity", "acc_x no gravity compensation", "acc x (gravity not removed)"],
+)  # fmt: skip
+def test_accelerations_that_are_called_free_of_something_else_are_read(name):
+    check_names([0], [1], {0: name, 1: "gyr"})
 
 
 def test_linear_accelerations_are_specific_forces_where_they_hold_gravity(rng):
@@ -106,3 +115,17 @@ def test_linear_accelerations_are_specific_forces_where_they_hold_gravity(rng):
             check_gravity(["a"], {"a": name}, moving)
     check_gravity(["a"], {"a": "acc_x"}, moving)
     check_gravity(["a"], {"a": "LinAcc"}, np.full((5, 3), np.nan))
+
+
+@pytest.mark.parametrize("unit", [1.0, 9.80665, 9.80665e3])
+@pytest.mark.parametrize("how", ["six positions", "turned over", "spun"])
+def test_a_linear_acceleration_that_is_turned_about_holds_gravity_in_any_unit(rng, how, unit):
+    """Its mean is nothing; a unit that is not m/s^2 is told later, by the magnitude."""
+    turn = np.linspace(0, 40 * np.pi, 3000)
+    up = {
+        "six positions": np.repeat(np.concatenate([np.eye(3), -np.eye(3)]), 500, axis=0),
+        "turned over": np.repeat([[0.0, 0.0, 1.0], [0.0, 0.0, -1.0]], 1500, axis=0),
+        "spun": np.stack([np.cos(turn), np.sin(turn), 0 * turn], -1),
+    }[how]
+    moving = (np.arange(3000) % 10 < 4)[:, None] * rng.normal(scale=4.0, size=(3000, 3))
+    check_gravity(["a"], {"a": "linear_acceleration.x"}, (9.80665 * up + moving) / unit)

@@ -179,6 +179,13 @@ def test_opensims_two_tables_of_vectors_are_one_sensor(tmp_path):
         ('"PacketCounter","Acc_X","Acc_Y","Acc_Z","Gyr_X"\n1,1,1,1,1\n', "without Gyr_Y, Gyr_Z"),
         ("PacketCounter,acc_x,acc_y,acc_z,gyr_x,gyr_y,gyr_z\n1,1,1,1,1,1,1\n", "a small TOML"),
         ("PacketCounter,ax,ay,az,gx,gy,gz\n1,1,1,1,1,1,1\n", "in a small TOML"),
+        ("Counter,EMG_1,EMG_2\n1,1,1\n", "is no imu.csv of legsim, .*in a small TOML"),
+        ("Frame Counter,knee_angle,Roll\n1,1,1\n", "is no imu.csv of legsim, .*in a small TOML"),
+        ("Counter\tGyr_X\tMat[1][1]\n1\t1\t1\n", "export of Xsens without accelerations"),
+        (
+            "// Update Rate:\n100\nPacketCounter,Acc_X,Acc_Y,Acc_Z,Gyr_X,Gyr_Y,Gyr_Z\n1,1,1,1,1,1,1\n",
+            'has no line "Update Rate"',
+        ),
         ("PacketCounter,Acc[X],Acc[Y],Acc[Z],Gyr[X]\n1,1,1,1,1\n", "in a small TOML"),
         (
             "// Update Rate: 9Hz\nPacketCounter,Acc_X,Acc_Y,Acc_Z,gyr_x,gyr_y,gyr_z\n1,1,1,1,1,1,1\n",

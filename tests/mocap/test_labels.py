@@ -189,3 +189,26 @@ def test_numbers_before_all_labels_are_looked_through():
     assert found == {"asis_r": ("12 - R_ASIS",), "heel_l": ("13 - LHEE",)}
     assert marker_map.found_in(["Head", "12 - R_ASIS"]) == {}
     assert MarkerMap.one_to_one("m", ["meta5_r"], ["MT"]).found_in(["5MT", "1.2"]) == {}
+
+
+@pytest.mark.parametrize("who", ["01-Bob:", "1 - P:", "01.Bob:"])
+@pytest.mark.parametrize("beside", [[], ["02-Wand:W1", "02-Wand:W2"], ["01.Chair:C1", "chair"]])
+def test_the_number_of_a_subject_is_no_count_of_its_markers(who, beside):
+    names = [who + label for label in LABELS]
+    assert SEVEN.found_in([*names, *beside]) == {
+        role: (name,) for role, name in zip(PAPER_ROLES, names, strict=True)
+    }
+
+
+def test_a_count_is_looked_through_once_and_behind_a_prefix():
+    names = [f"Bob:{k}-{label}" for k, label in enumerate(LABELS)]
+    assert SEVEN.missing_in(names) == ()
+    knee = MarkerMap.one_to_one("m", ["epicondyle_lateral_r"], ["R_KneeLat"])
+    assert knee.found_in(["4-R_Knee2.Lat", "5-L_Knee2.Lat"]) == {}
+    assert knee.found_in(["4-R_Knee.Lat", "5-L_Knee.Lat"])
+
+
+def test_letters_of_other_alphabets_part_labels_and_accents_do_not():
+    knee = MarkerMap.one_to_one("m", ["epicondyle_lateral_r"], ["RKnee"])
+    assert knee.found_in(["R_Knee\u5167", "L_Knee\u5167"]) == {}
+    assert knee.found_in(["R_Kne\u00e9", "L_Kne\u00e9"])

@@ -144,14 +144,57 @@ def test_the_medial_marker_beside_a_knee_alignment_device_is_at_the_ankle():
         (both("@LatFemEpi"), "RLatFemEpi"),
         (both("@_Knee_Outer"), "R_Knee_Outer"),
         (both("CondyleLat@"), "CondyleLatR"),
+        (["Knie rechts außen", "Knie links außen", "Knie rechts innen"], "Knie rechts außen"),
+        (["Genou_Latéral_droit", "Genou_Latéral_gauche"], "Genou_Latéral_droit"),
+        (["rodilla_externa_derecha", "rodilla_externa_izquierda"], "rodilla_externa_derecha"),
     ],
-)
+)  # fmt: skip
 def test_a_label_is_told_by_its_words_in_any_order_and_language(labels, knee):
     labels = [*labels, *both("@_SIAS @SIPS Lat.Ankle.@")]
     found = marker_sets.guess(labels).found_in(labels)
     assert found["epicondyle_lateral_r"] == (knee,)
     assert found["asis_l"] == ("L_SIAS",)
     assert found["malleolus_lateral_l"] == ("Lat.Ankle.L",)
+
+
+@pytest.mark.parametrize(
+    ("inner", "outer"),
+    [("Knöchel_@_innen", "Knöchel_@_außen"), ("Knoechel @ innen", "aussen Knoechel @"),
+     ("Malléole int @", "Malléole ext @"), ("malleolo_interno_@", "malleolo_esterno_@")],
+)  # fmt: skip
+def test_both_sides_of_an_ankle_are_told_in_other_languages(inner, outer):
+    labels = [*both("@ASI @PSI @KNE"), *(w.replace("@", s) for w in (inner, outer) for s in "RL")]
+    found = marker_sets.guess(labels).found_in(labels)
+    assert found["malleolus_medial_r"] == (inner.replace("@", "R"),)
+    assert found["malleolus_lateral_l"] == (outer.replace("@", "L"),)
+
+
+@pytest.mark.parametrize("knee", ["@KNE", "@_Knee"])
+@pytest.mark.parametrize("elbow", ["@.Epi.{}", "@_{}_Epi", "@_Epicondyle_{}", "Epi{}@"])
+def test_epicondyles_beside_a_knee_are_those_of_the_elbow(knee, elbow):
+    arm = " ".join(elbow.format(side) for side in ("Lat", "Med"))
+    labels = ["S2", *both(f"@.ASIS @ANK {knee} {arm} @.Wrist.Lat")]
+    found = marker_sets.guess(labels).found_in(labels)
+    assert found["epicondyle_lateral_r"] == (knee.replace("@", "R"),)
+    assert "epicondyle_medial_r" not in found
+
+
+def test_epicondyles_alone_make_no_knee_by_their_words_unless_they_say_of_which_bone():
+    labels = both("@ASI @PSI @ANK @.Epi.Lat")
+    with pytest.raises(LegsimError, match="no marker for epicondyle_lateral_r"):
+        marker_sets.guess(labels)
+    labels = both("@ASI @PSI @ANK @.Fem.Epi.Lat")
+    assert marker_sets.guess(labels).found_in(labels)["epicondyle_lateral_l"] == ("L.Fem.Epi.Lat",)
+
+
+def test_a_number_stays_with_the_word_before_it():
+    seven = [*both("@ASI @PSI @_Knee_Outer @ANK")]
+    arm = both("SH1_@ TH1_@ 1_@_SH")
+    found = marker_sets.guess([*seven, *arm]).found_in([*seven, *arm])
+    assert not [role for role in found if role.startswith(("thigh", "shank"))]
+    leg = both("@_SH_1 @.TH.1")
+    found = marker_sets.guess([*seven, *leg]).found_in([*seven, *leg])
+    assert (found["shank_1_r"], found["thigh_1_l"]) == (("R_SH_1",), ("L.TH.1",))
 
 
 def test_words_that_leave_the_side_of_the_body_open_are_not_guessed():
