@@ -49,11 +49,17 @@ class LabelImage:
     world_from_index: FloatArray
     """(4, 4): indices (i, j, k, 1) to world, m"""
     remarks: tuple[str, ...] = ()
-    names: Mapping[int, str] = field(default_factory=dict)
-    """by number, as far as the file has its own"""
+    names: Mapping[int, tuple[str, ...]] = field(default_factory=dict)
+    """by number, as far as the file has its own; several of a number are in doubt"""
+    counts: np.ndarray = field(init=False)
+    """voxels of each number from 0"""
 
     def __post_init__(self) -> None:
         frozen_owned(self.labels)
+        counts = np.zeros(int(self.labels.max()) + 1, np.int64)
+        for layer in self.labels:  # of all at once, bincount would make a copy of twice the size
+            counts += np.bincount(layer.ravel(), minlength=len(counts))
+        object.__setattr__(self, "counts", frozen_owned(counts))
         object.__setattr__(
             self, "world_from_index", frozen("world_from_index", self.world_from_index, (4, 4))
         )
@@ -62,6 +68,11 @@ class LabelImage:
         sizes = "x".join(f"{1e3 * s:.4g}" for s in self.spacing)
         counts = "x".join(str(n) for n in self.labels.shape[::-1])
         return f"LabelImage({self.path.name}: {counts} voxels (i, j, k) of {sizes} mm)"
+
+    @property
+    def numbers(self) -> tuple[int, ...]:
+        """The numbers above 0 that some voxel has."""
+        return tuple(int(n) for n in np.flatnonzero(self.counts) if n > 0)
 
     @property
     def spacing(self) -> FloatArray:

@@ -10,7 +10,7 @@ import re
 import struct
 import xml.etree.ElementTree as ElementTree
 import zlib
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -32,31 +32,40 @@ _SEGMENT = re.compile(r"^Segment(\d+)_(LabelValue|Name|Layer):=(.*)$", re.M)
 _GROUPS = re.compile(r"^org\.mitk\.multilabel\.segmentation\.labelgroups:=(.*)$", re.M)
 
 
-def read(path: Path) -> dict[int, str]:
-    """Names by number, above 0; none where the file has no names.
+def read(path: Path) -> dict[int, tuple[str, ...]]:
+    """Names by number, above 0, as :func:`by_number`; none where the file has no names.
 
     Raises:
-        LegsimError: a number with two names, or segments in several layers.
+        LegsimError: segments in several layers.
     """
     name = path.name.lower()
     if not name.endswith(SUFFIXES):
         return {}
     nrrd = name.endswith((".nrrd", ".nhdr"))
-    return unique(path, _of_nrrd(path) if nrrd else _of_nifti(path))
+    return by_number(_of_nrrd(path) if nrrd else _of_nifti(path))
 
 
-def unique(path: Path, pairs: Sequence[tuple[int, str]]) -> dict[int, str]:
-    """Names by number, above 0, of which each has one.
+def by_number(pairs: Iterable[tuple[int, str]]) -> dict[int, tuple[str, ...]]:
+    """The names, each once, of each number above 0: one, or several that are in doubt."""
+    found: dict[int, tuple[str, ...]] = {}
+    for number, name in pairs:
+        so_far = found.get(number, ())
+        if number > 0 and name not in so_far:
+            found[number] = (*so_far, name)
+    return found
+
+
+def unique(path: Path, named: Mapping[int, tuple[str, ...]], cure: str) -> dict[int, str]:
+    """Names by number, of which each must have one.
 
     Raises:
-        LegsimError: a number has two.
+        LegsimError: a number has several; with the cure.
     """
-    found: dict[int, str] = {}
-    for number, name in pairs:
-        if number > 0 and found.setdefault(number, name) != name:
-            problem = f"number {number} has two names, {found[number]} and {name}"
-            raise file_error(path, problem, "give each structure its own number")
-    return found
+    for number, names in named.items():
+        if len(names) > 1:
+            problem = f"number {number} has two names, {names[0]} and {names[1]}"
+            raise file_error(path, problem, cure)
+    return {number: name for number, (name,) in named.items()}
 
 
 def records(listed: Any) -> list[tuple[int, str]]:

@@ -248,7 +248,7 @@ def _solid(
     """
     structure = grid.structures[k]
     below = np.zeros(len(grid.structures) + 1, bool)
-    soft = structure.entry.segment in (None, "soft")
+    soft = not structure.entry.bodies
     for n, other in enumerate(grid.structures[k + 1 :], k + 2):
         same_leg = structure.side is None or other.side in (None, structure.side)
         below[n] = same_leg and (soft or other.segment == structure.segment)

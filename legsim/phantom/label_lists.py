@@ -34,11 +34,10 @@ _SLICER = re.compile(r'^\s*(\d+)\s+"?(\S.*?)"?(?:\s+\d+){4}\s*$')
 
 _NOTHING = ("background", "clear label", "clear_label", "none", "unknown", "")
 
+_ADJECTIVES = {"femoral": "femur", "tibial": "tibia", "fibular": "fibula", "patellar": "patella"}
+"""words that mean a bone only beside a noun: alone they may be an artery's or a nerve's"""
+
 _SAME = {
-    "femoral": "femur",
-    "tibial": "tibia",
-    "fibular": "fibula",
-    "patellar": "patella",
     "menisci": "meniscus",
     "bones": "bone",
     "muscles": "muscle",
@@ -47,9 +46,12 @@ _SAME = {
 }
 """words for what the maps call otherwise"""
 
-_IDLE = ("bone", "the", "of", "distal", "proximal")
+_IDLE = ("the", "of", "distal", "proximal")
 
 _SIDES = {"left", "right"}
+
+_SIDE_CELLS = (*_SIDES, "l", "r")
+"""of a column of sides; others, as BIDS' n/a, state none"""
 
 
 def read(path: Path) -> dict[int, str]:
@@ -64,10 +66,11 @@ def read(path: Path) -> dict[int, str]:
     if not path.name.lower().endswith(".gz"):
         refuse_packed(path)
     if path.name.lower().endswith(label_names.SUFFIXES):
-        found = list(label_names.read(path).items())
+        found = label_names.read(path)
     else:
-        found = _listed(path)
-    named = named_structures(label_names.unique(path, found))
+        found = label_names.by_number(_listed(path))
+    cure = "give each structure its own number"
+    named = named_structures(label_names.unique(path, found, cure))
     if not named:
         raise file_error(
             path,
@@ -83,18 +86,20 @@ def named_structures(named: Mapping[int, str]) -> dict[int, str]:
 
 
 def words(name: str) -> tuple[str, ...]:
-    """What a name is compared by: its words in small letters, sorted; none of a name without any.
+    """What a name is compared by: its words in small letters, each once and sorted; none of a name
+    without any.
 
     "bone" says nothing beside another word, except a side.
     """
     composed = unicodedata.normalize("NFC", name)
     apart = re.sub(r"([a-z])([A-Z])", r"\1 \2", composed).lower()
     parts: list[str] = re.findall(r"[^\W\d_]+|\d+", apart)
-    found = [_SAME.get(word, word) for word in parts]
-    kept = [word for word in found if word not in _IDLE]
-    if "bone" in found and _SIDES.issuperset(kept):
-        kept.append("bone")
-    return tuple(sorted(kept))
+    found = {_SAME.get(word, word) for word in parts}.difference(_IDLE)
+    if not found <= {*_SIDES, *_ADJECTIVES}:
+        found = {_ADJECTIVES.get(word, word) for word in found}
+    if not found <= {*_SIDES, "bone"}:
+        found.discard("bone")
+    return tuple(sorted(found))
 
 
 def _listed(path: Path) -> list[tuple[int, str]]:
@@ -118,12 +123,20 @@ def _table(lines: list[str]) -> list[tuple[int, str]]:
     number, name, side = (next((titles.index(c) for c in k if c in titles), None) for k in known)
     if number is None or name is None:
         return []
-    named = [name] if side is None else [name, side]
     return [
-        (int(row[number]), " ".join(row[place].strip() for place in named).strip())
+        (
+            int(row[number]),
+            f"{row[name].strip()} {'' if side is None else _side(row[side])}".strip(),
+        )
         for row in rows
-        if len(row) > max(number, *named) and row[number].strip().isdecimal()
+        if len(row) > max(number, name, side or 0) and row[number].strip().isdecimal()
     ]
+
+
+def _side(cell: str) -> str:
+    """The side that a cell states, or nothing."""
+    stated = cell.strip()
+    return stated if stated.lower() in _SIDE_CELLS else ""
 
 
 def _json(path: Path) -> list[tuple[int, str]]:

@@ -1,16 +1,16 @@
 """LABELS.toml: what the numbers of a segmentation are, for :mod:`legsim.phantom.from_labels`."""
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cache
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from legsim.core import files as core_files
 from legsim.core import resources
 from legsim.core.errors import LegsimError, file_error
+from legsim.geometry import label_names
 from legsim.geometry.label_images import LabelImage
 from legsim.kinematics.skeleton import SEGMENTS
 from legsim.phantom import label_lists, materials
@@ -26,6 +26,18 @@ _PAIRED = (*sorted({name[:-2] for name in SEGMENTS if name[-2:] in ("_l", "_r")}
 """segments of which each leg has one"""
 
 _SIDES = frozenset(("left", "right"))
+
+_SEVERAL = {"tarsal": frozenset(("talus", "calcn"))}
+"""segments of names that hold bones of more than one"""
+
+_APART = (
+    (("skin", "fat"), ("muscle",), ("cartilage", "meniscus")),
+    (("skin",), ("muscle", "blood", "water", "tendon")),
+)
+"""in each line, groups of tissues of which one is never meant by another's name
+
+Soft tissue may hold all of them; vessels and tendons are often counted with muscle or fat.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,12 +62,23 @@ class LabelEntry:
         return self.segment in _PAIRED
 
     @property
+    def bony(self) -> bool:
+        """Whether it is of bone."""
+        return self.tissue in (BONE, "cortical_bone", "cancellous_bone")
+
+    @property
+    def bodies(self) -> frozenset[str]:
+        """Segments with bones that it moves with; none of what is soft or at rest."""
+        if self.segment is None or self.segment == "soft":
+            return frozenset()
+        return _SEVERAL.get(self.name, frozenset((self.segment,)))
+
+    @property
     def rank(self) -> int:
         """Place among the others, outermost first."""
         if self.envelope:
             return 0
-        soft = self.segment is None or self.segment == "soft"
-        return 3 if self.tissue in (BONE, "cortical_bone", "cancellous_bone") else 1 if soft else 2
+        return 3 if self.bony else 2 if self.bodies else 1
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,33 +143,41 @@ def own_map(image: LabelImage) -> LabelMap:
     """The map of a segmentation by :func:`own_names`.
 
     Raises:
-        LegsimError: it has no names, or no structure that a shipped map has.
+        LegsimError: it has no names, two for a number, or no structure that a shipped map has.
     """
+    cure = (
+        f"say what they are by --map ({', '.join(names())}, a .toml, or the list of names that "
+        "its program wrote)"
+    )
+    here = {n: called for n, called in image.names.items() if n in image.numbers}
+    label_names.unique(image.path, here, cure)
     named, where = own_names(image)
     if not named:
-        raise file_error(
-            image.path,
-            "does not name its numbers",
-            f"say what they are by --map ({', '.join(names())}, a .toml, or the list of names that "
-            "its program wrote)",
-        )
-    found, there = _of_names(image.path, named), np.unique(image.labels)
-    taken = sorted(entry.number for entry in found.entries if entry.number in there)
+        raise file_error(image.path, "does not name its numbers", cure)
+    found = _of_names(image.path, named)
+    taken = sorted(entry.number for entry in found.entries if entry.number in image.numbers)
     listed = ", ".join(f"{n} {named[n]}" for n in taken)
     remark = f"{image.path}: numbers by the names {where}: {listed or 'none of a leg'}"
     return replace(found, remarks=(remark,))
 
 
 def own_names(image: LabelImage) -> tuple[dict[int, str], str]:
-    """(names by number that are in a segmentation's file, "in it"); of a mask of one number without
-    any, its file's name where a shipped map has it, and "of the file".
+    """(names by number that are in a segmentation's file, without those of which a number has two,
+    "in it"); of a mask of one number without any, its file's name where a shipped map has it, and
+    "of the file".
     """
-    named = label_lists.named_structures(image.names)
-    stem = image.path.name.partition(".")[0]
-    numbers = [int(n) for n in np.unique(image.labels) if n > 0]
-    if not named and len(numbers) == 1 and known().of(stem) is not None:
-        return {numbers[0]: stem}, "of the file"
+    one_each = {n: called[0] for n, called in image.names.items() if len(called) == 1}
+    named = label_lists.named_structures(one_each)
+    stem = _stem(image.path)
+    if not named and len(image.numbers) == 1 and known().of(stem) is not None:
+        return {image.numbers[0]: stem}, "of the file"
     return named, "in it"
+
+
+def _stem(path: Path) -> str:
+    """A file's name without its ending; points within it stay: tibia.cartilage is no tibia."""
+    packed = re.sub(r"\.gz$", "", path.name, flags=re.I)
+    return re.sub(r"\.seg$", "", Path(packed).stem, flags=re.I)
 
 
 @dataclass(frozen=True, slots=True)
@@ -162,26 +193,63 @@ class KnownNames:
         words = label_lists.words(name)
         if words in self.entries:
             return self.entries[words]
-        sides = set(words) & _SIDES
-        found = self.entries.get(tuple(word for word in words if word not in sides))
+        sides, found = _sides(name), self.entries.get(_sideless(name))
         if found is None or len(sides) != 1 or not found.paired or found.side is not None:
             return None
-        return replace(found, side=sides.pop()[0])
+        return replace(found, side=sides.pop())
 
     def leaves_out(self, name: str) -> bool:
         """Whether the name is left out, with its side or, of both sides, without."""
-        words = label_lists.words(name)
-        without = tuple(word for word in words if word not in _SIDES)
-        return bool({words, without} & self.outside)
+        return bool({label_lists.words(name), _sideless(name)} & self.outside)
 
-    def differ(self, one: str, other: str) -> bool:
-        """Whether two names that are both known are of different structures or sides."""
-        found = [self.of(one), self.of(other)]
-        if None in found:
-            return any(found) and (self.leaves_out(one) or self.leaves_out(other))
-        first, second = (entry for entry in found if entry is not None)
-        sides = {first.side, second.side} - {None}
-        return first.name != second.name or len(sides) > 1
+    def differ(self, own: str, called: str, mapped: LabelEntry | None) -> bool:
+        """Whether a number's own name is of something else than a map makes of it.
+
+        Names of the same may be coarser or finer (fat, subcutaneous fat; bone, femur), so that what
+        they become counts: sides, segments with bones, bone or not, tissues. A name that the
+        shipped maps leave out may have any tissue, but is no bone that moves.
+
+        Args:
+            own: the name that is not the map's.
+            called: the map's.
+            mapped: what the map makes of it; None where it leaves it out.
+        """
+        first, second = self.of(own), mapped or self.of(called)
+        if first is not None and second is not None:
+            sides = [_sides(own) or {first.side}, _sides(called) or {second.side}]
+            if len(set[str | None]().union(*sides) - {None}) > 1:
+                return True
+        if _sideless(own) == _sideless(called):
+            return False
+        if first is not None and second is not None:
+            return _differ(first, second)
+        one, other = (first, called) if second is None else (second, own)
+        return one is not None and one.bony and bool(one.bodies) and self.leaves_out(other)
+
+
+def _differ(first: LabelEntry, second: LabelEntry) -> bool:
+    """Whether two entries cannot be of the same structure."""
+    if first.bony != second.bony:
+        return True
+    if first.bodies and second.bodies and first.bodies.isdisjoint(second.bodies):
+        return True
+    if {_sideless(first.name), _sideless(second.name)} == {("tibia",), ("fibula",)}:
+        return True  # the two whole bones of one segment
+    return any(
+        first.tissue in group and any(second.tissue in other for other in line if other != group)
+        for line in _APART
+        for group in line
+    )
+
+
+def _sideless(name: str) -> tuple[str, ...]:
+    """Its words (:func:`label_lists.words`) without sides."""
+    return tuple(word for word in label_lists.words(name) if word not in _SIDES)
+
+
+def _sides(name: str) -> set[str]:
+    """The sides among its words, "l" or "r"."""
+    return {word[0] for word in label_lists.words(name) if word in _SIDES}
 
 
 @cache
@@ -214,17 +282,22 @@ def _of_names(path: Path, listed: Mapping[int, str]) -> LabelMap:
     others = {n: name for n, name in listed.items() if n not in {e.number for e in entries}}
     left_out = {n: name for n, name in others.items() if known().leaves_out(name)}
     foreign = {n: name for n, name in others.items() if n not in left_out}
-    return LabelMap(path, _unlike(path, entries), left_out, foreign)
+    _refuse_twice(path, entries, listed)
+    return LabelMap(path, tuple(entries), left_out, foreign)
 
 
-def _unlike(path: Path, entries: list[LabelEntry]) -> tuple[LabelEntry, ...]:
-    """The entries, whose names must differ."""
-    named = [(entry.name, entry.side) for entry in entries]
-    twice = [entry for entry in entries if named.count((entry.name, entry.side)) > 1]
-    if twice:
-        problem = f"names {twice[0].name} twice, {' and '.join(str(e.number) for e in twice[:2])}"
-        raise file_error(path, problem, "write a .toml like models/label_maps/leg.toml")
-    return tuple(entries)
+def _refuse_twice(path: Path, entries: list[LabelEntry], listed: Mapping[int, str]) -> None:
+    first: dict[tuple[str, str | None], LabelEntry] = {}
+    for entry in entries:
+        same = first.setdefault((entry.name, entry.side), entry)
+        if same is not entry:
+            both = " and ".join(f"{e.number} {listed[e.number]}" for e in (same, entry))
+            raise file_error(
+                path,
+                f"names {entry.name} twice, {both}",
+                "give them one number if they are pieces of one, or two names in a .toml like "
+                "models/label_maps/leg.toml",
+            )
 
 
 def _content(path: Path) -> dict[str, Any]:
@@ -248,9 +321,9 @@ def _entry(path: Path, k: int, table: Any) -> LabelEntry:
     if not isinstance(table, dict):
         raise file_error(path, "is no table", "write [[label]]", place=place)
     for key, value in table.items():
-        known = f"known: {', '.join(_KEYS)}"
         if key not in _KEYS:
-            raise file_error(path, f"unknown key {key!r}", known, place=place)
+            cure = f"known: {', '.join(_KEYS)}"
+            raise file_error(path, f"unknown key {key!r}", cure, place=place)
         if not isinstance(value, _KEYS[key]) or (isinstance(value, bool) and _KEYS[key] is int):
             problem = f"{key} = {value!r} is of the wrong type"
             raise file_error(path, problem, f"expected {_KEYS[key].__name__}", place=place)
@@ -281,5 +354,5 @@ def _segment(path: Path, place: str, text: str | None) -> tuple[str | None, str 
     base, side = (text[:-2], text[-1]) if text[-2:] in ("_l", "_r") else (text, None)
     if base in _PAIRED or (text in SEGMENTS and side is None):
         return base, side
-    known = f"known: pelvis, {', '.join(_PAIRED)}, each of the latter also with _l or _r"
-    raise file_error(path, f"unknown segment {text!r}", known, place=place)
+    cure = f"known: pelvis, {', '.join(_PAIRED)}, each of the latter also with _l or _r"
+    raise file_error(path, f"unknown segment {text!r}", cure, place=place)

@@ -95,8 +95,8 @@ def structure_grid(
         remarks += [*read.remarks, *_contradictions(image, read)]
         _enter(codes, entries, image, read, ignore, remarks)
     if not entries:
-        known = ", ".join(f"{e.number} {e.name}" for read in maps for e in read.entries)
-        raise file_error(images[0].path, "holds no structure of its map", f"the map has {known}")
+        mapped = ", ".join(f"{e.number} {e.name}" for read in maps for e in read.entries)
+        raise file_error(images[0].path, "holds no structure of its map", f"the map has {mapped}")
     world_from_index = images[0].world_from_index
     codes, structures, plane = _sided(images[0], codes, entries, world_from_index, side)
     _without_islands(codes, structures, world_from_index, remarks)
@@ -111,14 +111,13 @@ def _enter(
     ignore: Collection[int],
     remarks: list[str],
 ) -> None:
-    counts = np.bincount(image.labels.ravel())
-    known = {entry.number: entry for entry in read.entries}
-    there = [int(n) for n in np.flatnonzero(counts) if n > 0]
-    unknown = [n for n in there if n not in known and n not in read.left_out and n not in ignore]
-    named_here = {**image.names, **read.foreign}
+    mapped = {entry.number: entry for entry in read.entries}
+    there = image.numbers
+    unknown = [n for n in there if n not in mapped and n not in read.left_out and n not in ignore]
+    named_here = {n: " or ".join(called) for n, called in image.names.items()} | read.foreign
     if unknown:
         named = (f"{n} {named_here.get(n, '')}".strip() for n in unknown[:20])
-        listed = ", ".join(f"{n} ({counts[int(n.split()[0])]} voxels)" for n in named)
+        listed = ", ".join(f"{n} ({image.counts[int(n.split()[0])]} voxels)" for n in named)
         by_names = read.foreign or read.path == image.path
         cure = "give their tissues in a .toml" if by_names else "name them there"
         raise file_error(
@@ -126,14 +125,14 @@ def _enter(
             f"{read.path.name} does not know the numbers {listed}",
             f"{cure}, or leave them out: --ignore {','.join(map(str, unknown))}",
         )
-    table = np.zeros(len(counts), np.uint16)
+    table = np.zeros(len(image.counts), np.uint16)
     for n in there:
-        if n in known and n not in ignore:
-            entries.append(known[n])
+        if n in mapped and n not in ignore:
+            entries.append(mapped[n])
             table[n] = len(entries)
     found = table[image.labels]
     codes[found > 0] = found[found > 0]
-    called = named_here | {n: entry.name for n, entry in known.items()} | read.left_out
+    called = named_here | {n: entry.name for n, entry in mapped.items()} | read.left_out
     left = [f"{called.get(n, 'unnamed')} ({n})" for n in there if table[n] == 0]
     if left:
         remarks.append(f"{image.path}: left out: {', '.join(left)}")
@@ -142,15 +141,14 @@ def _enter(
 def _contradictions(image: LabelImage, read: LabelMap) -> list[str]:
     """A line on numbers that the file itself names otherwise than its map."""
     named, where = own_names(image)
-    by_map = {
-        e.number: f"{e.name} {_SIDE_NAMES.get(e.side or '', '')}".strip() for e in read.entries
+    mapped = {entry.number: entry for entry in read.entries}
+    called = read.left_out | {
+        n: f"{e.name} {_SIDE_NAMES.get(e.side or '', '')}".strip() for n, e in mapped.items()
     }
-    by_map |= read.left_out
-    there = set(np.unique(image.labels).tolist())
     other = [
-        f"{n} is {own} there, {by_map[n]} in the map"
-        for n, own in named.items()
-        if n in there and n in by_map and known().differ(own, by_map[n])
+        f"{n} is {named[n]} there, {called[n]} in the map"
+        for n in image.numbers
+        if n in named and n in called and known().differ(named[n], called[n], mapped.get(n))
     ]
     if not other:
         return []

@@ -208,3 +208,12 @@ def test_a_dicom_file_is_no_volume(tmp_path):
 def test_a_folder_of_masks_is_refused_as_one(tmp_path):
     with pytest.raises(LegsimError, match="is a folder; give the segmentations in it"):
         load_label_image(tmp_path)
+
+
+def test_voxels_are_counted_by_number(tmp_path):
+    labels = np.zeros((4, 5, 6), np.uint8)
+    labels[1:, 2, 3], labels[0, 0, :2] = 7, 3
+    sitk.WriteImage(image(labels), str(tmp_path / "a.nrrd"))
+    loaded = load_label_image(tmp_path / "a.nrrd")
+    assert loaded.numbers == (3, 7)
+    assert loaded.counts.tolist() == [115, 0, 0, 2, 0, 0, 0, 3]

@@ -21,7 +21,7 @@ CARET = (
     "</LabelTable></VolumeInformation></CaretExtension>\n              "
 )
 
-NAMED = {75: "femur_left", 78: "hip_right"}
+NAMED = {75: ("femur_left",), 78: ("hip_right",)}
 
 
 def ones(path):
@@ -92,16 +92,23 @@ def slicer(path, *segments):
 
 def test_segments_of_slicer_name_their_numbers(tmp_path):
     path = slicer(tmp_path / "a.seg.nrrd", ("left femur", "4", "0"), ("Tibia", "9", "0"))
-    assert load_label_image(path).names == {4: "left femur", 9: "Tibia"}
+    assert load_label_image(path).names == {4: ("left femur",), 9: ("Tibia",)}
 
 
-@pytest.mark.parametrize(
-    ("layers", "said"), [("01", "segments of 2 layers"), ("00", "has two names, femur and tibia")]
-)
-def test_segments_that_overlap_are_refused(tmp_path, layers, said):
-    named = [(name, "4", layer) for name, layer in zip(("femur", "tibia"), layers, strict=True)]
-    with pytest.raises(LegsimError, match=said):
-        load_label_image(slicer(tmp_path / "a.seg.nrrd", *named))
+def test_segments_that_overlap_are_refused(tmp_path):
+    with pytest.raises(LegsimError, match="segments of 2 layers"):
+        load_label_image(slicer(tmp_path / "a.seg.nrrd", ("femur", "4", "0"), ("tibia", "4", "1")))
+
+
+def test_names_of_one_number_are_all_read(tmp_path):
+    """The image can be read by them, by a map that says which number is what."""
+    twice = slicer(tmp_path / "a.seg.nrrd", ("femur", "4", "0"), ("tibia", "4", "0"))
+    assert load_label_image(twice).names == {4: ("femur", "tibia")}
+    tables = ((0, CARET.encode()), (30, CARET.replace("hip_right", "hip_left").encode()))
+    found = load_label_image(with_extensions(tmp_path, *tables)).names
+    assert found == {75: ("femur_left",), 78: ("hip_right", "hip_left")}
+    with pytest.raises(LegsimError, match="78 has two names, hip_right and hip_left; say it"):
+        label_names.unique(tmp_path, found, "say it")
 
 
 def test_groups_of_labels_of_mitk_name_their_numbers(tmp_path):
@@ -110,4 +117,4 @@ def test_groups_of_labels_of_mitk_name_their_numbers(tmp_path):
     key = "org.mitk.multilabel.segmentation.labelgroups"
     image.SetMetaData(key, json.dumps([{"labels": labels}, {"labels": None}]))
     sitk.WriteImage(image, str(tmp_path / "a.nrrd"))
-    assert label_names.read(tmp_path / "a.nrrd") == {4: 'the "left" femur', 2: "b"}
+    assert label_names.read(tmp_path / "a.nrrd") == {4: ('the "left" femur',), 2: ("b",)}

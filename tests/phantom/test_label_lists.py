@@ -64,9 +64,29 @@ def test_the_header_of_a_segmentation_of_slicer_is_a_list(tmp_path):
     assert label_lists.read(tmp_path / "a.seg.nrrd") == {4: "left femur"}
 
 
+@pytest.mark.parametrize("none", ["n/a", "N/A", "both", "B", ""])
+def test_a_side_that_is_none_is_no_part_of_a_name(tmp_path, none):
+    """BIDS has n/a where there is none."""
+    rows = f"index\tname\themisphere\n1\thip_left\tLeft\n2\thip\tr\n3\tsacrum\t{none}\n"
+    (tmp_path / "a_dseg.tsv").write_text(rows)
+    found = label_maps.load_label_map(tmp_path / "a_dseg.tsv")
+    assert [e.name for e in found.entries] == ["hip_left", "hip_right", "sacrum"]
+    assert not found.foreign
+
+
+@pytest.mark.parametrize("name", ["femoral", "femoral_left", "Tibial R", "fibular", "the patellar"])
+def test_an_adjective_alone_is_no_bone(tmp_path, name):
+    """An artery's beside the aorta, say."""
+    (tmp_path / "a.json").write_text(json.dumps({"1": "aorta", "2": name, "3": "sacrum"}))
+    found = label_maps.load_label_map(tmp_path / "a.json")
+    assert [e.name for e in found.entries] == ["sacrum"]
+    assert found.foreign == {2: name}
+
+
 @pytest.mark.parametrize(
     ("name", "entry"),
     [
+        ("tibial bone left", ("tibia", "l", "bone")),
         ("Femur_L", ("femur", "l", "bone")),
         ("TibiaRight", ("tibia", "r", "bone")),
         ("femoral cartilage", ("femur_cartilage", None, "cartilage")),
@@ -121,7 +141,11 @@ def test_names_that_shipped_maps_leave_out_are_left_out(tmp_path):
         ("a.json", "{", "is not JSON"),
         ("a.txt", "1 2 3\n", "no numbers with names"),
         ("a.json", '{"1": "screw"}', r"knows \(screw\); it says no tissues"),
-        ("a.json", '{"1": "femur", "2": "Femur bone"}', "names femur twice, 1 and 2"),
+        (
+            "a.json",
+            '{"1": "femur", "2": "Femur bone"}',
+            "twice, 1 femur and 2 Femur bone; give them one",
+        ),
         ("a.json", '{"femur": 1, "tibia": 1}', "number 1 has two names, femur and tibia"),
         ("a.json", '{"1": "femur", "1": "tibia"}', "the key '1' occurs twice"),
         ("a.ctbl", "1 femur 0 0 0 0\n1 tibia 0 0 0 0\n", "number 1 has two names"),

@@ -8,7 +8,7 @@ import pytest
 from legsim.core.errors import LegsimError
 from legsim.geometry.label_images import LabelImage
 from legsim.phantom import label_maps
-from legsim.phantom.label_maps import known, load_label_map, own_map
+from legsim.phantom.label_maps import LabelEntry, known, load_label_map, own_map
 
 GOOD = '[[label]]\nnumber = 1\nname = "femur"\ntissue = "bone"\nsegment = "femur_l"\n'
 
@@ -78,7 +78,7 @@ def test_an_unknown_map_lists_those_that_ship():
 
 def image(name="a.nii.gz", numbers=(0, 5), **names: str) -> LabelImage:
     labels = np.resize(np.array(numbers, np.int32), (3, 3, 3))
-    named = {int(number[1:]): called for number, called in names.items()}
+    named = {int(number[1:]): tuple(called.split("|")) for number, called in names.items()}
     return LabelImage(Path(name), labels, np.eye(4), names=named)
 
 
@@ -97,6 +97,33 @@ def test_a_mask_is_named_by_its_file():
 
 
 @pytest.mark.parametrize(
+    ("name", "entry"),
+    [
+        ("tibia.cartilage.nii.gz", ("tibia_cartilage", None, "cartilage")),
+        ("femur.left.nii.gz", ("femur", "l", "bone")),
+        ("femur.R.nrrd", ("femur", "r", "bone")),
+        ("Patella.seg.nrrd", ("patella", None, "bone")),
+        ("patella.NII.GZ", ("patella", None, "bone")),
+    ],
+)
+def test_points_divide_the_words_of_a_files_name(name, entry):
+    (found,) = own_map(image(name)).entries
+    assert (found.name, found.side, found.tissue) == entry
+
+
+@pytest.mark.parametrize("other", ["muscle", "artery", "implant", "v2"])
+def test_a_word_behind_a_point_counts(other):
+    with pytest.raises(LegsimError, match="does not name its numbers"):
+        own_map(image(f"femur.{other}.nii.gz"))
+
+
+def test_a_number_with_two_names_needs_a_map_where_it_is_there():
+    assert own_map(image(n5="femur_left", n6="tibia|fibula")).entries[0].name == "femur"
+    with pytest.raises(LegsimError, match=r"5 has two names, femur and tibia; say .* by --map"):
+        own_map(image(n5="femur|tibia"))
+
+
+@pytest.mark.parametrize(
     ("given", "said"),
     [
         (image("mask.nii.gz"), r"does not name its numbers; say what they are by --map \(leg, "),
@@ -109,19 +136,93 @@ def test_a_segmentation_without_known_names_needs_a_map(given, said):
         own_map(given)
 
 
+def mapped(name: str, tissue="bone", segment: str | None = None, side: str | None = None):
+    return LabelEntry(5, name, tissue, segment, side, envelope=False)
+
+
+FEMUR = mapped("femur", segment="femur", side="l")
+
+
 @pytest.mark.parametrize(
-    ("one", "other", "differ"),
+    ("own", "entry"),
     [
-        ("femur_left", "left femur", False),
-        ("femur_left", "femur", False),
-        ("femur_left", "femur_right", True),
-        ("tibia", "fibula right", True),
-        ("femur", "liver", True),
-        ("liver", "spleen", False),
-        ("femur", "Segment_1", False),
-        ("my femur", "tibia", False),
+        ("left femur", FEMUR),
+        ("femur", FEMUR),
+        ("bone", FEMUR),
+        ("Segment_1", FEMUR),
+        ("my tibia", FEMUR),
+        ("cartilage", mapped("femur_cartilage", "cartilage", "femur")),
+        ("tissue", mapped("muscle", "muscle", "soft")),
+        ("tissue", mapped("fat", "fat", "soft")),
+        ("skin", mapped("body", "soft_tissue", "soft")),
+        ("skin", mapped("tissue", "soft_tissue", "soft")),
+        ("subcutaneous_fat", mapped("fat", "fat", "soft")),
+        ("skeletal_muscle", mapped("muscle", "muscle", "soft")),
+        ("muscle", mapped("sartorius", "muscle", "soft", "r")),
+        ("tarsal", mapped("talus", segment="talus")),
+        ("calcaneus", mapped("tarsal", segment="talus")),
+        ("tarsal", mapped("calcaneus", segment="calcn")),
+        ("tarsal", mapped("midfoot", segment="calcn")),
+        ("hip_left", mapped("pelvis", segment="pelvis")),
+        ("phalanges_feet", mapped("phalanges_feet", segment="calcn")),
+        ("femur", mapped("femur", "titanium", "femur")),
+        ("liver", mapped("liver", "soft_tissue", "soft")),
+        ("torso_fat", mapped("fat", "fat", "soft")),
+        ("artery", mapped("muscle", "muscle", "soft")),
+        ("tendon", mapped("fat", "fat", "soft")),
+        ("meniscus", mapped("cartilage", "cartilage", "tibia")),
+        ("blood", mapped("body", "soft_tissue", "soft")),
+        ("fibula", mapped("tibia_and_fibula", segment="tibia")),
+        ("aorta", mapped("blood", "blood", "soft")),
+        ("autochthon_left", mapped("muscle", "muscle", "soft")),
+        ("ulna", mapped("forearm", "bone")),
+        ("vertebrae_S1", mapped("vertebrae_S1", "bone", "pelvis")),
     ],
 )
-def test_names_differ_where_both_are_known(one, other, differ):
-    assert known().differ(one, other) is differ
-    assert known().differ(other, one) is differ
+def test_a_right_map_is_not_doubted(own, entry):
+    assert not known().differ(own, entry.name, entry)
+
+
+@pytest.mark.parametrize(
+    ("own", "entry"),
+    [
+        ("femur_right", FEMUR),
+        ("tibia", FEMUR),
+        ("fibula", FEMUR),
+        ("fibula_left", mapped("tibia", segment="tibia")),
+        ("muscle", FEMUR),
+        ("femur", mapped("muscle", "muscle", "soft")),
+        ("bone", mapped("tissue", "soft_tissue", "soft")),
+        ("femur_cartilage", FEMUR),
+        ("femur_cartilage", mapped("tibia_cartilage", "cartilage", "tibia")),
+        ("calcaneus", mapped("talus", segment="talus")),
+        ("tarsal", mapped("tibia", segment="tibia")),
+        ("hip_left", mapped("hip_right", segment="pelvis")),
+        ("sartorius_left", mapped("sartorius", "muscle", "soft", "r")),
+        ("fat", mapped("muscle", "muscle", "soft")),
+        ("muscle", mapped("skin", "skin", "soft")),
+        ("artery", mapped("skin", "skin", "soft")),
+        ("meniscus", mapped("skin", "skin", "soft")),
+        ("cartilage", mapped("muscle", "muscle", "soft")),
+        ("liver", FEMUR),
+        ("humerus_left", FEMUR),
+    ],
+)
+def test_a_map_is_doubted_that_makes_something_else_of_a_name(own, entry):
+    assert known().differ(own, entry.name, entry)
+
+
+@pytest.mark.parametrize(
+    ("own", "left_out", "differ"),
+    [
+        ("femur", "liver", True),
+        ("femur", "femur left", False),
+        ("femur", "tibia", True),
+        ("femur", "screw", False),
+        ("liver", "spleen", False),
+        ("muscle", "deltoid", False),
+        ("bone", "skull", False),
+    ],
+)
+def test_what_a_map_leaves_out_is_doubted_where_it_is_a_bone_that_moves(own, left_out, differ):
+    assert known().differ(own, left_out, None) is differ

@@ -22,7 +22,7 @@ TIBIA, SKIN = entry(2, "tibia", segment="tibia"), entry(1, "skin", "skin", "soft
 
 
 def image(labels: np.ndarray, name="labels.nii.gz", **named: str) -> LabelImage:
-    names = {int(number[1:]): called for number, called in named.items()}
+    names = {int(number[1:]): tuple(called.split("|")) for number, called in named.items()}
     return LabelImage(Path(name), np.array(labels, np.int32), PLACED, names=names)
 
 
@@ -125,6 +125,23 @@ def test_names_in_the_file_that_contradict_the_map_are_said():
     begin = "In doubt: labels.nii.gz: by the names in it numbers are others than by map.toml: 2"
     assert line.startswith(begin)
     assert "2 is fibula_left there, tibia in the map; the map is followed" in line
+
+
+def test_a_map_decides_where_the_file_names_a_number_twice():
+    twice = image(two_legs(), n1="skin", n2="fibula|tibia")
+    assert structure_grid([twice], [read(SKIN, TIBIA)], side=None).remarks == ()
+    with pytest.raises(LegsimError, match=r"2 fibula or tibia \(\d+ voxels\)"):
+        structure_grid([twice], [read(SKIN)], side=None)
+
+
+def test_what_the_map_leaves_out_is_doubted_where_the_file_has_a_bone():
+    seen, other = (image(two_legs(), n1=name) for name in ("femur", "muscle"))
+    doubted, not_doubted = (
+        structure_grid([one], [read(TIBIA, left_out={1: "liver"})], side=None).remarks
+        for one in (seen, other)
+    )
+    assert "1 is femur there, liver in the map" in doubted[0]
+    assert not_doubted == ("labels.nii.gz: left out: liver (1)",)
 
 
 def test_a_mask_whose_file_name_contradicts_the_map_is_said():
