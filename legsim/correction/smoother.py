@@ -164,13 +164,13 @@ def _on_foot_alone(problem: PathProblem, errors: FloatArray, places: FloatArray)
     small where the priors say so: the errors that it may still have count as well (expectation
     maximization of their widths).
     """
+    found = _result(problem, *descended(problem, errors, places))
     for _ in range(_ROUNDS):
-        errors, places, settled = descended(problem, errors, places)
-        found = _result(problem, errors, places, settled)
         freer = standing_as_expected(problem, found.path, found.covariance)
         if freer is problem:
             return found
         problem = freer
+        found = _result(problem, *descended(problem, found.errors, places))
     return replace(found, settled=False)
 
 

@@ -122,7 +122,8 @@ def assemble(
     starts = tuple(start for start, _ in found)
     costs = _costs(started, starts, joined.signals, geometry, settings.methods.scheme)
     _check_carriers(settings.beads, [s.recording.name for s in sensors], where)
-    joints = measured_joints.on_sensors(settings.joints, joined.signals.sensor_names, where)
+    worn = {s.recording.name: s.worn.segment for s in sensors}
+    joints = measured_joints.on_sensors(settings.joints, joined.signals.sensor_names, worn, where)
     grid, chosen = _wanted(settings.grid, folder, where).of(geometry)
     rested = settings.methods.sensor_errors.calibration != "none" and all(
         sensor.worn.start is not None and sensor.worn.start.is_given for sensor in started
@@ -132,7 +133,7 @@ def assemble(
         settings,
         Scan(projections, signals, starts, joints.legs, joints.ankles),
         grid,
-        {s.recording.name: s.worn.segment for s in sensors},
+        worn,
         tuple(s.recording.name for s in sensors if s.worn.start is None),
         (
             *projection_files.files_of(settings, folder),

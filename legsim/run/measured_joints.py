@@ -1,7 +1,7 @@
 """Joints of a measured scan, on the sensors that carry them."""
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -26,11 +26,20 @@ class MeasuredJoints:
     """the knee (3,) m in a thigh's sensor, by its name"""
 
 
-def on_sensors(given: Sequence[JointConfig], sensors: Sequence[str], where: str) -> MeasuredJoints:
+def on_sensors(
+    given: Sequence[JointConfig], sensors: Sequence[str], segments: Mapping[str, str], where: str
+) -> MeasuredJoints:
     """Joints by the legs that they are of.
 
+    Args:
+        given: joints.
+        sensors: names of those with a start.
+        segments: that sensors are worn on, by their names; empty where it is not said.
+        where: the file, for messages.
+
     Raises:
-        LegsimError: a joint is on no sensor with a start, is there twice, or a leg is not whole.
+        LegsimError: a joint is on no sensor with a start, an ankle on no shank of its leg, is
+            there twice, or a leg is not whole.
     """
     for joint in given:
         if joint.sensor not in sensors:
@@ -39,6 +48,7 @@ def on_sensors(given: Sequence[JointConfig], sensors: Sequence[str], where: str)
                 f"{where} (joints): {joint.name} is on {joint.sensor!r}, which has no start; "
                 f"sensors with one: {have}"
             )
+        _check_segment(joint, segments.get(joint.sensor, ""), where)
     named = Counter(joint.name for joint in given)
     sides = dict.fromkeys(joint.name[-1:] for joint in given)
     alone = [s for s in sides if [n for n in named if n[-1:] == s] == [f"ankle_{s}"]]
@@ -73,6 +83,17 @@ def on_sensors(given: Sequence[JointConfig], sensors: Sequence[str], where: str)
         legs.append(tuple(known[name] for name in names))
     ankles = tuple(known[f"ankle_{side}"] for side in alone)
     return MeasuredJoints(tuple(legs), ankles, knees)
+
+
+def _check_segment(joint: JointConfig, segment: str, where: str) -> None:
+    """Refuses an ankle on a thigh or on the other leg: a foot would hold what it does not."""
+    shank = f"tibia_{joint.name[-1:]}"
+    if joint.name[:-2] == "ankle" and segment and segment != shank:
+        raise LegsimError(
+            f"{where} (joints): {joint.name} is on sensor {joint.sensor!r}, which is worn on "
+            f"{segment}; an ankle is a place on {shank}: correct the joint's sensor, or the "
+            "sensor's segment"
+        )
 
 
 def _attached(joint: JointConfig) -> AttachedPoint:
