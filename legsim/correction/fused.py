@@ -108,8 +108,7 @@ class Standing:
             "scan is left as it is. Check the sensor's start and axes, its model, and the place of "
             "the ankle."
         )
-        still = RigidMotion.identity(scan.times)
-        return Correction("standing", scan.projections, still, notes=(*notes, said))
+        return _at_rest("standing", scan, (*notes, said))
 
     def path(self, scan: Scan) -> SmoothedPath:
         """The sensor's path with its covariance, whether it will be followed or not.
@@ -209,8 +208,11 @@ class FusedFiducials:
 
 def left_as_it_is(method: str, scan: Scan, why: DivergedError) -> Correction:
     """No motion, and a note that nothing fits."""
-    note = f"In doubt: {method}: {why}. The scan is left as it is."
-    return Correction(method, scan.projections, RigidMotion.identity(scan.times), notes=(note,))
+    return _at_rest(method, scan, (f"In doubt: {method}: {why}. The scan is left as it is.",))
+
+
+def _at_rest(method: str, scan: Scan, notes: tuple[str, ...]) -> Correction:
+    return Correction(method, scan.projections, RigidMotion.identity(scan.times), notes=notes)
 
 
 def sensor_state(scan: Scan, sensor: str, priors: SensorPriors, *, clock: float) -> ErrorState:
@@ -310,6 +312,4 @@ def _corrected(name: str, scan: Scan, found: SmoothedPath, notes: tuple[str, ...
         return Correction(name, scan.projections, found.motion, notes=(*notes, f"{said}."))
     why = "its estimate did not settle" if not found.settled else "the data do not determine it"
     left = f"{said}: {why}, and the scan is left as it is."
-    return Correction(
-        name, scan.projections, RigidMotion.identity(scan.times), notes=(*notes, left)
-    )
+    return _at_rest(name, scan, (*notes, left))

@@ -348,12 +348,9 @@ def on_foot_as_free(problem: PathProblem, path: SensorPath, covariance: FloatArr
         return problem
     views, found = problem.state.views, [0.0]
     lasted = float(views[-1] - views[0])
-    for seconds in _STEP_S:
-        apart = max(1, round(seconds * (len(views) - 1) / lasted))
-        if apart >= len(views):
-            continue
+    for seconds, apart in _apart(views):
         steps, by = problem.foot.steps(path, views, apart)
-        chance = float((by @ covariance * by).sum(-1).mean())
+        chance = _hidden(by, covariance)
         samples = 3 * lasted / max(seconds, _STEP_S[0])
         found.append(float(np.square(steps).mean()) - chance * (1 + 2 * np.sqrt(2 / samples)))
     return _wandering(problem, problem.foot, max(found))
@@ -368,7 +365,7 @@ def standing_as_expected(
     if problem.foot is not None:
         largest = max(
             _mean_square(*problem.foot.steps(path, problem.state.views, apart), covariance)
-            for apart in (1, *_apart(problem.state.views))
+            for apart in (1, *(count for _, count in _apart(problem.state.views)))
         )
         problem = _wandering(problem, problem.foot, largest)
     standing = problem.standing
@@ -383,13 +380,19 @@ def standing_as_expected(
 
 def _mean_square(found: FloatArray, by: FloatArray, covariance: FloatArray) -> float:
     """Of coordinates (..., 3) with changes (..., 3, n), their errors' variance included."""
-    return float(np.square(found).mean() + ((by @ covariance) * by).sum(-1).mean())
+    return float(np.square(found).mean()) + _hidden(by, covariance)
 
 
-def _apart(views: FloatArray) -> list[int]:
-    """Numbers of views between those whose steps tell how an ankle wanders."""
+def _hidden(by: FloatArray, covariance: FloatArray) -> float:
+    """Mean variance of coordinates with changes (..., 3, n) by errors of covariance (n, n)."""
+    return float((by @ covariance * by).sum(-1).mean())
+
+
+def _apart(views: FloatArray) -> list[tuple[float, int]]:
+    """Seconds, and numbers of views, between those whose steps tell how an ankle wanders."""
     rate = (len(views) - 1) / float(views[-1] - views[0])
-    return [k for k in (max(1, round(s * rate)) for s in _STEP_S) if k < len(views)]
+    counts = [(seconds, max(1, round(seconds * rate))) for seconds in _STEP_S]
+    return [(seconds, count) for seconds, count in counts if count < len(views)]
 
 
 def _wandering(problem: PathProblem, foot: StandingFoot, squares: float) -> PathProblem:
